@@ -21,20 +21,18 @@ const NOISE: f64 = 0.06;
 const KNOWN: std::ops::Range<usize> = 27..LANDMARKS;
 
 /// Head frame (x to the subject's left, y down, z away from the viewer) to (right, up, towards the viewer).
-fn upright(v: [f64; 3]) -> Vec3 {
-    Vec3::new(v[0], -v[1], -v[2])
+fn upright(v: [f32; 3]) -> Vec3 {
+    let [x, y, z] = v.map(f64::from);
+    Vec3::new(x, -y, -z)
 }
 
 /// Scale, rotation and shift that bring `from` nearest to `to`.
 fn similarity(from: &[Vec3], to: &[Vec3]) -> Option<(f64, Matrix3<f64>, Vec3)> {
     let n = from.len() as f64;
     let (a, b) = (from.iter().sum::<Vec3>() / n, to.iter().sum::<Vec3>() / n);
-    let cross: Matrix3<f64> = from
-        .iter()
-        .zip(to)
-        .map(|(p, q)| (q - b) * (p - a).transpose())
-        .sum();
-    let svd = cross.svd(true, true);
+    let cross = from.iter().zip(to);
+    let cross = cross.map(|(p, q)| (q - b) * (p - a).transpose());
+    let svd = cross.sum::<Matrix3<f64>>().svd(true, true);
     let (u, v) = (svd.u?, svd.v_t?);
     let mut signs = Vec3::repeat(1.0);
     signs.z = (u.determinant() * v.determinant()).signum();
@@ -46,23 +44,15 @@ fn similarity(from: &[Vec3], to: &[Vec3]) -> Option<(f64, Matrix3<f64>, Vec3)> {
 
 /// All 68 points by the shape laid on what is found of eyes, nose and lips; `None` if those points are no face.
 pub(super) fn laid(shape: &ShapeModel, found: &[Vec3; LANDMARKS]) -> Option<[Vec3; LANDMARKS]> {
-    let mean: Vec<Vec3> = shape
-        .mean
-        .iter()
-        .map(|p| upright([p.x, p.y, p.z].map(f64::from)))
-        .collect();
+    let mean = shape.mean.iter().map(|p| upright((*p).into()));
+    let mean: Vec<Vec3> = mean.collect();
     // One column a mode, of one standard deviation.
-    let modes: Vec<Vec<Vec3>> = shape
-        .modes
-        .iter()
-        .zip(&shape.deviations)
-        .map(|(mode, deviation)| {
-            let along = mode.as_chunks::<3>().0.iter();
-            along
-                .map(|v| upright(v.map(f64::from)) * f64::from(*deviation))
-                .collect()
-        })
-        .collect();
+    let mode = |(mode, deviation): (&[f32; 3 * LANDMARKS], &f32)| {
+        let along = mode.as_chunks().0.iter();
+        along.map(|&v| upright(v) * f64::from(*deviation)).collect()
+    };
+    let modes = shape.modes.iter().zip(&shape.deviations);
+    let modes: Vec<Vec<Vec3>> = modes.map(mode).collect();
     let eyes = (mean[39] - mean[42]).norm();
     let mut now = mean.clone();
     let mut place = (1.0, Matrix3::identity(), Vec3::zeros());
@@ -88,10 +78,8 @@ pub(super) fn laid(shape: &ShapeModel, found: &[Vec3; LANDMARKS]) -> Option<[Vec
         }
         let b = square.cholesky()?.solve(&(columns.transpose() * miss));
         for (k, p) in now.iter_mut().enumerate() {
-            *p = modes
-                .iter()
-                .zip(b.iter())
-                .fold(mean[k], |sum, (mode, b)| sum + mode[k] * *b);
+            let parts = modes.iter().zip(b.iter()).map(|(mode, b)| mode[k] * *b);
+            *p = parts.fold(mean[k], |sum, part| sum + part);
         }
     }
     let (scale, turn, shift) = place;
@@ -118,7 +106,7 @@ mod tests {
             shape.shape(&person, &mut points);
             let turn = nalgebra::Rotation3::from_euler_angles(0.1, -0.2, 0.05);
             let head = |p: &nalgebra::Point3<f32>| {
-                turn * upright([p.x, p.y, p.z].map(f64::from)) * 100.0 + Vec3::new(3.0, -2.0, 7.0)
+                turn * upright((*p).into()) * 100.0 + Vec3::new(3.0, -2.0, 7.0)
             };
             let mut found: [Vec3; LANDMARKS] = std::array::from_fn(|k| head(&points[k]));
             let truth = found;

@@ -75,9 +75,8 @@ impl<'a> Canonical<'a> {
     /// Lays the face onto a head; `None` if its landmarks do not fit.
     #[must_use]
     pub(super) fn new(head: &Head, prior: &'a Prior) -> Option<Self> {
-        let from: Vec<Vec3> = (0..LANDMARKS)
-            .map(|k| in_frame(head, &head.point(k)))
-            .collect();
+        let from = (0..LANDMARKS).map(|k| in_frame(head, &head.point(k)));
+        let from: Vec<Vec3> = from.collect();
         let warp = warp(&from, &prior.comparison.landmarks)?;
         let mut skin = places(head, |v| head.skin[v]);
         skin.par_iter_mut()
@@ -85,17 +84,13 @@ impl<'a> Canonical<'a> {
         let learned = &prior.comparison.places;
         let tree = |points: Vec<[f64; 6]>| ImmutableKdTree::new_from_slice(&points).ok();
         let on_skin = tree(skin.iter().map(|p| p.1.point()).collect())?;
-        let at = learned
-            .par_iter()
-            .map(|q| {
-                let point = q.point();
-                let nearest = on_skin
-                    .query(&point)
-                    .nearest_one::<SquaredEuclidean<f64>>()
-                    .execute();
-                skin[nearest.item as usize].0
-            })
-            .collect();
+        let nearest = |q: &Place| {
+            let point = q.point();
+            let nearest = on_skin.query(&point);
+            let nearest = nearest.nearest_one::<SquaredEuclidean<f64>>().execute();
+            skin[nearest.item as usize].0
+        };
+        let at = learned.par_iter().map(nearest).collect();
         let places = tree(learned.iter().map(Place::point).collect())?;
         let mut takes = vec![[(0, 0.0); NEIGHBOURS]; head.mesh.positions.len()];
         let found: Vec<_> = skin.par_iter().map(|(_, p)| around(p, &places)).collect();
@@ -111,12 +106,8 @@ impl<'a> Canonical<'a> {
         let w = head.eye_distance;
         let inward = |d: &Vec3| head.axes.tr_mul(d) / w;
         let controls = controls.iter().map(inward).collect();
-        let skin = self
-            .at
-            .iter()
-            .map(|&v| inward(&solved[v as usize]))
-            .collect();
-        let beyond = self.prior.beyond(controls, skin);
+        let skin = self.at.iter().map(|&v| inward(&solved[v as usize]));
+        let beyond = self.prior.beyond(controls, skin.collect());
         let turned: Vec<Vec3> = beyond.iter().map(|d| head.axes * d * w).collect();
         let of = |takes: &[(u32, f32); NEIGHBOURS]| {
             let parts = takes.iter().filter(|t| t.1 > 0.0);

@@ -115,14 +115,13 @@ fn metres(unit: &str) -> Result<f64, String> {
 /// At the first line that is none.
 pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, Fault> {
     let lines = text.lines().map(str::trim).zip(1..);
-    lines
-        .filter(|(line, _)| !line.is_empty() && !line.starts_with('#'))
-        .map(|(text, line)| {
-            let beginning: String = text.chars().take(40).collect();
-            let refuse = |_| Fault::at_line(path, line, "a vertex number", &beginning);
-            text.parse().map_err(refuse)
-        })
-        .collect()
+    let said = lines.filter(|(line, _)| !line.is_empty() && !line.starts_with('#'));
+    let number = |(text, line): (&str, usize)| {
+        let beginning: String = text.chars().take(40).collect();
+        let refuse = |_| Fault::at_line(path, line, "a vertex number", &beginning);
+        text.parse().map_err(refuse)
+    };
+    said.map(number).collect()
 }
 
 /// The text of a landmark file: these vertices of the mesh in the numbering that its file has.
@@ -222,12 +221,13 @@ impl Source {
         for shape in shapes {
             let moved = self.mesh.positions.iter().zip(&shape.displacement);
             let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
-            let file = format!("{}.obj", shape.name);
+            let Shape {
+                name, unit, upon, ..
+            } = shape;
+            let file = format!("{name}.obj");
             let text = obj::with_positions(&self.obj, &moved, false);
             write(&folder.join(&file), text.as_bytes())?;
-            list.push(
-                json!({"name": shape.name, "file": file, "unit": shape.unit, "upon": shape.upon}),
-            );
+            list.push(json!({"name": name, "file": file, "unit": unit, "upon": upon}));
         }
         let index = json!({"neutral": "neutral.obj", "shapes": list});
         let index = format!("{index:#}\n");
@@ -332,10 +332,8 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let shapes: Vec<Shape> = shapes.collect();
     let elapsed = || start.elapsed().as_secs_f64();
     println!("{} shapes baked at {:.2} s", shapes.len(), elapsed());
-    write(
-        &request.out,
-        &source.with_shapes(request, &shapes, metres, neck.as_ref())?,
-    )?;
+    let file = source.with_shapes(request, &shapes, metres, neck.as_ref())?;
+    write(&request.out, &file)?;
     let memory = peak_resident_bytes().map(|bytes| format!(", {} MiB of memory", bytes >> 20));
     let (out, memory) = (request.out.display(), memory.unwrap_or_default());
     println!("{out} written at {:.2} s{memory}", elapsed());

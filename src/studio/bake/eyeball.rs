@@ -69,16 +69,13 @@ impl Ball {
     fn cell(direction: &Vec3) -> (f64, f64) {
         let across = direction.x.hypot(direction.y);
         let angle = across.atan2(direction.z).min(REACH);
-        let scale = if across > 0.0 {
-            angle / REACH / across
-        } else {
-            0.0
-        };
         let middle = (CELLS - 1) as f64 / 2.0;
-        (
-            middle * (1.0 + direction.x * scale),
-            middle * (1.0 + direction.y * scale),
-        )
+        let mut scale = 0.0;
+        if across > 0.0 {
+            scale = angle / REACH / across;
+        }
+        let cell = |x: f64| middle * (1.0 + x * scale);
+        (cell(direction.x), cell(direction.y))
     }
 
     fn direction(col: usize, row: usize) -> Vec3 {
@@ -127,8 +124,7 @@ impl Ball {
         for _ in 0..CELLS {
             let before = self.radius.clone();
             let missing = (0..CELLS * CELLS).filter(|&cell| before[cell] <= 0.0);
-            let missing: Vec<usize> = missing.collect();
-            for &cell in &missing {
+            for cell in missing {
                 let (row, col) = (cell / CELLS, cell % CELLS);
                 let beside = [
                     (row.wrapping_sub(1), col),
@@ -137,16 +133,12 @@ impl Ball {
                     (row, col + 1),
                 ];
                 let inside = beside.into_iter().filter(|&(r, c)| r < CELLS && c < CELLS);
-                let known = inside
-                    .map(|(r, c)| before[r * CELLS + c])
-                    .filter(|&r| r > 0.0);
+                let beside = inside.map(|(r, c)| before[r * CELLS + c]);
+                let known = beside.filter(|&r| r > 0.0);
                 let (sum, count) = known.fold((0.0, 0.0), |(sum, n), r| (sum + r, n + 1.0));
                 if count > 0.0 {
                     self.radius[cell] = sum / count;
                 }
-            }
-            if missing.is_empty() {
-                break;
             }
         }
     }

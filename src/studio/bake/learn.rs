@@ -73,17 +73,14 @@ fn other_side(name: &str) -> String {
 /// Places spread evenly over the left half by farthest-point choice, then their mirror images.
 fn spread(head: &Head) -> Vec<(u32, Place)> {
     let face = places(head, |v| Truth::FACE.contains(&v));
-    let soft: Vec<Vec3> = (17..LANDMARKS)
-        .map(|k| in_frame(head, &head.point(k)))
-        .collect();
+    let soft = (17..LANDMARKS).map(|k| in_frame(head, &head.point(k)));
+    let soft: Vec<Vec3> = soft.collect();
     let left: Vec<&(u32, Place)> = face.iter().filter(|p| p.1.at.x > -MIDDLE).collect();
-    let eager: Vec<f64> = left
-        .iter()
-        .map(|(_, p)| {
-            let far = soft.iter().map(|l| (l - p.at).norm());
-            1.0 / (DENSE + far.fold(1.0, f64::min))
-        })
-        .collect();
+    let eager = |(_, p): &&(u32, Place)| {
+        let far = soft.iter().map(|l| (l - p.at).norm());
+        1.0 / (DENSE + far.fold(1.0, f64::min))
+    };
+    let eager: Vec<f64> = left.iter().map(eager).collect();
     let mut far = vec![f64::INFINITY; left.len()];
     let tip = face.iter().find(|p| p.0 == head.points[30]);
     let mut chosen = vec![(head.points[30], tip.unwrap_or(&face[0]).1)];
@@ -102,13 +99,12 @@ fn spread(head: &Head) -> Vec<(u32, Place)> {
         }
     }
     let left = chosen.iter().filter(|(_, p)| p.at.x != 0.0);
-    let right: Vec<(u32, Place)> = left
-        .filter_map(|(_, p)| {
-            let (p, all) = (p.mirrored(), face.iter());
-            let nearest = all.min_by(|a, b| a.1.far(&p).total_cmp(&b.1.far(&p)))?;
-            Some((nearest.0, p))
-        })
-        .collect();
+    let mirrored = |(_, p): &(u32, Place)| {
+        let (p, all) = (p.mirrored(), face.iter());
+        let nearest = all.min_by(|a, b| a.1.far(&p).total_cmp(&b.1.far(&p)))?;
+        Some((nearest.0, p))
+    };
+    let right: Vec<(u32, Place)> = left.filter_map(mirrored).collect();
     chosen.extend(right);
     chosen
 }
@@ -194,12 +190,10 @@ impl<'a> Lesson<'a> {
             let s = kept[r];
             (self.inward(&(self.truth.shapes[s].1[v] - self.solved[s][v])) / size[r])[c]
         });
-        let x = k
-            .cholesky()
-            .map_or_else(|| DMatrix::zeros(n, 3), |f| f.solve(&left));
-        x.row_iter()
-            .map(|row| Vec3::new(row[0], row[1], row[2]))
-            .collect()
+        let x = k.cholesky().map(|f| f.solve(&left));
+        let x = x.unwrap_or_else(|| DMatrix::zeros(n, 3));
+        let rows = x.row_iter();
+        rows.map(|row| Vec3::new(row[0], row[1], row[2])).collect()
     }
 
     /// What is learned from all of them.

@@ -229,9 +229,8 @@ fn cast(
         let far = |v: usize| (screen[v].x - x).hypot(screen[v].y - y);
         let nearest = |fits: &dyn Fn(usize) -> bool| {
             let free = |v: &usize| visible[*v] && fits(*v) && !taken.contains(&(*v as u32));
-            (0..n)
-                .filter(free)
-                .min_by(|&a, &b| far(a).total_cmp(&far(b)))
+            let free = (0..n).filter(free);
+            free.min_by(|&a, &b| far(a).total_cmp(&far(b)))
         };
         // An upper edge looks down, a lower one up; corners look anywhere.
         let lines = |v: usize| match k {
@@ -245,9 +244,8 @@ fn cast(
         if matches!(k, 36..=47 | 60..=67) {
             vertex = nearest(&|v| lines(v) && level(v)).filter(|&v| far(v) < RIM * width_px);
         }
-        let vertex = vertex
-            .or_else(|| nearest(&level))
-            .or_else(|| nearest(&|_| true));
+        let vertex = vertex.or_else(|| nearest(&level));
+        let vertex = vertex.or_else(|| nearest(&|_| true));
         taken.push(vertex.unwrap_or(0) as u32);
     }
     (taken, symmetric)
@@ -270,15 +268,10 @@ fn plane(
     let across = || all.iter().map(|p| p.x);
     let low = across().reduce(f64::min).unwrap_or(mean);
     let high = across().reduce(f64::max).unwrap_or(mean);
-    let tip = all
-        .iter()
-        .max_by(|a, b| a.z.total_cmp(&b.z))
-        .map_or(mean, |p| p.x);
-    let middles = [tip, 0.5 * (low + high), mean];
-    let alone = middles
-        .map(|at| (alone(&all, at, 0.02 * width_px), at))
-        .into_iter();
-    let least = alone.min_by(|a, b| a.0.total_cmp(&b.0));
+    let tip = all.iter().max_by(|a, b| a.z.total_cmp(&b.z));
+    let middles = [tip.map_or(mean, |p| p.x), 0.5 * (low + high), mean];
+    let alone = middles.map(|at| (alone(&all, at, 0.02 * width_px), at));
+    let least = alone.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
     let (alone, at) = least.unwrap_or((1.0, mean));
     let symmetric = alone < 0.05;
     (if symmetric { at } else { mean }, symmetric)

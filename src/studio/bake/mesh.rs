@@ -98,10 +98,8 @@ impl Lists {
 /// Neighbours along edges, each of which may be named more than once.
 pub(super) fn rings_of(vertices: usize, edges: impl Iterator<Item = [u32; 2]>) -> Rings {
     let edges = edges.filter(|[a, b]| a != b);
-    Lists::new(
-        vertices,
-        edges.flat_map(|[a, b]| [[a, b], [b, a]]).collect(),
-    )
+    let both_ways = edges.flat_map(|[a, b]| [[a, b], [b, a]]);
+    Lists::new(vertices, both_ways.collect())
 }
 
 impl Mesh {

@@ -76,13 +76,12 @@ pub(super) fn turned(mesh: &Mesh, smooth: &[Vec3], shape: &Shape) -> Vec<[f32; 3
     let moved = mesh.positions.iter().zip(&shape.displacement);
     let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
     let now = mesh.vertex_normals(&moved);
-    let bent = now
-        .iter()
-        .zip(smooth)
-        .map(|(now, was)| single(&(now - was)));
-    let nothing = |d: &[f32; 3]| d.iter().all(|d| d.abs() < NORMAL_NOTHING);
-    bent.map(|d| if nothing(&d) { [0.0; 3] } else { d })
-        .collect()
+    let bent = |(now, was): (&Vec3, &Vec3)| {
+        let d = single(&(now - was));
+        let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
+        if nothing { [0.0; 3] } else { d }
+    };
+    now.iter().zip(smooth).map(bent).collect()
 }
 
 /// The mesh's corners as glTF wants them: those that differ in texture or normal are vertices of their own.
@@ -215,10 +214,8 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
         [attributes["JOINTS_0"], attributes["WEIGHTS_0"]] =
             neck::weighed(&mut glb, shares).map(Value::from);
     }
-    let encoded: Vec<[Encoded; 2]> = shapes
-        .par_iter()
-        .map(|shape| split.encoded(shape, dense))
-        .collect();
+    let encoded = shapes.par_iter().map(|shape| split.encoded(shape, dense));
+    let encoded: Vec<[Encoded; 2]> = encoded.collect();
     let mut targets = Vec::new();
     for [moved, bent] in encoded {
         let (position, normal) = (moved.push(&mut glb), bent.push(&mut glb));

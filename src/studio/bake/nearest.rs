@@ -24,11 +24,9 @@ impl Nearest {
 
     /// The vertex nearest to a point; `None` if the set is empty.
     pub(in crate::studio) fn of(&self, p: &Vec3) -> Option<u32> {
-        let tree = self.tree.as_ref()?;
-        let found = tree
-            .query(&[p.x, p.y, p.z])
-            .nearest_one::<SquaredEuclidean<f64>>()
-            .execute();
+        let point = [p.x, p.y, p.z];
+        let found = self.tree.as_ref()?.query(&point);
+        let found = found.nearest_one::<SquaredEuclidean<f64>>().execute();
         self.vertices.get(found.item as usize).copied()
     }
 }

@@ -80,15 +80,13 @@ type Near = Vec<Vec<(u32, f32)>>;
 
 fn near(places: usize, others: usize, sigma: f64, far: impl Fn(usize, usize) -> f64) -> Near {
     let row = |q: usize| {
-        let mut row: Vec<(u32, f64)> = (0..others)
-            .map(|o| (o as u32, (-0.5 * (far(q, o) / sigma).powi(2)).exp()))
-            .collect();
+        let weight = |o: usize| (-0.5 * (far(q, o) / sigma).powi(2)).exp();
+        let mut row: Vec<(u32, f64)> = (0..others).map(|o| (o as u32, weight(o))).collect();
         let most = row.iter().map(|n| n.1).fold(0.0, f64::max);
         row.retain(|n| n.1 > FAINT * most);
-        let sum: f64 = row.iter().map(|n| n.1).sum();
-        row.into_iter()
-            .map(|(o, w)| (o, (w / sum.max(1e-300)) as f32))
-            .collect()
+        let sum = row.iter().map(|n| n.1).sum::<f64>().max(1e-300);
+        let share = |(o, w)| (o, (w / sum) as f32);
+        row.into_iter().map(share).collect()
     };
     (0..places).map(row).collect()
 }
@@ -122,13 +120,11 @@ impl Comparison {
 
     /// What is compared of a shape that moves landmarks and places so.
     pub(super) fn motion(&self, controls: Vec<Vec3>, skin: Vec<Vec3>) -> Motion {
-        let folds = self.nearby.iter().zip(&skin);
-        let folds = folds
-            .map(|(row, d)| {
-                let mean = row.iter().map(|&(o, w)| skin[o as usize] * f64::from(w));
-                d - mean.sum::<Vec3>()
-            })
-            .collect();
+        let fold = |(row, d): (&Vec<(u32, f32)>, &Vec3)| {
+            let mean = row.iter().map(|&(o, w)| skin[o as usize] * f64::from(w));
+            d - mean.sum::<Vec3>()
+        };
+        let folds = self.nearby.iter().zip(&skin).map(fold).collect();
         Motion([controls, skin, folds])
     }
 
@@ -257,10 +253,8 @@ impl Prior {
             let sum = k.iter().zip(adds).map(|(&k, add)| add * f64::from(k));
             sum.sum::<Vec3>()
         };
-        k.chunks(count)
-            .zip(self.adds.chunks(count))
-            .map(at)
-            .collect()
+        let rows = k.chunks(count).zip(self.adds.chunks(count));
+        rows.map(at).collect()
     }
 
     /// The shipped one.
@@ -296,11 +290,8 @@ impl Prior {
                 let most = block.iter().map(Vec3::amax).fold(1e-9, f64::max);
                 let step = (most / f64::from(i16::MAX)) as f32;
                 out.extend(step.to_le_bytes());
-                let parts = block
-                    .iter()
-                    .flat_map(|v| v.iter())
-                    .map(|x| x / f64::from(step));
-                out.extend(parts.flat_map(|x| (x.round() as i16).to_le_bytes()));
+                let part = |x: &f64| ((x / f64::from(step)).round() as i16).to_le_bytes();
+                out.extend(block.iter().flat_map(|v| v.iter()).flat_map(part));
             }
         }
         out

@@ -85,16 +85,12 @@ impl Recipe {
     /// The pairs that do not simply add, both sides of each, as shapes of their own; `targets` are all of the recipe's.
     #[must_use]
     pub fn correctives(&self, targets: &[Target]) -> Vec<Target> {
+        let sides = self.shape.iter();
+        let sides = sides.filter_map(|e| Some([&e.name, e.mirror.as_ref()?]));
+        let sides: Vec<_> = sides.flat_map(|[l, r]| [[l, r], [r, l]]).collect();
         let other_side = |name: &String| {
-            let sides = self
-                .shape
-                .iter()
-                .filter_map(|e| Some([&e.name, e.mirror.as_ref()?]));
-            let mut others = sides.flat_map(|[left, right]| [[left, right], [right, left]]);
-            others
-                .find(|pair| pair[0] == name)
-                .map_or(name, |pair| pair[1])
-                .clone()
+            let pair = sides.iter().find(|pair| pair[0] == name);
+            pair.map_or(name, |pair| pair[1]).clone()
         };
         let mut pairs: Vec<[String; 2]> = Vec::new();
         for pair in &self.corrective {

@@ -161,11 +161,8 @@ impl Promise {
                 (gap, gap <= self.bound)
             }
             Deed::Move(ways) => {
-                let moved = self
-                    .one
-                    .iter()
-                    .map(|&v| at(v as usize) - neutral(v as usize));
-                let along = moved.zip(ways).map(|(d, way)| d.dot(way));
+                let moved = |v: u32| at(v as usize) - neutral(v as usize);
+                let along = self.one.iter().zip(ways).map(|(&v, way)| moved(v).dot(way));
                 let mean = along.sum::<f64>() / self.one.len().max(1) as f64 / w;
                 (mean, mean >= self.bound)
             }

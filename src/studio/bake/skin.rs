@@ -154,10 +154,8 @@ impl Placing<'_> {
         let (head, positions) = (self.contacts.head, &self.contacts.head.mesh.positions);
         for side in (0..2).filter(|&s| self.target.close[s].is_some()) {
             let reach = BESIDE_LID * head.eye_distance;
-            let line: Vec<(Vec3, f64)> = head.lids[side]
-                .both()
-                .filter_map(|v| Some((positions[v as usize], asked.goal.get(&v)?.norm())))
-                .collect();
+            let acts = |v: u32| Some((positions[v as usize], asked.goal.get(&v)?.norm()));
+            let line: Vec<(Vec3, f64)> = head.lids[side].both().filter_map(acts).collect();
             let apart = apart(extent_of(line.iter().map(|(p, _)| p)), reach);
             for (k, u) in asked.u.iter_mut().enumerate() {
                 let q = positions[k];

@@ -110,11 +110,8 @@ impl System {
         }
         // Step 1 with L = L0.
         self.place(pull.clone(), d);
-        let before: Vec<Vec3> = self
-            .rows
-            .iter()
-            .map(|&r| operator.cotangent.row_times(r as usize, neutral))
-            .collect();
+        let row = |&r: &u32| operator.cotangent.row_times(r as usize, neutral);
+        let before: Vec<Vec3> = self.rows.iter().map(row).collect();
         let mean = before.iter().map(Vec3::norm).sum::<f64>() / before.len() as f64;
         let mut wanted = vec![Vec3::zeros(); neutral.len()];
         for _ in 0..rounds {

@@ -65,10 +65,9 @@ impl Rows {
     /// Column and value of every entry of a row.
     pub fn row(&self, r: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let range = self.starts[r] as usize..self.starts[r + 1] as usize;
-        self.columns[range.clone()]
-            .iter()
-            .zip(&self.values[range])
-            .map(|(&c, &v)| (c as usize, v))
+        let columns = self.columns[range.clone()].iter();
+        let entries = columns.zip(&self.values[range]);
+        entries.map(|(&c, &v)| (c as usize, v))
     }
 
     /// One row times a field of vectors.

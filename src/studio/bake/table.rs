@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion};
+use nalgebra::{Isometry3, Unit, UnitQuaternion};
 
 use super::files::read;
 use super::head::Head;
@@ -54,14 +54,11 @@ pub fn targets(
     for row in table.rows() {
         let control = || {
             let cell = |c: usize| row.cells.get(columns[c]).copied();
-            let vertex = cell(1)?
-                .parse()
-                .ok()
-                .filter(|&v: &u32| (v as usize) < vertices)?;
+            let vertex: u32 = cell(1)?.parse().ok()?;
             let number = |c: usize| cell(c)?.parse().ok().filter(|x: &f64| x.is_finite());
             let moved = Vec3::new(number(2)?, number(3)?, number(4)?);
             let name = cell(0).filter(|name| !name.is_empty())?;
-            Some((name, (vertex, moved)))
+            ((vertex as usize) < vertices).then_some((name, (vertex, moved)))
         };
         let (name, control) = control().ok_or_else(|| refuse(row.line, ROW, row.text))?;
         // Rows of one shape stand together in practice; look from the end.
@@ -105,8 +102,5 @@ fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
         return None;
     }
     let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(left), turn);
-    Some(Isometry3::from_parts(
-        Translation3::from(head.hinge - turn * head.hinge),
-        turn,
-    ))
+    Some(Isometry3::rotation_wrt_point(turn, head.hinge.into()))
 }

@@ -142,11 +142,12 @@ fn blend_shape(
         .filter(|&v| dense || offsets[v] != [0.0; 3] || bent(v))
         .collect();
     let mut out = format!("\n        def BlendShape \"{prim}\"");
-    let known: String = [("unit", &shape.unit), ("upon", &shape.upon)]
-        .iter()
-        .filter_map(|(key, value)| Some((key, quoted(value.as_ref()?))))
-        .map(|(key, value)| format!("                    string {key} = {value}\n"))
-        .collect();
+    let line = |(key, value): (&str, &Option<String>)| {
+        let value = quoted(value.as_ref()?);
+        Some(format!("                    string {key} = {value}\n"))
+    };
+    let known = [("unit", &shape.unit), ("upon", &shape.upon)];
+    let known: String = known.into_iter().filter_map(line).collect();
     if !known.is_empty() {
         let _ = write!(
             out,
@@ -257,10 +258,8 @@ fn geometry(out: &mut String, mesh: &Mesh, normals: Option<&(Vec<[f32; 3]>, &str
         let nowhere = mesh.corners.iter().any(|corner| corner.uv.is_none());
         let rows = tuples(mesh.uv.iter().copied().chain(nowhere.then_some([0.0; 2])));
         attribute(out, "texCoord2f[] primvars:st", &rows, "faceVarying");
-        let at = mesh
-            .corners
-            .iter()
-            .map(|c| c.uv.map_or(none, |k| k as usize));
+        let at = mesh.corners.iter().map(|c| c.uv);
+        let at = at.map(|uv| uv.map_or(none, |k| k as usize));
         set(out, "int[] primvars:st:indices", whole(at));
     }
 }
@@ -450,11 +449,9 @@ pub(super) fn emit(
     binding(&mut out, &names, &prims);
     let turning = normals.filter(|(_, interpolation)| *interpolation == PER_VERTEX);
     let turning = turning.map(|_| &smooth[..]);
-    let written: Vec<String> = shapes
-        .par_iter()
-        .zip(&prims)
-        .map(|(shape, prim)| blend_shape(mesh, shape, prim, turning, dense))
-        .collect();
+    let each = shapes.par_iter().zip(&prims);
+    let written = each.map(|(shape, prim)| blend_shape(mesh, shape, prim, turning, dense));
+    let written: Vec<String> = written.collect();
     // Each is freed once appended: holding all of them twice would be the peak of memory use.
     for shape in written {
         out.push_str(&shape);
@@ -462,10 +459,8 @@ pub(super) fn emit(
     subsets(&mut out, &used, &mut siblings);
     out.push_str("    }\n");
     out += "\n    def Scope \"materials\"\n    {\n";
-    out.extend(
-        used.iter()
-            .map(|used| material(used, !mesh.tints.is_empty())),
-    );
+    let tinted = !mesh.tints.is_empty();
+    out.extend(used.iter().map(|used| material(used, tinted)));
     out + "    }\n}\n"
 }
 
