@@ -26,8 +26,8 @@ use mien::studio::bake::render::{Outside, View};
 use mien::studio::bake::rig::{self, Method};
 use mien::studio::bake::shape::Shape;
 use mien::studio::bake::solve::{self, System};
-use mien::studio::bake::sparse::Singular;
 use mien::studio::bake::surroundings::Surroundings;
+use mien::studio::fault::Fault;
 use mien::studio::heads::hero::Hero;
 use rayon::prelude::*;
 
@@ -99,7 +99,7 @@ impl Row {
 
 /// Runs all methods.
 /// Long because it is the table: every method with how it is called.
-fn compare(truth: &Truth) -> Result<Vec<Row>, Singular> {
+fn compare(truth: &Truth) -> Result<Vec<Row>, Fault> {
     let mesh = &truth.mesh;
     let n = mesh.positions.len();
     let w = (mesh.positions[truth.landmarks[39] as usize]
@@ -198,7 +198,7 @@ fn compare(truth: &Truth) -> Result<Vec<Row>, Singular> {
         .collect();
     let u = field.spread(&lengths);
     for rounds in [0, solve::ROUNDS] {
-        let baked: Result<Vec<_>, Singular> = moves
+        let baked: Result<Vec<_>, Fault> = moves
             .par_iter()
             .zip(&u)
             .map(|(shape, u)| {

@@ -17,7 +17,8 @@ use rayon::prelude::*;
 
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
-use super::sparse::{Factor, Singular};
+use super::sparse::Factor;
+use crate::studio::fault::Fault;
 
 /// Equation (12) as printed: `steps` rounds; `controls` are (vertex, displacement), `weight` is ω of a control point (others
 /// have 1). Returns d per vertex. Vertices without neighbours keep 0.
@@ -99,7 +100,7 @@ impl Field {
         controls: &[u32],
         lambda: f64,
         radius: f64,
-    ) -> Result<Self, Singular> {
+    ) -> Result<Self, Fault> {
         let mut owner = vec![u32::MAX; positions.len()];
         let mut distance = vec![f64::INFINITY; positions.len()];
         for (k, &c) in controls.iter().enumerate() {

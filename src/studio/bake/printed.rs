@@ -12,7 +12,7 @@ use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
 use super::recipe::Target;
 use super::solve::System;
-use super::sparse::Singular;
+use crate::studio::fault::Fault;
 
 /// Procedure 1 as printed: ω of control points and steps of equation (12), s of (13) in eye distances, rounds. The paper leaves
 /// all four open; these are ours.
@@ -29,7 +29,7 @@ pub(super) fn printed(
     head: &Head,
     targets: &[Target],
     rounds: usize,
-) -> Result<Vec<Vec<Vec3>>, Singular> {
+) -> Result<Vec<Vec<Vec3>>, Fault> {
     let operator = head.operator.printed();
     let (rings, positions) = (&head.rings, &head.mesh.positions);
     let one = |target: &Target| {
@@ -51,7 +51,7 @@ fn procedure_1(
     controls: &[(u32, Vec3)],
     eye_distance: f64,
     rounds: usize,
-) -> Result<Vec<Vec3>, Singular> {
+) -> Result<Vec<Vec3>, Fault> {
     let system = System::new(operator, skin, controls.iter().map(|c| c.0))?;
     let spread = influence::propagate(rings, positions, controls, WEIGHT, STEPS);
     let delta = |v: usize| (spread[v].norm() * FACTOR / eye_distance).min(1.0);

@@ -24,8 +24,8 @@ use super::relax::{relax, rings_about};
 use super::shape::Shape;
 use super::skin::{Kept, Placing, Solved};
 use super::solve::{DISC, REACH};
-use super::sparse::Singular;
 use super::surroundings::Surroundings;
+use crate::studio::fault::Fault;
 
 /// Displacements below this part of the eye distance are nothing: 0.04 micrometres.
 const NOTHING: f64 = 1e-6;
@@ -54,7 +54,7 @@ pub fn bake(
     targets: &[Target],
     method: Method,
     done: &(dyn Fn(&str) + Sync),
-) -> Result<Vec<Shape>, Singular> {
+) -> Result<Vec<Shape>, Fault> {
     bake_with(head, targets, method, Some(Prior::shipped()), done)
 }
 
@@ -68,7 +68,7 @@ pub fn bake_with(
     method: Method,
     prior: Option<&Prior>,
     done: &(dyn Fn(&str) + Sync),
-) -> Result<Vec<Shape>, Singular> {
+) -> Result<Vec<Shape>, Fault> {
     faer::set_global_parallelism(faer::Par::Seq);
     let rig = Rig::new(head, targets, method, prior)?;
     let in_row = |row: &Vec<usize>| {
@@ -82,7 +82,7 @@ pub fn bake_with(
         }
         Ok(made)
     };
-    let solved: Result<Vec<_>, Singular> = rows(targets).par_iter().map(in_row).collect();
+    let solved: Result<Vec<_>, Fault> = rows(targets).par_iter().map(in_row).collect();
     let mut shapes: Vec<(usize, Shape)> = solved?.into_iter().flatten().collect();
     shapes.sort_by_key(|s| s.0);
     let mut shapes: Vec<Shape> = shapes.into_iter().map(|s| s.1).collect();
@@ -157,7 +157,7 @@ impl<'a> Rig<'a> {
         targets: &'a [Target],
         method: Method,
         prior: Option<&'a Prior>,
-    ) -> Result<Self, Singular> {
+    ) -> Result<Self, Fault> {
         let learned = || {
             prior
                 .filter(|_| method == Method::Aoi && targets.iter().any(|t| t.derive))
@@ -183,7 +183,7 @@ impl<'a> Rig<'a> {
     }
 
     /// One shape; `base` is the displacement of the one it is added to.
-    fn shape(&self, k: usize, base: Option<&[Vec3]>) -> Result<Shape, Singular> {
+    fn shape(&self, k: usize, base: Option<&[Vec3]>) -> Result<Shape, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
         let Solved { mut d, mut area } = match &self.compared {
             Some(all) => Solved {
@@ -211,7 +211,7 @@ impl<'a> Rig<'a> {
 
     /// The skin with the fewest faults: as learned; where that is at fault, blended into the plain solution around the places,
     /// ever wider; the plain one; and each of them relaxed only if that makes it no worse.
-    fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Singular> {
+    fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
         let mut kept = Kept::default();
         let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
@@ -337,7 +337,7 @@ fn landmarks_alone(head: &Head, target: &Target) -> Target {
 }
 
 /// Influence per shape: the screened field of its landmarks.
-fn fields(head: &Head, targets: &[Target]) -> Result<Vec<Vec<f64>>, Singular> {
+fn fields(head: &Head, targets: &[Target]) -> Result<Vec<Vec<f64>>, Fault> {
     let w = head.eye_distance;
     // One field per set of control vertices; a recipe has one set, a table of controls may have several.
     let mut sets: BTreeMap<Vec<u32>, Vec<usize>> = BTreeMap::new();

@@ -16,7 +16,7 @@ use super::mesh::{Vec3, extent_of};
 use super::names::LANDMARKS;
 use super::recipe::Target;
 use super::solve::{DISC, EDGE, FULL, REACH, ROUNDS, System};
-use super::sparse::Singular;
+use crate::studio::fault::Fault;
 
 /// Skin nearer than this to a lid line that closes takes part, in eye distances.
 const BESIDE_LID: f64 = 0.22;
@@ -53,7 +53,7 @@ impl Kept {
         head: &Head,
         area: &[bool],
         goal: &BTreeMap<u32, Vec3>,
-    ) -> Result<&System, Singular> {
+    ) -> Result<&System, Fault> {
         let same = |(known, given, _): &(Vec<bool>, Vec<u32>, System)| {
             known == area && goal.keys().eq(given)
         };
@@ -92,7 +92,7 @@ impl Placing<'_> {
         u: &[f64],
         beyond: Option<&[Vec3]>,
         kept: &mut Kept,
-    ) -> Result<Solved, Singular> {
+    ) -> Result<Solved, Fault> {
         let (head, edge) = (self.contacts.head, EDGE * self.contacts.head.eye_distance);
         let mut asked = Asked {
             goal: goals(head, self.target),
@@ -227,7 +227,7 @@ impl Placing<'_> {
         asked: &mut Asked,
         beyond: Option<&[Vec3]>,
         d: &mut [Vec3],
-    ) -> Result<(), Singular> {
+    ) -> Result<(), Fault> {
         let (head, positions) = (self.contacts.head, &self.contacts.head.mesh.positions);
         for round in 0..=CONTACT_ROUNDS {
             let sunk = self.contacts.sunk(d, self.target);

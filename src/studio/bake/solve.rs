@@ -18,7 +18,8 @@
 
 use super::laplacian::Operator;
 use super::mesh::Vec3;
-use super::sparse::{Factor, Singular, Unknowns};
+use super::sparse::{Factor, Unknowns};
+use crate::studio::fault::Fault;
 
 /// Stiffness is this power of the distance from lids and lips plus [`THIN`]; both chosen on sculpted shapes, where a wide
 /// valley of pairs is equally good.
@@ -65,7 +66,7 @@ impl System {
         operator: &Operator,
         area: &[bool],
         given: impl IntoIterator<Item = u32>,
-    ) -> Result<Self, Singular> {
+    ) -> Result<Self, Fault> {
         let mut unknown = area.to_vec();
         for v in given {
             unknown[v as usize] = false;

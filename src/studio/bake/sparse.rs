@@ -19,6 +19,7 @@ use faer::{Par, Side};
 
 use super::mesh::Vec3;
 use crate::base::vectors::wide;
+use crate::studio::fault::Fault;
 
 /// No place: a row that is given.
 const GIVEN: u32 = u32::MAX;
@@ -187,15 +188,12 @@ impl Unknowns {
     }
 }
 
-/// A matrix could not be factored: it is singular in the named number of unknowns.
-#[derive(Clone, Debug, thiserror::Error, PartialEq)]
-#[error(
-    "expected a positive definite system, found a singular one of {unknowns} unknowns; \
-     does every part of the mesh that moves have a control point or a fixed neighbour?"
-)]
-pub struct Singular {
-    /// Size of the system.
-    pub unknowns: usize,
+/// A matrix that cannot be factored, of so many unknowns.
+fn singular(unknowns: usize) -> Fault {
+    Fault::new(format!(
+        "expected a positive definite system, found a singular one of {unknowns} unknowns; \
+         does every part of the mesh that moves have a control point or a fixed neighbour?"
+    ))
 }
 
 /// Cholesky factor of the part of a symmetric matrix that belongs to chosen rows and columns.
@@ -214,10 +212,8 @@ impl Factor {
         matrix: &Rows,
         unknowns: &Unknowns,
         diagonal: impl Fn(usize) -> f64,
-    ) -> Result<Self, Singular> {
-        let singular = Singular {
-            unknowns: unknowns.rows.len(),
-        };
+    ) -> Result<Self, Fault> {
+        let count = unknowns.rows.len();
         // faer analyses the upper half of a matrix that it does not reorder, and factors the lower one.
         let upper = matrix.part(unknowns, |_| 0.0, |column, row| row <= column);
         let lower = matrix.part(unknowns, diagonal, |column, row| row >= column);
@@ -227,7 +223,7 @@ impl Factor {
         };
         let (order, pattern) = (SymmetricOrdering::Identity, upper.pattern());
         let symbolic = factorize_symbolic_cholesky(pattern, Side::Upper, order, params)
-            .map_err(|_| singular.clone())?;
+            .map_err(|_| singular(count))?;
         let mut values = vec![0.0; symbolic.len_val()];
         let room = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         symbolic
@@ -240,7 +236,7 @@ impl Factor {
                 MemStack::new(&mut MemBuffer::new(room)),
                 Default::default(),
             )
-            .map_err(|_| singular)?;
+            .map_err(|_| singular(count))?;
         Ok(Self { symbolic, values })
     }
 

@@ -160,14 +160,10 @@ impl Experiments<'_> {
     fn errors(&self, say: &mut dyn FnMut(&str)) -> Result<(), PipelineError> {
         const EXPOSURES: [f32; 5] = [0.15, 0.3, 0.6, 1.0, 1.8];
         let mut by_light = Bins::new("exposure, 1 = as photographed", &EXPOSURES);
-        let mut by_cover = Bins::new(
-            "points covered by a hand, %",
-            &[0.0, 15.0, 30.0, 45.0, 60.0],
-        );
-        let mut by_yaw = Bins::new(
-            "yaw, degrees to either side",
-            &[5.0, 10.0, 15.0, 20.0, 25.0, 35.0, 45.0],
-        );
+        const COVERED: [f32; 5] = [0.0, 15.0, 30.0, 45.0, 60.0];
+        const YAWS: [f32; 7] = [5.0, 10.0, 15.0, 20.0, 25.0, 35.0, 45.0];
+        let mut by_cover = Bins::new("points covered by a hand, %", &COVERED);
+        let mut by_yaw = Bins::new("yaw, degrees to either side", &YAWS);
         let mut by_pitch = Bins::new("pitch, degrees up or down", &[5.0, 10.0, 15.0, 20.0, 30.0]);
         for head in &self.heads {
             let simulator = |scene, seed| Simulator::new(head.asset.clone(), scene, seed);
@@ -282,10 +278,8 @@ impl Bins {
                 format!("{end}: {:.3}", sum / count)
             });
             let means = means.collect::<Vec<_>>().join(", ");
-            say(&format!(
-                "weight error by {}, {name}: {means}",
-                self.condition
-            ));
+            let condition = self.condition;
+            say(&format!("weight error by {condition}, {name}: {means}"));
         }
     }
 }

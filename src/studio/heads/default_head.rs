@@ -35,12 +35,9 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
     let mesh = &layer.mesh;
     let places: Vec<[f32; 3]> = mesh.positions.iter().map(single).collect();
     let normals = mesh.vertex_normals(&mesh.positions);
-    let normals: Vec<[f32; 3]> = normals
-        .iter()
-        // Vertices of no face have none; the standard wants one.
-        .map(|n| n.try_normalize(1e-9).unwrap_or_else(Vec3::y))
-        .map(|n| single(&n))
-        .collect();
+    // Vertices of no face have none; the standard wants one.
+    let normal = |n: &Vec3| single(&n.try_normalize(1e-9).unwrap_or_else(Vec3::y));
+    let normals: Vec<[f32; 3]> = normals.iter().map(normal).collect();
     let shares = mesh.positions.iter().map(|p| turns(p) as f32);
     let [joints, weights] = neck::weighed(glb, shares);
     let attributes = json!({
@@ -135,7 +132,7 @@ fn baked(hero: &Hero) -> Result<Vec<u8>, Fault> {
 pub(in crate::studio) fn shapes(head: &Head) -> Result<Vec<Shape>, Fault> {
     let targets = Recipe::read(SHIPPED).and_then(|shipped| shipped.targets(head));
     let targets = targets.map_err(Fault::within("built-in recipe"))?;
-    Ok(rig::bake(head, &targets, Method::Aoi, &|_| {})?)
+    rig::bake(head, &targets, Method::Aoi, &|_| {})
 }
 
 /// The neutral head as OBJ text that names `materials`.

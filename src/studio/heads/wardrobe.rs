@@ -291,11 +291,10 @@ fn front_surface(
 /// Median colour of the upper corners: the studio's backdrop.
 fn backdrop(photograph: &Texture) -> [f32; 3] {
     [0, 1, 2].map(|k| {
-        let mut values: Vec<u8> = (4..24)
-            .flat_map(|y| (4..24).map(move |i| (y, i)))
-            .flat_map(|(y, i)| [(y, i), (y, photograph.width - 1 - i)])
-            .map(|(y, x)| photograph.rgb[(y * photograph.width + x) * 3 + k])
-            .collect();
+        let corner = (4..24).flat_map(|y| (4..24).map(move |i| (y, i)));
+        let corners = corner.flat_map(|(y, i)| [(y, i), (y, photograph.width - 1 - i)]);
+        let value = |(y, x)| photograph.rgb[(y * photograph.width + x) * 3 + k];
+        let mut values: Vec<u8> = corners.map(value).collect();
         values.sort_unstable();
         f32::from(values[values.len() / 2])
     })

@@ -77,22 +77,13 @@ impl Album {
         );
         html += "<table>";
         for (name, value) in &self.facts {
-            let _ = write!(
-                html,
-                "<tr>{}{}</tr>",
-                cells("th", [name]),
-                cells("td", [value])
-            );
+            html = html + "<tr>" + &cells("th", [name]) + &cells("td", [value]) + "</tr>";
         }
         html += "</table>";
         if let Some((header, rows)) = self.table.split_first() {
-            let _ = write!(
-                html,
-                "<h2>Values</h2><table><tr>{}</tr>",
-                cells("th", header)
-            );
+            html = html + "<h2>Values</h2><table><tr>" + &cells("th", header) + "</tr>";
             for row in rows {
-                let _ = write!(html, "<tr>{}</tr>", cells("td", row));
+                html = html + "<tr>" + &cells("td", row) + "</tr>";
             }
             html += "</table>";
         }

@@ -67,9 +67,8 @@ impl Table {
             });
         }
         if rows.is_empty() {
-            return Err(Fault::new(
-                "a header but no rows; run longer with `mien run --csv`",
-            ));
+            let none = "a header but no rows; run longer with `mien run --csv`";
+            return Err(Fault::new(none));
         }
         Ok(Self { header, rows })
     }

@@ -146,15 +146,14 @@ pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
         open.fetch_add(1, Ordering::Relaxed);
         let (theirs, count) = (Arc::clone(site), Arc::clone(&open));
         let streams = Arc::clone(&streams);
-        let started = std::thread::Builder::new()
-            .name("page".into())
-            .spawn(move || {
-                if connection(stream, &*theirs, &streams).is_err() {
-                    theirs.refused();
-                }
-                count.fetch_sub(1, Ordering::Relaxed);
-            });
-        if started.is_err() {
+        let answer = move || {
+            if connection(stream, &*theirs, &streams).is_err() {
+                theirs.refused();
+            }
+            count.fetch_sub(1, Ordering::Relaxed);
+        };
+        let thread = std::thread::Builder::new().name("page".into());
+        if thread.spawn(answer).is_err() {
             open.fetch_sub(1, Ordering::Relaxed);
             site.refused();
         }

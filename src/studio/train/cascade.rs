@@ -117,15 +117,13 @@ pub fn learn_stage(
             weights[(row, k)] = scale * f32::from(stage.weights[row * FEATURES + k]);
         }
     }
-    progress
-        .par_chunks_mut(BLOCK)
-        .zip(&blocks)
-        .for_each(|(chunk, block)| {
-            let steps = &weights * &block.features;
-            for (p, step) in chunk.iter_mut().zip(steps.column_iter()) {
-                p.fit = updated(&p.fit, (step + &map.bias).as_slice());
-            }
-        });
+    let chunks = progress.par_chunks_mut(BLOCK).zip(&blocks);
+    chunks.for_each(|(chunk, block)| {
+        let steps = &weights * &block.features;
+        for (p, step) in chunk.iter_mut().zip(steps.column_iter()) {
+            p.fit = updated(&p.fit, (step + &map.bias).as_slice());
+        }
+    });
     stage
 }
 
@@ -167,18 +165,15 @@ pub fn inner_error_percent(samples: &[Sample], progress: &[Progress], shape: &Sh
 /// Cold starts of samples: mean shape at the depth pose.
 #[must_use]
 pub fn cold_starts(samples: &[Sample]) -> Vec<Progress> {
-    samples
-        .iter()
-        .enumerate()
-        .map(|(k, s)| Progress {
-            sample: k,
-            fit: FaceFit {
-                view: s.depth,
-                shape: [0.0; MAX_MODES],
-            },
-            anchor: s.depth,
-        })
-        .collect()
+    let start = |(sample, s): (usize, &Sample)| {
+        let (view, shape) = (s.depth, [0.0; MAX_MODES]);
+        Progress {
+            sample,
+            fit: FaceFit { view, shape },
+            anchor: view,
+        }
+    };
+    samples.iter().enumerate().map(start).collect()
 }
 
 /// Cold and warm stages in the order of the appliance.

@@ -63,14 +63,12 @@ pub fn learn(
     cell_px: f32,
 ) -> ConfidenceModel {
     let (errors, faces) = errors_of(samples, ends, faceless, shape);
-    let features: Vec<Vec<f32>> = ends
-        .par_iter()
-        .map_init(<(Solver, Eye)>::default, |(solver, eye), end| {
-            solver
-                .features(shape, eye.look(&samples[end.sample]), &end.fit, cell_px)
-                .to_vec()
-        })
-        .collect();
+    let seen = |(solver, eye): &mut (Solver, Eye), end: &Progress| {
+        let maps = eye.look(&samples[end.sample]);
+        solver.features(shape, maps, &end.fit, cell_px).to_vec()
+    };
+    let features = ends.par_iter().map_init(Default::default, seen);
+    let features: Vec<Vec<f32>> = features.collect();
     let mut model = ConfidenceModel {
         cell_px,
         ..ConfidenceModel::default()

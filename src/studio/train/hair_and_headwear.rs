@@ -2,7 +2,7 @@
 //! masks; drawn over the grey picture.
 //!
 //! Drawn from the projected landmarks, so all of it turns and grows with the face; seeded by the caller. Pixels, grey levels.
-//! Points under it are marked hidden. Limitation: flat, without parallax or shadow, as in `beards_glasses_hands`.
+//! Points under it are marked hidden. Limitation: flat, without parallax or shadow, as all that is worn.
 
 use fastrand::Rng;
 
@@ -124,15 +124,12 @@ fn curtain(rng: &mut Rng, strands: &Strands, points: &Points, picture: &mut Pict
         let into = -0.04 + 0.16 * rng.f32() * rng.f32();
         let opens = 0.1 * either(rng);
         let wide = 0.06 + 0.4 * rng.f32() * rng.f32();
-        let inner: Vec<[f32; 2]> = jaw
-            .iter()
-            .enumerate()
-            .map(|(k, &p)| {
-                let t = k as f32 / 5.0;
-                [local[p][0] - sign * (into + opens * t), local[p][1]]
-            })
-            .filter(|p| p[1] < length)
-            .collect();
+        let place = |(k, &p): (usize, &usize)| {
+            let t = k as f32 / 5.0;
+            [local[p][0] - sign * (into + opens * t), local[p][1]]
+        };
+        let mut inner: Vec<[f32; 2]> = jaw.iter().enumerate().map(place).collect();
+        inner.retain(|p| p[1] < length);
         let Some((&first, &last)) = inner.first().zip(inner.last()) else {
             return Vec::new();
         };

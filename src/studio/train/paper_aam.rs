@@ -105,11 +105,8 @@ pub fn paper_aam_block(
 ) -> Result<Vec<u8>, Fault> {
     let renderer = Renderer::new(data, |person| Split::of(person) == Split::Train)?;
     let drawn = renderer.samples(0..practice.pictures as u64, practice.seed);
-    say(&format!(
-        "{} rendered faces of {} people",
-        drawn.len(),
-        renderer.heads().len()
-    ));
+    let (faces, people) = (drawn.len(), renderer.heads().len());
+    say(&format!("{faces} rendered faces of {people} people"));
     let camera = crate::sensor::kinect::geometry::nominal();
     let acted = match (tracks, renderer.heads().first()) {
         (Some(tracks), _) => tracks.clone(),

@@ -43,9 +43,9 @@ impl Source {
             ..PaperPractice::default()
         };
         let block = paper_aam_block(&args.data.data, shape, tracks, &practice, say)?;
+        let bytes = block.len();
         say(&format!(
-            "the paper's active appearance model: {} bytes",
-            block.len()
+            "the paper's active appearance model: {bytes} bytes"
         ));
         Ok(block.into())
     }

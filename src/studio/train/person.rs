@@ -43,13 +43,8 @@ pub fn learn_session(
 ) -> Result<Vec<u8>, Fault> {
     let mut recording = Source::recording(session)?;
     let camera = recording.camera().clone();
-    learn_frames(
-        &mut |frame| recording.next_frame(frame).unwrap_or(false),
-        &camera,
-        model,
-        seed,
-        say,
-    )
+    let mut next = |frame: &mut Frame| recording.next_frame(frame).unwrap_or(false);
+    learn_frames(&mut next, &camera, model, seed, say)
 }
 
 /// As [`learn_session`], from whatever fills frames; `false` at the end.
@@ -85,23 +80,17 @@ pub fn learn_frames(
             every *= 2;
         }
     }
-    say(&format!(
-        "{frames} frames, {} of them for training",
-        seen.len()
-    ));
-    if seen.len() < TRACK_FRAMES {
+    let all = seen.len();
+    say(&format!("{frames} frames, {all} of them for training"));
+    if all < TRACK_FRAMES {
         return Err(Fault::new(format!(
-            "expected at least {TRACK_FRAMES} frames with one face tracked confidently, found {}; record longer, close to the sensor and facing it",
-            seen.len()
+            "expected at least {TRACK_FRAMES} frames with one face tracked confidently, found {all}; record longer, close to the sensor and facing it"
         )));
     }
-    let spread = |count: usize| {
-        let all = seen.len();
-        (0..count).map(move |k| k * all / count)
-    };
+    let spread = |count: usize| (0..count).map(move |k| k * all / count);
     let points = spread(TRACK_FRAMES).flat_map(|k| seen[k].points);
     let tracks = Tracks::new(TRACK_FRAMES, LANDMARKS, points.collect())?;
-    let chosen = spread(seen.len().min(2 * PICTURES)).map(|k| &seen[k]);
+    let chosen = spread(all.min(2 * PICTURES)).map(|k| &seen[k]);
     let chosen: Vec<&Seen> = chosen.collect();
     let practice = PaperPractice {
         seed,

@@ -56,10 +56,8 @@ pub(super) fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Ve
     grey.clear();
     for row in 0..height {
         for col in 0..width {
-            let (x, y) = (
-                col as f32 - width as f32 * 0.5,
-                row as f32 - height as f32 * 0.5,
-            );
+            let x = col as f32 - width as f32 * 0.5;
+            let y = row as f32 - height as f32 * 0.5;
             grey.push(base + slope[0] * x + slope[1] * y);
         }
     }

@@ -23,7 +23,7 @@ use crate::sensor::kinect::picture_clock::{FRAME_TICKS, timestamp_from_ticks};
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::studio::evaluate::sessions::{lighting, seed_of};
 use crate::studio::fault::Fault;
-use crate::studio::heads::textured_heads;
+use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::progress::Progress;
 
 /// Every second picture: neighbours say the same.
@@ -67,15 +67,12 @@ pub fn learn_refinement(
         ..model.clone()
     };
     let progress = Progress::new("train: depth", heads.len());
-    let sessions: Vec<Session> = heads
-        .into_par_iter()
-        .map(|head| {
-            let seed = seed_of(seed, head.person);
-            let session = practise(head.asset, &plain, seed);
-            progress.step();
-            session
-        })
-        .collect();
+    let session = |head: PersonHead| {
+        let session = practise(head.asset, &plain, seed_of(seed, head.person));
+        progress.step();
+        session
+    };
+    let sessions = heads.into_par_iter().map(session).collect();
     Ok(regressed(sessions, model.shape.modes.len()))
 }
 

@@ -75,13 +75,12 @@ impl TruePicture {
             height: drawn.height,
         };
         let margin = MARGIN as f32;
-        let luma = (0..SIDE * SIDE)
-            .map(|k| {
-                let window = [(k % SIDE) as f32 - margin, (k / SIDE) as f32 - margin];
-                let [x, y] = placement.picture_pixel(window);
-                picture.at(x - drawn.origin[0], y - drawn.origin[1]).round() as u8
-            })
-            .collect();
+        let grey = |k: usize| {
+            let [x, y] = [k % SIDE, k / SIDE].map(|at| at as f32 - margin);
+            let [x, y] = placement.picture_pixel([x, y]);
+            picture.at(x - drawn.origin[0], y - drawn.origin[1]).round() as u8
+        };
+        let luma = (0..SIDE * SIDE).map(grey).collect();
         let points = drawn.points.map(|[x, y]| {
             let [x, y] = placement.window_pixel([x + drawn.origin[0], y + drawn.origin[1]]);
             [x + margin, y + margin]

@@ -38,10 +38,9 @@ impl TrainArgs {
 
     /// People who are neither trained on nor kept for later: figures are of them.
     fn strangers(&self) -> Split {
-        if self.hold_out_dev {
-            Split::Dev
-        } else {
-            Split::Test
+        match self.hold_out_dev {
+            true => Split::Dev,
+            false => Split::Test,
         }
     }
 
@@ -56,10 +55,8 @@ impl TrainArgs {
         let renderer = Renderer::new(&self.data.data, |person| keep(Split::of(person)))?;
         let camera = crate::sensor::kinect::geometry::nominal();
         let samples = renderer.samples(0..count as u64, seed);
-        let faces = samples
-            .par_iter()
-            .filter_map(|sample| TruePicture::drawn(sample, &camera, shape));
-        Ok(faces.collect())
+        let face = |sample| TruePicture::drawn(sample, &camera, shape);
+        Ok(samples.par_iter().filter_map(face).collect())
     }
 }
 
@@ -80,18 +77,12 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, Fault> {
     for folder in &args.images {
         entries.extend(read_folder(folder)?);
     }
-    let persons: Vec<(&str, &str)> = entries
-        .iter()
-        .map(|e| (e.set.as_str(), e.person.as_str()))
-        .collect();
+    let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
     let splits = Split::of_persons(&persons);
-    let loaded: Vec<(Split, Option<TruePicture>)> = entries
-        .par_iter()
-        .zip(splits)
-        .map(|(entry, split)| Ok((split, TruePicture::portrait(entry, shape)?)))
-        .collect::<Result<_, Fault>>()?;
+    let loaded = entries.par_iter().map(|e| TruePicture::portrait(e, shape));
+    let loaded: Vec<Option<TruePicture>> = loaded.collect::<Result<_, Fault>>()?;
     let mut pictures = Pictures::default();
-    for (split, picture) in loaded {
+    for (picture, split) in loaded.into_iter().zip(splits) {
         let Some(picture) = picture else { continue };
         match split {
             Split::Test => pictures.test.push(picture),
@@ -102,13 +93,14 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, Fault> {
             }
         }
     }
-    let least = 20;
-    if pictures.train.len() < least {
-        return Err(too_few(least, pictures.train.len()));
+    if pictures.train.len() < LEAST {
+        return Err(too_few(LEAST, pictures.train.len()));
     }
     Ok(pictures)
 }
 
+/// Pictures to train on, mirror images included, without which nothing is begun.
+const LEAST: usize = 20;
 /// Shape modes.
 const MODES: usize = 44;
 /// Penalty of the regressions.
@@ -191,11 +183,8 @@ fn learn_shape(
     let mut faces = shape::population(ict, sites, 6000, args.seed);
     let reference: shape::Face = std::array::from_fn(|i| sites[i].on(&ict.neutral));
     let rough = shape::principal_components(&faces, &reference, MODES);
-    let habits: Vec<_> = portraits(args, &rough)?
-        .train
-        .iter()
-        .map(|p| shape::left_over(&rough, &p.truth, &p.points))
-        .collect();
+    let habit = |p: &TruePicture| shape::left_over(&rough, &p.truth, &p.points);
+    let habits: Vec<_> = portraits(args, &rough)?.train.iter().map(habit).collect();
     let mut random = fastrand::Rng::with_seed(args.seed ^ 0x4841_4249);
     for face in &mut faces {
         let habit = &habits[random.usize(..habits.len())];
@@ -204,11 +193,8 @@ fn learn_shape(
         }
     }
     let shape = shape::principal_components(&faces, &reference, MODES);
-    log.done(&format!(
-        "shape model: {} modes from {} faces",
-        shape.modes.len(),
-        faces.len()
-    ));
+    let (modes, count) = (shape.modes.len(), faces.len());
+    log.done(&format!("shape model: {modes} modes from {count} faces"));
     Ok(shape)
 }
 
@@ -227,9 +213,9 @@ fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: &mut Log) -> Result
         solver.project(shape, &picture.truth);
         floor.add(&differences(&solver.window, &picture.points));
     }
+    let floor = floor.line();
     log.figure(&format!(
-        "residual of the shape model on the test portraits: {}",
-        floor.line()
+        "residual of the shape model on the test portraits: {floor}"
     ));
     Ok(pictures)
 }
@@ -276,10 +262,8 @@ fn learn_stages(
             warm.push(stage);
         }
     }
-    log.figure(&format!(
-        "strangers: {}",
-        measured(&watched, &watched_progress, shape).0.line()
-    ));
+    let strangers = measured(&watched, &watched_progress, shape).0.line();
+    log.figure(&format!("strangers: {strangers}"));
     Ok([cold, warm])
 }
 
@@ -292,10 +276,8 @@ fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log:
         let samples = disturbed(pictures, 10, &[COLD], false, args.seed + 7);
         let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
         let (errors, all) = measured(&samples, &ends, &model.shape);
-        log.done(&format!(
-            "{name} people, portraits, cold: {}",
-            errors.line()
-        ));
+        let errors = errors.line();
+        log.done(&format!("{name} people, portraits, cold: {errors}"));
         let offsets = mean_offsets(&all);
         let mut clean = Errors::default();
         for d in &all {
@@ -312,13 +294,8 @@ fn write_offsets(
     pictures: &Pictures,
     path: &Path,
 ) -> Result<(), Fault> {
-    let samples = disturbed(
-        &pictures.train[..pictures.train.len().min(150)],
-        4,
-        &[COLD],
-        false,
-        args.seed + 13,
-    );
+    let few = &pictures.train[..pictures.train.len().min(150)];
+    let samples = disturbed(few, 4, &[COLD], false, args.seed + 13);
     let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
     let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
     write(path, crate::studio::fit::emit_offsets(&offsets).as_bytes())
@@ -405,13 +382,10 @@ fn learn_confidence(
     let first_beside = samples.len();
     samples.extend(disturbed(&fresh, 1, &[BESIDE], true, seed + 2));
     let ends = fit_cold(&samples, shape, cold, warm);
+    // A window beside the face whose face lies outside it.
     let faceless = |k: usize| {
-        // A window beside the face whose face lies outside it.
-        k >= first_beside && {
-            let s = &samples[k].truth.view.shift;
-            let off = (s[0] - 92.0).abs().max((s[1] - 66.0).abs());
-            off > 60.0
-        }
+        let [x, y] = samples[k].truth.view.shift;
+        k >= first_beside && (x - 92.0).abs().max((y - 66.0).abs()) > 60.0
     };
     let weight = |k: usize| if k < first_wrong { 1.0 } else { WRONG_WEIGHT };
     let cell_px = CONFIDENCE_CELL_PX;

@@ -211,12 +211,11 @@ fn hand(rng: &mut Rng, points: &Points, picture: &mut Picture) {
     let skin = cheek(points[30]) * (1.0 + 0.2 * normal(rng));
     let (sin, cos) = (std::f32::consts::TAU * rng.f32()).sin_cos();
     let finger = face * (0.05 + 0.03 * rng.f32());
-    let fingers: Vec<[f32; 2]> = (0..2 + rng.usize(..3))
-        .map(|k| {
-            let middle = (k as f32 - 1.5) * finger * 2.05 + 0.2 * finger * either(rng);
-            [middle, 0.25 * face * rng.f32()]
-        })
-        .collect();
+    let fingers = (0..2 + rng.usize(..3)).map(|k| {
+        let middle = (k as f32 - 1.5) * finger * 2.05 + 0.2 * finger * either(rng);
+        [middle, 0.25 * face * rng.f32()]
+    });
+    let fingers: Vec<[f32; 2]> = fingers.collect();
     // Darkness at a place, none if it is not covered.
     let cover = |x: f32, y: f32| {
         let (dx, dy) = (x - at[0], y - at[1]);

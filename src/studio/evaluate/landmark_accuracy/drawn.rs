@@ -330,11 +330,10 @@ impl<'a> Player<'a> {
         let mut about = |size: f32| size * (2.0 * self.random.f32() - 1.0);
         let shift = Vector::new(about(0.1), about(0.1), about(0.1));
         let turn = rotation_from_yaw_pitch_roll(about(0.5), about(0.5), about(0.5));
+        let was = &pose.sensor_from_head;
+        let shift = was.translation.vector + shift;
         HeadPose {
-            sensor_from_head: SensorFromHead::from_parts(
-                pose.sensor_from_head.translation.vector + shift,
-                turn * pose.sensor_from_head.rotation,
-            ),
+            sensor_from_head: SensorFromHead::from_parts(shift, turn * was.rotation),
             ..*pose
         }
     }
@@ -357,10 +356,8 @@ impl<'a> Player<'a> {
                 weights[k] = (std::f32::consts::PI * t.fract()).sin().powi(2);
             }
             let (yaw, pitch) = (40.0 * (1.9 * t).sin(), 25.0 * (2.6 * t).sin());
-            let pose = Rigid::from_parts(
-                nalgebra::Translation3::new(0.0, -0.02, 0.75),
-                rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), 0.0),
-            );
+            let turn = rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), 0.0);
+            let pose = Rigid::from_parts(Vector::new(0.0, -0.02, 0.75).into(), turn);
             let Some(now) = self.posed(&pose, &weights, at) else {
                 continue;
             };
@@ -386,10 +383,8 @@ impl<'a> Player<'a> {
         let mut fitter = self.fitter();
         self.pose.reset();
         let weights = vec![0.0; self.simulator.asset().expressions.len()];
-        let pose = Rigid::from_parts(
-            nalgebra::Translation3::new(0.02, -0.02, 0.75),
-            rotation_from_yaw_pitch_roll(0.1, 0.05, 0.02),
-        );
+        let turn = rotation_from_yaw_pitch_roll(0.1, 0.05, 0.02);
+        let pose = Rigid::from_parts(Vector::new(0.02, -0.02, 0.75).into(), turn);
         let mut places: Vec<[[f32; 2]; LANDMARKS]> = Vec::new();
         let mut eye = 1.0;
         for index in 0..60 {

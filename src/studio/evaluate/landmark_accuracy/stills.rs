@@ -55,13 +55,10 @@ fn fitted(
 fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Vec<f64>; 2] {
     let (mut given, mut clean) = (Vec::new(), Vec::new());
     for (person, own) in by_person {
-        let others: Vec<Differences> = by_person
-            .iter()
-            .filter(|(other, _)| *other != person)
-            .flat_map(|(_, d)| d.iter().copied())
-            // Faces that are missed altogether tell nothing of habits.
-            .filter(|d| mean_percent(d) < 10.0)
-            .collect();
+        let others = by_person.iter().filter(|(other, _)| *other != person);
+        let mut others: Vec<Differences> = others.flat_map(|(_, d)| d.clone()).collect();
+        // Faces that are missed altogether tell nothing of habits.
+        others.retain(|d| mean_percent(d) < 10.0);
         let offsets = mean_offsets(&others);
         for d in own {
             given.push(mean_percent(d));
@@ -128,9 +125,7 @@ fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, Fault> {
         last = Some((face.points, face.view));
     }
     let steps = Spread::of(steps);
-    let figure = format!(
-        "{followed} of {}; moves by {steps} % per frame",
-        paths.len()
-    );
+    let all = paths.len();
+    let figure = format!("{followed} of {all}; moves by {steps} % per frame");
     Ok(Some(("talking face: frames tracked", figure, "all 600")))
 }

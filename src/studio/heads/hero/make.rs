@@ -96,6 +96,7 @@ fn of(ict: &IctHead) -> HeadAsset {
     let colour = colour.map(|(share, p)| [share * 255.0, within(p.y), within(p.z)]);
     let colour = colour.collect();
     let photo_share = neutral.iter().map(|p| within(p.x) / 255.0).collect();
+    let landmarks = ict.landmarks.iter().map(|&v| Site::vertex(number[v]));
     let n = neutral.len();
     HeadAsset {
         neutral,
@@ -104,11 +105,7 @@ fn of(ict: &IctHead) -> HeadAsset {
         photo: vec![[0.0; 2]; n].into(),
         photo_share,
         colour,
-        landmarks: ict
-            .landmarks
-            .iter()
-            .map(|&v| Site::vertex(number[v]))
-            .collect(),
+        landmarks: landmarks.collect(),
         ..HeadAsset::default()
     }
 }

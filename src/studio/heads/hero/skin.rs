@@ -50,12 +50,8 @@ impl Outline {
     fn through(points: &[Vec3]) -> Self {
         let n = points.len();
         let around: Vec<Vec3> = (0..n + 3).map(|k| points[(k + n - 1) % n]).collect();
-        let steps = 0..8 * n;
-        Self(
-            steps
-                .map(|k| curve(&around, 1.0 + k as f64 / 8.0))
-                .collect(),
-        )
+        let steps = (0..8 * n).map(|k| curve(&around, 1.0 + k as f64 / 8.0));
+        Self(steps.collect())
     }
 
     /// Distance to the line, negative inside.
