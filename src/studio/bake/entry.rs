@@ -272,10 +272,9 @@ impl<'a> Side<'a> {
         if let Some((side, up, outwards)) = &entry.gaze {
             let side = self.side(side)?;
             let out = if side == 0 { 1.0 } else { -1.0 };
-            gaze[side] = Some(
-                Rotation3::from_axis_angle(&axis(head, 1), out * outwards.to_radians())
-                    * Rotation3::from_axis_angle(&axis(head, 0), -up.to_radians()),
-            );
+            let aside = Rotation3::from_axis_angle(&axis(head, 1), out * outwards.to_radians());
+            let up = Rotation3::from_axis_angle(&axis(head, 0), -up.to_radians());
+            gaze[side] = Some(aside * up);
         }
         let controls = d.into_iter().zip(&head.points);
         let must = entry.must.iter().map(|asked| self.promise(asked, head));

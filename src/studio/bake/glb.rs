@@ -151,13 +151,11 @@ impl Glb {
     pub fn count(&self, accessor: usize) -> Result<usize, Fault> {
         let count = &self.json["accessors"][accessor]["count"];
         let most = self.bin.len() / 12;
-        match count.as_u64().and_then(|count| usize::try_from(count).ok()) {
-            Some(count) if count <= most => Ok(count),
-            _ => Err(unexpected(
-                "a count of rows that the data could hold",
-                format!("accessor {accessor}: {count} of at most {most}"),
-            )),
-        }
+        let known = count.as_u64().filter(|&count| count <= most as u64);
+        known.map(|count| count as usize).ok_or_else(|| {
+            let found = format!("accessor {accessor}: {count} of at most {most}");
+            unexpected("a count of rows that the data could hold", found)
+        })
     }
 
     /// Data of a buffer view from an offset on.

@@ -375,9 +375,8 @@ fn describe(mesh: &mut Value, names: &[String], shapes: &[Shape]) {
 /// Whether positions are stored as they are, not packed: by the name of the extension if not.
 fn is_plain(json: &Value) -> Result<(), Fault> {
     let is_float = |accessor: usize| json["accessors"][accessor]["componentType"] == FLOAT;
-    let mut used = list(&json["extensionsUsed"])
-        .iter()
-        .filter_map(Value::as_str);
+    let used = list(&json["extensionsUsed"]).iter();
+    let mut used = used.filter_map(Value::as_str);
     let packed = used.find(|&name| match name {
         "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => {
             true
@@ -388,10 +387,8 @@ fn is_plain(json: &Value) -> Result<(), Fault> {
     });
     packed.map_or(Ok(()), |name| {
         let undo = "undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb";
-        Err(unexpected(
-            "positions that are not compressed",
-            format!("{name}; {undo}"),
-        ))
+        let found = format!("{name}; {undo}");
+        Err(unexpected("positions that are not compressed", found))
     })
 }
 

@@ -34,10 +34,8 @@ pub(super) fn printed(
     let (rings, positions) = (&head.rings, &head.mesh.positions);
     let one = |target: &Target| {
         let controls: Vec<(u32, Vec3)> = goals(head, target).into_iter().collect();
-        let eyes = head.eye_distance;
-        procedure_1(
-            &operator, rings, positions, &head.skin, &controls, eyes, rounds,
-        )
+        let (skin, eyes) = (&head.skin, head.eye_distance);
+        procedure_1(&operator, rings, positions, skin, &controls, eyes, rounds)
     };
     targets.par_iter().map(one).collect()
 }

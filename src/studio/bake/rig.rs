@@ -158,11 +158,8 @@ impl<'a> Rig<'a> {
         method: Method,
         prior: Option<&'a Prior>,
     ) -> Result<Self, Fault> {
-        let learned = || {
-            prior
-                .filter(|_| method == Method::Aoi && targets.iter().any(|t| t.derive))
-                .and_then(|prior| Canonical::new(head, prior))
-        };
+        let prior = prior.filter(|_| method == Method::Aoi && targets.iter().any(|t| t.derive));
+        let learned = || prior.and_then(|prior| Canonical::new(head, prior));
         let (influence, (around, contacts, learned)) = rayon::join(
             || fields(head, targets),
             || (Surroundings::new(head), Contacts::new(head), learned()),
@@ -295,10 +292,8 @@ impl<'a> Rig<'a> {
     /// `plain` around some places, `learned` so many rings away, evenly from one to the other.
     fn blended(&self, learned: &[Vec3], plain: &[Vec3], places: &[u32], rings: usize) -> Vec<Vec3> {
         let mut out = learned.to_vec();
-        for (ring, some) in rings_about(&self.head.rings, places, rings)
-            .iter()
-            .enumerate()
-        {
+        let around = rings_about(&self.head.rings, places, rings);
+        for (ring, some) in around.iter().enumerate() {
             let share = (2.0 * ring as f64 / rings as f64 - 1.0).max(0.0);
             for &v in some {
                 let v = v as usize;

@@ -55,10 +55,8 @@ pub(super) fn add_expressions(json: &mut Value, names: &[&str], bound: &[Bound])
     let nodes = list(&json["nodes"]).to_vec();
     if json["extensions"]["VRM"].is_object() {
         let groups = &mut json["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"];
-        let had = list(groups)
-            .iter()
-            .filter_map(|group| group["name"].as_str());
-        let had: Vec<String> = had.map(str::to_owned).collect();
+        let had = list(groups).iter().map(|group| group["name"].as_str());
+        let had: Vec<String> = had.flatten().map(str::to_owned).collect();
         for (k, name) in added(had) {
             let binds = bound
                 .iter()
@@ -91,8 +89,9 @@ pub(super) fn add_expressions(json: &mut Value, names: &[&str], bound: &[Bound])
 
 /// The name with a capital first letter.
 fn capital(name: &str) -> String {
-    let mut letters = name.chars();
-    letters.next().map_or_else(String::new, |first| {
-        first.to_ascii_uppercase().to_string() + letters.as_str()
-    })
+    let mut name = name.to_owned();
+    if let Some(first) = name.get_mut(..1) {
+        first.make_ascii_uppercase();
+    }
+    name
 }
