@@ -58,7 +58,6 @@ impl Truth {
     }
 
     /// The true motion of the landmarks in shape `s`, to bake.
-    #[must_use]
     pub fn target(&self, s: usize) -> Target {
         let (name, d) = &self.shapes[s];
         Target {
@@ -70,13 +69,11 @@ impl Truth {
     }
 
     /// Error of a baked shape against shape `s`.
-    #[must_use]
     pub fn error(&self, s: usize, baked: &[Vec3]) -> f64 {
         self.error_over(s, baked, Self::FACE)
     }
 
     /// The same over some vertices.
-    #[must_use]
     pub fn error_over(
         &self,
         s: usize,

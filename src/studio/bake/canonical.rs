@@ -73,7 +73,6 @@ pub(super) fn places(head: &Head, chosen: impl Fn(usize) -> bool) -> Vec<(u32, P
 
 impl<'a> Canonical<'a> {
     /// Lays the face onto a head; `None` if its landmarks do not fit.
-    #[must_use]
     pub(super) fn new(head: &Head, prior: &'a Prior) -> Option<Self> {
         let from = (0..LANDMARKS).map(|k| in_frame(head, &head.point(k)));
         let from: Vec<Vec3> = from.collect();
@@ -101,7 +100,6 @@ impl<'a> Canonical<'a> {
     }
 
     /// What the skin does beyond `solved`, per vertex, mesh units, given the landmarks' displacements.
-    #[must_use]
     pub(super) fn beyond(&self, head: &Head, controls: &[Vec3], solved: &[Vec3]) -> Vec<Vec3> {
         let w = head.eye_distance;
         let inward = |d: &Vec3| head.axes.tr_mul(d) / w;

@@ -25,7 +25,6 @@ pub struct Ball {
 
 impl Ball {
     /// Measures the ball made of the vertices that pass `member`; `None` if there are none.
-    #[must_use]
     pub fn of(mesh: &Mesh, axes: &Matrix3<f64>, member: impl Fn(usize) -> bool) -> Option<Self> {
         let own = (0..mesh.positions.len()).filter(|&v| member(v));
         let own: Vec<Vec3> = own.map(|v| axes.transpose() * mesh.positions[v]).collect();
@@ -56,7 +55,6 @@ impl Ball {
     }
 
     /// The ball as it looks elsewhere: its cornea goes along.
-    #[must_use]
     pub fn turned(&self, gaze: Option<&Rotation3<f64>>) -> Self {
         let mut turned = self.clone();
         if let Some(gaze) = gaze {
@@ -144,13 +142,11 @@ impl Ball {
     }
 
     /// Height of a point above the ball's surface along its ray from the centre; negative inside.
-    #[must_use]
     pub fn height(&self, p: &Vec3) -> f64 {
         (p - self.center).norm() - self.surface(p)
     }
 
     /// Radius of the ball in the direction of `p`, between cells by bilinear weights.
-    #[must_use]
     pub fn surface(&self, p: &Vec3) -> f64 {
         let (x, y) = Self::cell(&(self.axes.transpose() * (p - self.center)));
         let (col, row) = ((x as usize).min(CELLS - 2), (y as usize).min(CELLS - 2));
@@ -161,7 +157,6 @@ impl Ball {
     }
 
     /// The point moved along its ray to `height` above the surface.
-    #[must_use]
     pub fn lifted(&self, p: &Vec3, height: f64) -> Vec3 {
         let ray = p - self.center;
         self.center + ray * ((self.surface(p) + height) / ray.norm())

@@ -79,7 +79,6 @@ impl Glb {
     }
 
     /// The file.
-    #[must_use]
     pub fn emit(&self) -> Vec<u8> {
         let mut json = self.json.to_string().into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');
@@ -139,7 +138,6 @@ impl Glb {
     }
 
     /// Bytes that rows of all accessors may take together: some of them may be of the same data.
-    #[must_use]
     pub fn budget(&self) -> usize {
         SHARED.saturating_add(self.bin.len().saturating_mul(16))
     }

@@ -264,7 +264,6 @@ impl Head {
     }
 
     /// Whether skin spans the slit of the mouth, or the lips' lines are one: then the mouth does not open, it stretches.
-    #[must_use]
     pub fn lips_are_joined(&self) -> bool {
         let upper = &self.lips.upper;
         let shared = upper.iter().filter(|v| self.lips.lower.contains(v));
@@ -275,14 +274,12 @@ impl Head {
 
     /// Whether a vertex lies so deep in the mouth that the jaw alone moves it: gums, teeth, tongue and throat that hang on the
     /// skin. The rest of the inside is free, so that lips can roll.
-    #[must_use]
     pub fn deep(&self, v: usize) -> bool {
         let far = f64::from(self.from_lips[v]);
         far.is_finite() && far >= LIP_FREE * self.eye_distance
     }
 
     /// Whether a vertex is skin that lines an eye's socket and stays: far behind the lids, and beside the ball or behind its middle.
-    #[must_use]
     pub fn lines_socket(&self, v: usize) -> bool {
         let far = f64::from(self.from_lids[v]);
         let out = self.axes.column(2);
@@ -308,7 +305,6 @@ impl Head {
     }
 
     /// Position of a control point.
-    #[must_use]
     pub fn point(&self, k: usize) -> Vec3 {
         self.mesh.positions[self.points[k] as usize]
     }

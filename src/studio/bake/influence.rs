@@ -22,7 +22,6 @@ use crate::studio::fault::Fault;
 
 /// Equation (12) as printed: `steps` rounds; `controls` are (vertex, displacement), `weight` is ω of a control point (others
 /// have 1). Returns d per vertex. Vertices without neighbours keep 0.
-#[must_use]
 pub fn propagate(
     rings: &Rings,
     positions: &[Vec3],
@@ -61,7 +60,6 @@ pub fn propagate(
 }
 
 /// Vertices joined to `center` by edges that stay within `radius` of it in space; `center` first.
-#[must_use]
 pub fn disc(rings: &Rings, positions: &[Vec3], center: u32, radius: f64) -> Vec<u32> {
     let middle = positions[center as usize];
     let mut found = vec![center];
@@ -132,7 +130,6 @@ impl Field {
     }
 
     /// `u` per vertex for several shapes at once; `lengths[s][k]` is |d| of control `k` in shape `s`.
-    #[must_use]
     pub fn spread(&self, lengths: &[Vec<f64>]) -> Vec<Vec<f64>> {
         // As many columns side by side as fill the processor's registers, in parallel.
         const SIDE_BY_SIDE: usize = 8;

@@ -86,7 +86,6 @@ fn halves(mesh: &Mesh, skip: impl Fn(usize) -> bool) -> (Vec<(u32, u32, f64)>, V
 impl Operator {
     /// Builds the operators for the positions of `mesh`. Faces that pass `skip` tie nothing together; `stiffness` is ρ of a
     /// vertex, a pure number.
-    #[must_use]
     pub fn new(
         mesh: &Mesh,
         skip: impl Fn(usize) -> bool,
@@ -128,7 +127,6 @@ impl Operator {
     }
 
     /// The same with the energy as printed, `Σ |L d|²`.
-    #[must_use]
     pub fn printed(&self) -> Self {
         let weight = vec![1.0; self.area.len()];
         Self {
@@ -139,7 +137,6 @@ impl Operator {
     }
 
     /// The vertices with area that pass, in the order in which they are eliminated.
-    #[must_use]
     pub fn unknowns(&self, passes: impl Fn(usize) -> bool) -> Unknowns {
         Unknowns::new(&self.elimination, |v| self.area[v] > 0.0 && passes(v))
     }

@@ -37,7 +37,6 @@ pub struct Score {
 }
 
 /// Mean errors of the face and of the cheek: by the solve alone, and with what was learned.
-#[must_use]
 pub fn means(scores: &[Score]) -> [[f64; 2]; 2] {
     let mean = |some: Vec<[f64; 2]>| {
         [0, 1].map(|k| some.iter().map(|e| e[k]).sum::<f64>() / some.len().max(1) as f64)
@@ -197,7 +196,6 @@ impl<'a> Lesson<'a> {
     }
 
     /// What is learned from all of them.
-    #[must_use]
     pub fn prior(&self) -> Prior {
         self.from(&(0..self.truth.shapes.len()).collect::<Vec<_>>())
     }

@@ -61,13 +61,11 @@ pub struct Located {
 
 impl Located {
     /// Whether it is likely enough to be a face.
-    #[must_use]
     pub fn is_face(&self) -> bool {
         self.confidence >= LEAST
     }
 
     /// Points less sure than [`LOW`], the least sure first.
-    #[must_use]
     pub fn unsure(&self) -> Vec<usize> {
         let mut unsure: Vec<usize> = (0..LANDMARKS)
             .filter(|&k| self.of_points[k] < LOW)
@@ -78,7 +76,6 @@ impl Located {
 }
 
 /// Finds the landmarks; `None` if no face is to be seen.
-#[must_use]
 pub fn locate(mesh: &Mesh, model: &FaceModel) -> Option<Located> {
     guess(mesh, &Looks::default(), model).filter(Located::is_face)
 }

@@ -37,7 +37,6 @@ pub struct Judge<'a> {
 
 impl<'a> Judge<'a> {
     /// Prepares the neutral's figures.
-    #[must_use]
     pub fn new(head: &'a Head) -> Self {
         Self {
             head,
@@ -46,7 +45,6 @@ impl<'a> Judge<'a> {
     }
 
     /// Figures of shape `k`; shapes meant for another one are judged upon it.
-    #[must_use]
     pub fn judge(&self, shapes: &[Shape], k: usize) -> Figures {
         let (head, shape, w) = (self.head, &shapes[k], self.head.eye_distance);
         let neutral = &head.mesh.positions;

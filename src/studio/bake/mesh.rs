@@ -89,7 +89,6 @@ impl Lists {
     }
 
     /// What belongs to one, ascending.
-    #[must_use]
     pub fn of(&self, owner: usize) -> &[u32] {
         &self.all[self.starts[owner] as usize..self.starts[owner + 1] as usize]
     }
@@ -104,13 +103,11 @@ pub(super) fn rings_of(vertices: usize, edges: impl Iterator<Item = [u32; 2]>) -
 
 impl Mesh {
     /// Number of faces.
-    #[must_use]
     pub fn faces(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
 
     /// Corners of face `f`.
-    #[must_use]
     pub fn face(&self, f: usize) -> &[Corner] {
         &self.corners[self.starts[f] as usize..self.starts[f + 1] as usize]
     }
@@ -126,7 +123,6 @@ impl Mesh {
     }
 
     /// Triangles of face `f` as positions inside the face: a quad along its shorter diagonal, a larger face as a fan.
-    #[must_use]
     pub fn split(&self, f: usize) -> Vec<[usize; 3]> {
         let face = self.face(f);
         if face.len() == 4 {
@@ -150,7 +146,6 @@ impl Mesh {
     }
 
     /// All triangles as vertex indices, without those that name a vertex twice.
-    #[must_use]
     pub fn triangles(&self) -> Vec<[u32; 3]> {
         let all = (0..self.faces()).flat_map(|f| self.solid(f));
         all.map(|t| t.map(|c| c.vertex)).collect()
@@ -183,13 +178,11 @@ impl Mesh {
     }
 
     /// Edge neighbours of every vertex (diagonals of quads are not edges).
-    #[must_use]
     pub fn rings(&self) -> Rings {
         rings_of(self.positions.len(), self.edges())
     }
 
     /// Connected component of every vertex, numbered in order of their first vertex, and their number.
-    #[must_use]
     pub fn components(&self, rings: &Rings) -> (Vec<u32>, usize) {
         connected(rings, self.positions.len(), |_| true)
     }
@@ -203,7 +196,6 @@ impl Mesh {
     }
 
     /// Area-weighted unit normals of `positions` under this mesh's faces; (0, 0, 1) where there is no area.
-    #[must_use]
     pub fn vertex_normals(&self, positions: &[Vec3]) -> Vec<Vec3> {
         let mut normals = vec![Vec3::zeros(); positions.len()];
         for f in 0..self.faces() {
@@ -222,7 +214,6 @@ impl Mesh {
     /// Materials of sheets that one can look behind: strands of hair, lashes, cloth, a mask. OBJ cannot say which these are.
     /// A part is one if the square of its border is more than `SHEET` times its area: 12.6 of a disc, 6.3 of half a
     /// ball, 1 to 2 of a head that is open at the neck, 0 of what is closed. Vertices at one place are one.
-    #[must_use]
     pub fn sheets(&self) -> Vec<bool> {
         const SHEET: f64 = 4.0;
         let mut first = HashMap::new();
@@ -262,7 +253,6 @@ impl Mesh {
     }
 
     /// Vertices on a border: an edge that belongs to one face only.
-    #[must_use]
     pub fn border(&self) -> Vec<bool> {
         let mut border = vec![false; self.positions.len()];
         let mut edges: Vec<[u32; 2]> = self.edges().collect();

@@ -195,7 +195,6 @@ impl<'a> Split<'a> {
 }
 
 /// Builds the file: the neutral mesh scaled by `metres` per unit, and the shapes as morph targets.
-#[must_use]
 pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Option<&Neck>) -> Glb {
     let mut glb = Glb {
         json: json!({

@@ -27,7 +27,6 @@ const POINTS: &str = "
     cheek_inner_R cheek_mid_R cheek_low_R forehead_low_R forehead_high_R";
 
 /// Index of a name.
-#[must_use]
 pub fn index(name: &str) -> Option<usize> {
     NAMES.iter().position(|n| *n == name)
 }
@@ -42,7 +41,6 @@ pub(in crate::studio) fn swapped(name: &str) -> String {
 }
 
 /// The control point on the other side of the face; a point on the middle line is its own partner.
-#[must_use]
 pub fn mirrored(point: usize) -> usize {
     /// How many derived points each side has, the left one's first.
     const DERIVED: usize = 5;

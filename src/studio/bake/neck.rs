@@ -34,7 +34,6 @@ pub struct Neck {
 
 impl Neck {
     /// The neck of a head whose file has these vertices; `None` for a mesh that ends above it.
-    #[must_use]
     pub fn of(head: &Head, positions: &[Vec3]) -> Option<Self> {
         let at = |k: usize| head.mesh.positions[head.points[k] as usize];
         let (middle, w) = ((at(39) + at(42)) / 2.0, head.eye_distance);

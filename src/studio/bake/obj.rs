@@ -131,7 +131,6 @@ fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'sta
 }
 
 /// The source text with other positions, in the source's unit. `keep_normals` is for an undeformed mesh.
-#[must_use]
 pub fn with_positions(source: &str, positions: &[Vec3], keep_normals: bool) -> String {
     let mut out = String::with_capacity(source.len() + positions.len() * 8);
     let mut next = positions.iter();
@@ -165,7 +164,6 @@ pub fn with_positions(source: &str, positions: &[Vec3], keep_normals: bool) -> S
 }
 
 /// A mesh that did not come from OBJ, as OBJ text (positions, texture coordinates, faces, materials).
-#[must_use]
 pub fn emit(mesh: &Mesh) -> String {
     let mut out = String::new();
     for p in &mesh.positions {

@@ -34,7 +34,6 @@ pub struct Ordered {
 
 impl Ordered {
     /// Of a mesh as its file has it.
-    #[must_use]
     pub fn new(source: &Mesh) -> Self {
         // Adding 0 makes one zero of both.
         let rounded = source.positions.iter().map(|p| single(p).map(|x| x + 0.0));
@@ -80,7 +79,6 @@ impl Ordered {
     }
 
     /// Vertex of the ordered mesh for each one of the file's.
-    #[must_use]
     pub fn vertex(&self) -> &[u32] {
         &self.vertex
     }
@@ -99,7 +97,6 @@ impl Ordered {
     }
 
     /// A shape of the ordered mesh as one of the file's.
-    #[must_use]
     pub fn scattered(&self, shape: Shape) -> Shape {
         let all = || self.vertex.iter().map(|&v| v as usize);
         Shape {

@@ -255,7 +255,6 @@ impl Foreign {
     }
 
     /// Vertices of the mesh by the numbers that a landmark file uses; unknown ones stay beyond the end.
-    #[must_use]
     pub fn landmarks(&self, numbers: &[u64]) -> Vec<u64> {
         let all = self.numbered();
         let vertex = |&k: &u64| all.get(k as usize).copied();
@@ -265,7 +264,6 @@ impl Foreign {
     }
 
     /// The other way round: the first number that a landmark file has for each vertex of the mesh.
-    #[must_use]
     pub fn rows(&self, vertices: &[u64]) -> Vec<u64> {
         let all = self.numbered();
         let row = |v: &u64| all.iter().position(|o| o == v);
@@ -274,7 +272,6 @@ impl Foreign {
     }
 
     /// The file with the shapes added to every mesh that they move.
-    #[must_use]
     pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
         let mut written: HashMap<(usize, usize), usize> = HashMap::new();
         let mut bound: Vec<Bound> = Vec::new();

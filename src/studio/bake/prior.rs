@@ -45,7 +45,6 @@ pub struct Place {
 
 impl Place {
     /// Distance along and through the skin, eye distances.
-    #[must_use]
     pub fn far(&self, other: &Self) -> f64 {
         let turned = (self.normal - other.normal) * TURNED;
         ((self.at - other.at).norm_squared() + turned.norm_squared()).sqrt()
@@ -261,7 +260,6 @@ impl Prior {
     ///
     /// # Panics
     /// If the program was built with a damaged file, which a test rules out.
-    #[must_use]
     pub fn shipped() -> &'static Self {
         static PARSED: LazyLock<Prior> =
             LazyLock::new(|| Prior::parse(SHIPPED).expect("the built-in file is whole"));
@@ -269,7 +267,6 @@ impl Prior {
     }
 
     /// The file: numbers little-endian, motions as 16-bit parts of the largest of their shape.
-    #[must_use]
     pub fn emit(&self) -> Vec<u8> {
         let places = &self.comparison.places;
         let half = places.iter().take_while(|p| p.at.x >= 0.0).count();
@@ -298,7 +295,6 @@ impl Prior {
     }
 
     /// Reads [`Prior::emit`]; `None` if it is damaged.
-    #[must_use]
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let mut rest = Rest(bytes.strip_prefix(MAGIC)?);
         let [half, count] = [rest.number()?, rest.number()?];

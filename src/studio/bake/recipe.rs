@@ -55,14 +55,12 @@ impl Recipe {
     }
 
     /// Names of all shapes, mirrors after their originals.
-    #[must_use]
     pub fn names(&self) -> Vec<&str> {
         let sides = self.shape.iter().flat_map(Entry::sides);
         sides.map(|side| side.name()).collect()
     }
 
     /// Name and unit of every shape that has one.
-    #[must_use]
     pub fn units(&self) -> Vec<(String, String)> {
         let sides = self.shape.iter().flat_map(Entry::sides);
         sides
@@ -83,7 +81,6 @@ impl Recipe {
     }
 
     /// The pairs that do not simply add, both sides of each, as shapes of their own; `targets` are all of the recipe's.
-    #[must_use]
     pub fn correctives(&self, targets: &[Target]) -> Vec<Target> {
         let sides = self.shape.iter();
         let sides = sides.filter_map(|e| Some([&e.name, e.mirror.as_ref()?]));

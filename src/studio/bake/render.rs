@@ -24,7 +24,6 @@ pub struct View {
 
 impl View {
     /// The whole face from in front.
-    #[must_use]
     pub fn face(head: &Head) -> Self {
         let face = head.axes.transpose();
         let (brow, chin) = (face * head.point(24), face * head.point(8));
@@ -47,7 +46,6 @@ pub struct Outside<'a> {
 
 impl<'a> Outside<'a> {
     /// The head itself.
-    #[must_use]
     pub fn plain(head: &'a Head) -> Self {
         Self {
             mesh: &head.mesh,
@@ -66,7 +64,6 @@ impl<'a> Outside<'a> {
     }
 
     /// Draws it with the head's vertices moved by `d` (or neutral if empty) as a square picture.
-    #[must_use]
     pub fn draw(&self, head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
         let (sin, cos) = view.yaw.sin_cos();
         let turn = Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos);

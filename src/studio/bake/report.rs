@@ -22,7 +22,6 @@ fn embedded(picture: &RgbImage) -> String {
 }
 
 /// Displacement of a shape as it is meant to be seen: with the shape it is meant to be added to.
-#[must_use]
 pub fn shown(shapes: &[Shape], k: usize) -> Vec<Vec3> {
     let mut d = shapes[k].displacement.clone();
     for base in shapes[k].beneath(shapes) {
@@ -42,7 +41,6 @@ fn number(value: f64) -> String {
 }
 
 /// How many shapes do what they must, and what the others miss; empty if nothing is asked of any.
-#[must_use]
 pub fn promises(shapes: &[Shape]) -> String {
     let asked = || shapes.iter().filter_map(|s| Some((s, s.misses.as_ref()?)));
     let missed: Vec<String> = asked()
@@ -69,7 +67,6 @@ const STYLE: &str = "<!doctype html><meta charset=\"utf-8\"><title>Baked shapes<
     td:first-child,th:first-child{text-align:left}.bad{background:#fbd3c8}</style>";
 
 /// The report as HTML, and the figures it shows.
-#[must_use]
 pub fn html(
     head: &Head,
     outside: &Outside<'_>,

@@ -11,7 +11,6 @@ use super::mesh::Vec3;
 pub const PAIR: &str = "_";
 
 /// The two shapes that `name` is the corrective of, if it is one; `exists` says whether there is a shape of a name.
-#[must_use]
 pub fn pair(name: &str, exists: impl Fn(&str) -> bool) -> Option<[&str; 2]> {
     let (a, b) = name.split_once(PAIR)?;
     (exists(a) && exists(b)).then_some([a, b])
@@ -136,7 +135,6 @@ pub struct Promise {
 
 impl Promise {
     /// What is found instead, in words; `at` is where vertices are.
-    #[must_use]
     pub fn missed(&self, head: &Head, at: &impl Fn(usize) -> Vec3) -> Option<String> {
         let w = head.eye_distance;
         let middle = |some: &[u32], p: &dyn Fn(usize) -> Vec3| {

@@ -28,7 +28,6 @@ const STIFFENING: i32 = 3;
 const THIN: f64 = 0.6;
 
 /// Stiffness ρ of the skin at a distance from the nearest landmark of a lid or lip (inner-eye-corner distances).
-#[must_use]
 pub fn stiffness(distance: f64) -> f64 {
     (distance + THIN).powi(STIFFENING)
 }

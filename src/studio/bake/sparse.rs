@@ -40,7 +40,6 @@ pub(super) fn summed(triplets: &[(u32, u32, f64)]) -> impl Iterator<Item = (u32,
 
 impl Rows {
     /// Sums triplets (row, column, value) into a matrix of `n` rows.
-    #[must_use]
     pub fn from_triplets(n: usize, mut triplets: Vec<(u32, u32, f64)>) -> Self {
         triplets.sort_by_key(|&(r, c, _)| (r, c));
         let mut out = Self {
@@ -72,7 +71,6 @@ impl Rows {
     }
 
     /// One row times a field of vectors.
-    #[must_use]
     pub fn row_times(&self, r: usize, field: &[Vec3]) -> Vec3 {
         self.row(r)
             .fold(Vec3::zeros(), |sum, (c, v)| sum + field[c] * v)
@@ -82,7 +80,6 @@ impl Rows {
     ///
     /// # Panics
     /// If memory ends.
-    #[must_use]
     pub fn elimination(&self) -> Vec<u32> {
         let n = self.count();
         let (mut order, mut place) = (vec![0_u32; n], vec![0_u32; n]);
@@ -100,7 +97,6 @@ impl Rows {
     }
 
     /// `Lᵀ W L` for a symmetric matrix `L` and a diagonal `W`.
-    #[must_use]
     pub fn squared(&self, weight: &[f64]) -> Self {
         let n = self.count();
         let mut out = Self {
@@ -182,7 +178,6 @@ impl Unknowns {
     }
 
     /// The place of a row among them; `None` if it is given.
-    #[must_use]
     pub fn place(&self, row: usize) -> Option<usize> {
         Some(self.place[row] as usize).filter(|_| self.place[row] != GIVEN)
     }

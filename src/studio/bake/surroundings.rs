@@ -58,7 +58,6 @@ fn is_new(marks: &mut [bool], k: u32) -> bool {
 
 impl Surroundings {
     /// Of one head; films across a slit are left out.
-    #[must_use]
     pub fn new(head: &Head) -> Self {
         let mut triangles = Vec::new();
         for f in 0..head.mesh.faces() {
@@ -85,7 +84,6 @@ impl Surroundings {
     }
 
     /// Room for one thread.
-    #[must_use]
     pub fn scratch(&self) -> Scratch {
         let n = self.at.owners();
         Scratch {
@@ -98,7 +96,6 @@ impl Surroundings {
     }
 
     /// All triangles that see one of the changed vertices in their surroundings, ascending.
-    #[must_use]
     pub fn seeing(&self, changed: &[u32], scratch: &mut Scratch) -> Vec<u32> {
         // A triangle sees the corners of all triangles that touch the ring of one of its corners: three steps.
         let Scratch { wanted, seen, .. } = scratch;
@@ -199,7 +196,6 @@ impl Surroundings {
 
     /// Vertices of the triangles that a displacement turns over and of the edges that it tears, ascending; `at` is where vertices
     /// are then.
-    #[must_use]
     pub fn faults(&self, head: &Head, d: &[Vec3], at: &impl Fn(usize) -> Vec3) -> Vec<u32> {
         let all = 0..d.len() as u32;
         let changed: Vec<u32> = all.filter(|&v| d[v as usize] != Vec3::zeros()).collect();
@@ -222,7 +218,6 @@ impl Surroundings {
     }
 
     /// Inverted triangles among some, and how many of them lost 98 % of their area.
-    #[must_use]
     pub fn inverted(
         &self,
         moved: &impl Fn(usize) -> Vec3,
@@ -243,7 +238,6 @@ impl Surroundings {
 
     /// Triangles among some that rise less than `height` of their neutral area towards their surroundings, with the mean normals
     /// of these and the doubled area that is missing; none if none of them is inverted.
-    #[must_use]
     pub fn flattened(
         &self,
         moved: &impl Fn(usize) -> Vec3,

@@ -409,7 +409,6 @@ def SkelRoot "head" (
 }
 
 /// The text of the file: the neutral mesh, of `metres` per unit, and the shapes as blend shapes.
-#[must_use]
 pub(super) fn emit(
     mesh: &Mesh,
     looks: &Looks,

@@ -55,7 +55,6 @@ pub struct Spread {
 
 impl Spread {
     /// Of these values; not a number if there are none.
-    #[must_use]
     pub fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         let p95 = values.get(values.len().saturating_sub(1) * 95 / 100);

@@ -20,7 +20,6 @@ const ORIGIN: [f32; 2] = [115.5, 128.0];
 /// The average of heads that share one mesh: shapes, colours, and photographs brought onto the mean face.
 ///
 /// `None` without heads.
-#[must_use]
 pub fn average(heads: &[PersonHead]) -> Option<HeadAsset> {
     let first = &heads.first()?.asset;
     let count = heads.len() as f32;

@@ -36,7 +36,6 @@ pub struct PortraitFit {
 
 impl PortraitFit {
     /// Pixel of a point of the head, and its distance behind the head's origin, metres.
-    #[must_use]
     pub fn project(&self, p: &Point3<f32>) -> ([f32; 2], f32) {
         let q = self.rotation * p;
         let pixel = [0, 1].map(|k| self.scale * q[k] + self.shift[k]);
@@ -128,7 +127,6 @@ impl State {
 }
 
 /// Fits the mesh with its landmarks at `sites` to 68 points.
-#[must_use]
 pub fn fit(ict: &IctHead, sites: &[Site], points: &[[f32; 2]; LANDMARKS]) -> PortraitFit {
     let base = sites.iter().map(|s| s.on(&ict.neutral).coords.cast());
     let base: Vec<Vector3<f64>> = base.collect();

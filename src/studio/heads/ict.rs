@@ -151,14 +151,12 @@ impl IctHead {
     }
 
     /// Position of an expression by name.
-    #[must_use]
     pub fn expression(&self, name: &str) -> Option<usize> {
         self.expressions.iter().position(|delta| delta.name == name)
     }
 }
 
 /// Part of a vertex; `None` for lashes and helper surfaces, which are not drawn.
-#[must_use]
 pub fn part_of(vertex: usize) -> Option<Part> {
     [
         (part::FACE, Part::Skin),

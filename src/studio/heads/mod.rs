@@ -85,7 +85,6 @@ fn set_upright(asset: &mut HeadAsset, mean: &HeadAsset) {
 }
 
 /// The generic head in plain skin colour: for depth pictures.
-#[must_use]
 pub fn plain_head(ict: &IctHead) -> HeadAsset {
     let drawn = part::EYEBALLS.end;
     let (mut triangles, mut parts) = (Vec::new(), Vec::new());

@@ -265,7 +265,6 @@ impl<'a> Mesh<'a> {
 
 impl Reduction {
     /// Chooses the vertices that stay.
-    #[must_use]
     pub fn of(asset: &HeadAsset) -> Self {
         let part_at = part_of_each(asset);
         let mut mesh = Mesh::new(asset, &part_at);
@@ -288,13 +287,11 @@ impl Reduction {
     }
 
     /// Values of the vertices that stay.
-    #[must_use]
     pub fn pick<T: Copy>(&self, values: &[T]) -> Vec<T> {
         self.kept.iter().map(|&v| values[v as usize]).collect()
     }
 
     /// Another person's head made smaller, sharing mesh and expressions with `first`, which [`Reduction::apply`] gave.
-    #[must_use]
     pub fn apply_like(&self, asset: &HeadAsset, first: &HeadAsset) -> HeadAsset {
         HeadAsset {
             neutral: self.pick(&asset.neutral),
@@ -307,7 +304,6 @@ impl Reduction {
     }
 
     /// The smaller head, with nothing shared yet.
-    #[must_use]
     pub fn apply(&self, asset: &HeadAsset) -> HeadAsset {
         let place: HashMap<u32, u32> = self.kept.iter().zip(0u32..).map(|(&v, k)| (v, k)).collect();
         let expressions = asset.expressions.iter().map(|e| {

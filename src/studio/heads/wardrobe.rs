@@ -41,7 +41,6 @@ pub struct Wardrobe {
 
 impl Wardrobe {
     /// From the plain head with its final landmark sites.
-    #[must_use]
     pub fn new(plain: HeadAsset) -> Self {
         let n = plain.neutral.len();
         let mut places: HashMap<[u32; 3], Vec<u32>> = HashMap::new();
@@ -71,7 +70,6 @@ impl Wardrobe {
     }
 
     /// One person's head.
-    #[must_use]
     pub fn dress(
         &self,
         ict: &IctHead,

@@ -45,7 +45,6 @@ fn cells<'a>(tag: &str, texts: impl IntoIterator<Item = &'a String>) -> String {
 
 impl Album {
     /// With a heading, and nothing else yet.
-    #[must_use]
     pub fn new(title: impl Into<String>) -> Self {
         Self {
             title: title.into(),
@@ -64,7 +63,6 @@ impl Album {
     }
 
     /// The page.
-    #[must_use]
     pub fn html(&self) -> String {
         let title = escaped(&self.title);
         let mut html = format!(
@@ -103,7 +101,6 @@ impl Album {
     }
 
     /// The contact sheet: pictures side by side as long as they fit, each under its caption, then the plots.
-    #[must_use]
     pub fn sheet(&self) -> RgbImage {
         const WIDTH: u32 = 1312;
         const GAP: u32 = 8;

@@ -10,7 +10,6 @@ use crate::base::capacity::LANDMARKS;
 pub type Colour = [u8; 3];
 
 /// Blue (0) over green to red (1); outside is cut.
-#[must_use]
 pub fn false_colour(share: f32) -> Colour {
     let t = share.clamp(0.0, 1.0);
     // Three overlapping triangles: the eye sees steps of depth at every hue.

@@ -68,7 +68,6 @@ impl Film {
     }
 
     /// Picture, button, slider and time; nothing for fewer than two pictures.
-    #[must_use]
     pub fn html(&self) -> String {
         let [(first, _), _, ..] = &self.frames[..] else {
             return String::new();

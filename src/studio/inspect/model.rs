@@ -93,7 +93,6 @@ fn mode(model: &FaceModel, mean: &[Point; LANDMARKS], k: usize) -> RgbImage {
 }
 
 /// Draws a model.
-#[must_use]
 pub(super) fn inspect(name: &str, model: &FaceModel, bytes: usize) -> Album {
     let mut album = Album::new(format!("Face model {name}"));
     let (cold, warm) = (model.cold.len(), model.warm.len());

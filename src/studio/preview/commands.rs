@@ -25,7 +25,6 @@ pub enum Obeys {
 }
 
 /// The command that a page names: `what` is `forget`, `neutral` or `freeze`, `on` is for the last.
-#[must_use]
 pub fn read(what: &str, user: &str, on: &str) -> Option<Command> {
     let slot = user.parse().ok().filter(|&slot: &usize| slot < USERS)?;
     match (what, on) {

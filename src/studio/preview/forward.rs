@@ -113,7 +113,6 @@ pub enum Wish {
 
 impl Wish {
     /// By the word that the page has for it.
-    #[must_use]
     pub fn read(word: &str) -> Option<Self> {
         match word {
             "connect" => Some(Self::Connect),
@@ -147,7 +146,6 @@ pub struct Forwarder {
 
 impl Forwarder {
     /// Starts the thread.
-    #[must_use]
     pub fn start(hub: Arc<Hub>) -> Self {
         let (onward, passed) = sync_channel(WAITING);
         let (orders, waiting) = sync_channel(WAITING);

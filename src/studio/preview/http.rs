@@ -47,7 +47,6 @@ pub struct Request {
 
 impl Request {
     /// A value of the query, empty if it is not there.
-    #[must_use]
     pub fn word(&self, name: &str) -> &str {
         let mut pairs = self.query.split('&').map(|pair| pair.split_once('='));
         let found = pairs.find_map(|pair| pair.filter(|(key, _)| *key == name));
@@ -55,7 +54,6 @@ impl Request {
     }
 
     /// Whether the asking browser runs on this machine.
-    #[must_use]
     pub fn is_local(&self) -> bool {
         self.peer.ip().to_canonical().is_loopback()
     }
@@ -77,13 +75,11 @@ pub enum Answer {
 
 impl Answer {
     /// JSON, or anything else that is written like it.
-    #[must_use]
     pub fn json(json: &impl ToString) -> Self {
         Self::File("application/json", json.to_string().into_bytes().into())
     }
 
     /// A file of a page, of which each has a path and its text.
-    #[must_use]
     pub fn page_file<'a>(
         files: impl IntoIterator<Item = &'a (&'static str, &'static str)>,
         path: &str,

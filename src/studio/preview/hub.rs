@@ -77,7 +77,6 @@ pub struct Counts {
 
 impl Hub {
     /// For a session that is kept whole, or a live source.
-    #[must_use]
     pub fn new(session: bool) -> Self {
         Self {
             state: Mutex::default(),
@@ -89,7 +88,6 @@ impl Hub {
     }
 
     /// Whether everything is kept.
-    #[must_use]
     pub fn is_session(&self) -> bool {
         self.keep == SESSION_LINES
     }
@@ -131,7 +129,6 @@ impl Hub {
     }
 
     /// Which host sends, once something was understood.
-    #[must_use]
     pub fn sender(&self) -> Option<IpAddr> {
         self.lock().sender
     }
@@ -145,7 +142,6 @@ impl Hub {
     }
 
     /// What was counted so far.
-    #[must_use]
     pub fn counts(&self) -> Counts {
         Counts {
             received: self.received.load(Ordering::Relaxed),
@@ -154,7 +150,6 @@ impl Hub {
     }
 
     /// Counts and note as an event.
-    #[must_use]
     pub fn counts_event(&self) -> String {
         let Counts { received, refused } = self.counts();
         let note = self.lock().note.clone();
@@ -168,13 +163,11 @@ impl Hub {
     }
 
     /// The newest picture of the sensor, if it shows any.
-    #[must_use]
     pub fn picture(&self) -> Option<Picture> {
         self.lock().picture.clone()
     }
 
     /// What a page that comes now is told first, and where it then reads on: a session from its start, a live source from now.
-    #[must_use]
     pub fn start(&self) -> (Vec<Arc<str>>, u64) {
         let state = self.lock();
         let next = if self.is_session() {
@@ -186,7 +179,6 @@ impl Hub {
     }
 
     /// Events from number `next` on, and the number after them; waits at most `time` for the first.
-    #[must_use]
     pub fn read(&self, next: u64, time: Duration) -> (Vec<Arc<str>>, u64) {
         let has = |state: &State| next < state.first + state.lines.len() as u64;
         let waited = self

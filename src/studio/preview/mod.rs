@@ -109,7 +109,6 @@ pub struct Request {
 }
 
 /// `PORT` or `ADDRESS:PORT`; a port alone is one of the loopback interface.
-#[must_use]
 pub fn address(text: &str) -> Option<SocketAddr> {
     let port = text.parse::<u16>().ok();
     port.map(|port| SocketAddr::new(IpAddr::from([127, 0, 0, 1]), port))

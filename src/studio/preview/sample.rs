@@ -27,7 +27,6 @@ fn list(values: impl IntoIterator<Item = f32>, decimals: i32) -> Value {
 
 impl Sample {
     /// As the page reads it.
-    #[must_use]
     pub fn json(&self) -> String {
         let weights = self.weights.iter().map(|w| w.clamp(0.0, MOST_WEIGHT));
         let points = self.points.iter().flatten().copied();
@@ -56,7 +55,6 @@ impl Sample {
 }
 
 /// The ranges of a user, in the order of the schema; `None` where nothing was told.
-#[must_use]
 pub fn ranges_json(user: usize, ranges: &[Option<UnitRange>]) -> String {
     let range = |range: &Option<UnitRange>| {
         range.map(|(bounds, ready)| list(bounds.into_iter().chain([ready.unwrap_or(f32::NAN)]), 4))

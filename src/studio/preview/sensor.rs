@@ -118,7 +118,6 @@ fn seen(frame: &KinectFrame) -> Seen {
 }
 
 /// What was seen as JPEG, and whether it is of the depth camera: then in false colour.
-#[must_use]
 pub fn picture(seen: &Seen) -> Option<(bool, Vec<u8>)> {
     let (of_depth, picture) = match seen {
         Seen::Colour(bayer) => (false, colour_picture((&**bayer).try_into().ok()?)),
@@ -131,7 +130,6 @@ pub fn picture(seen: &Seen) -> Option<(bool, Vec<u8>)> {
 }
 
 /// Picture of frame `number` of a recording, as [`picture()`]; `None` if it is damaged or not there.
-#[must_use]
 pub fn recorded(directory: &Path, number: u64) -> Option<(bool, Vec<u8>)> {
     let mut recording = Source::recording(directory).ok()?;
     let mut frame = KinectFrame::default();

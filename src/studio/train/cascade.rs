@@ -144,7 +144,6 @@ pub fn advance(
 }
 
 /// Mean distance to the samples' points, per cent of the outer eye distance, over the inner 51 points.
-#[must_use]
 pub fn inner_error_percent(samples: &[Sample], progress: &[Progress], shape: &ShapeModel) -> f32 {
     let total: f64 = progress
         .par_iter()
@@ -163,7 +162,6 @@ pub fn inner_error_percent(samples: &[Sample], progress: &[Progress], shape: &Sh
 }
 
 /// Cold starts of samples: mean shape at the depth pose.
-#[must_use]
 pub fn cold_starts(samples: &[Sample]) -> Vec<Progress> {
     let start = |(sample, s): (usize, &Sample)| {
         let (view, shape) = (s.depth, [0.0; MAX_MODES]);

@@ -53,7 +53,6 @@ fn regressed<const N: usize>(signs: &[[f32; N]], good: &[bool], weights: &[f64])
 
 /// Learns from the ends of fits: errors decide what is good; `faceless` tells samples that show no face, `weight` how much
 /// the end of a sample counts for the confidence of the face.
-#[must_use]
 pub fn learn(
     samples: &[Sample],
     ends: &[Progress],

@@ -62,7 +62,6 @@ pub struct GreyPicture {
 
 impl GreyPicture {
     /// To sample from.
-    #[must_use]
     pub fn picture(&self) -> Picture<'_> {
         Picture {
             luma: &self.luma,

@@ -15,7 +15,6 @@ pub struct Errors {
 }
 
 /// Fitted minus placed in face axes (x along the outer eye corners), in outer eye distances.
-#[must_use]
 pub fn differences(
     fitted: &[[f32; 2]; LANDMARKS],
     placed: &[[f32; 2]; LANDMARKS],
@@ -47,7 +46,6 @@ impl Errors {
     }
 
     /// One line: mean, median, 95th percentile, inner 51, regions, share over 10 %.
-    #[must_use]
     pub fn line(&self) -> String {
         use std::fmt::Write;
         if self.faces.is_empty() {
@@ -76,7 +74,6 @@ impl Errors {
 }
 
 /// Mean difference per landmark, face axes, in outer eye distances.
-#[must_use]
 pub fn mean_offsets(differences: &[[[f32; 2]; LANDMARKS]]) -> [[f32; 2]; LANDMARKS] {
     let count = differences.len().max(1) as f32;
     let mean = |i: usize, k: usize| differences.iter().fold(0.0, |s, d| s + d[i][k]) / count;
@@ -84,7 +81,6 @@ pub fn mean_offsets(differences: &[[[f32; 2]; LANDMARKS]]) -> [[f32; 2]; LANDMAR
 }
 
 /// The differences with offsets taken out.
-#[must_use]
 pub fn without(
     differences: &[[f32; 2]; LANDMARKS],
     offsets: &[[f32; 2]; LANDMARKS],

@@ -70,7 +70,6 @@ pub struct PaperPractice {
 
 impl PaperPractice {
     /// For one person: fewer modes say all of one face.
-    #[must_use]
     pub fn person() -> Self {
         Self {
             shape_modes: 14,

@@ -23,7 +23,6 @@ fn project(shape: &ShapeModel, fit: &FaceFit) -> [[f32; 2]; LANDMARKS] {
 }
 
 /// View (in picture pixels) and shape that explain the points; `inverse_distance` of the camera in 1/m.
-#[must_use]
 pub fn fit_points(
     shape: &ShapeModel,
     points: &[[f32; 2]; LANDMARKS],

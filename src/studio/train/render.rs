@@ -104,13 +104,11 @@ impl Renderer {
     }
 
     /// The people.
-    #[must_use]
     pub fn heads(&self) -> &[PersonHead] {
         &self.heads
     }
 
     /// Draws the samples with these numbers, on all threads. None if there are no heads.
-    #[must_use]
     pub fn samples(&self, numbers: Range<u64>, seed: u64) -> Vec<TrainingSample> {
         let Some(first) = self.heads.first() else {
             return Vec::new();

@@ -22,7 +22,6 @@ pub struct Block {
 
 impl Block {
     /// From features (rows) of samples (columns) and their targets.
-    #[must_use]
     pub fn new(features: DMatrix<f32>, targets: DMatrix<f32>) -> Self {
         Self {
             transposed: DMatrix::zeros(0, 0),
@@ -95,7 +94,6 @@ fn centred(
 }
 
 /// Solves the regression. The blocks' features lose their mean, and their targets become what is left of them.
-#[must_use]
 pub fn ridge(blocks: &mut [Block], relative_penalty: f32) -> LinearMap {
     let dimensions = blocks.first().map_or(0, |b| b.features.nrows());
     let targets = blocks.first().map_or(0, |b| b.targets.nrows());

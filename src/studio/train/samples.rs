@@ -64,7 +64,6 @@ impl TruePicture {
     }
 
     /// A drawn face: its surroundings cut out upright, with the truth in that cut.
-    #[must_use]
     pub fn drawn(drawn: &TrainingSample, camera: &Camera, shape: &ShapeModel) -> Option<Self> {
         const MARGIN: usize = 60;
         const SIDE: usize = WINDOW + 2 * MARGIN;
@@ -116,7 +115,6 @@ impl TruePicture {
     }
 
     /// The mirror image.
-    #[must_use]
     pub fn mirrored(&self, shape: &ShapeModel) -> Self {
         let width = self.grey.width;
         let mut luma = self.grey.luma.clone();
@@ -238,7 +236,6 @@ impl Eye {
 }
 
 /// The truth seen through a placement.
-#[must_use]
 pub fn truth_in_window(truth: &FaceFit, placement: &Placement) -> FaceFit {
     let map = &placement.picture_from_window;
     let scale = map[(0, 0)].hypot(map[(1, 0)]);
@@ -312,7 +309,6 @@ pub fn sample(
 }
 
 /// `starts` disturbed starts at each picture, by the disturbances in turn.
-#[must_use]
 pub fn disturbed(
     pictures: &[TruePicture],
     starts: usize,

@@ -25,7 +25,6 @@ pub fn normal(random: &mut fastrand::Rng) -> f32 {
 }
 
 /// The mirror image of a face.
-#[must_use]
 pub fn mirrored(face: &Face) -> Face {
     std::array::from_fn(|i| {
         let p = face[scheme::MIRROR[i]];
@@ -113,7 +112,6 @@ fn warp(face: &mut Face, random: &mut fastrand::Rng) {
 }
 
 /// A random population with its mirror images: `2 * count` faces, landmarks at `sites` of the mesh.
-#[must_use]
 pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec<Face> {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut faces = Vec::with_capacity(2 * count);
@@ -166,7 +164,6 @@ pub struct Similarity {
 
 impl Similarity {
     /// The similarity that lays the stable points of `from` best on those of `to`.
-    #[must_use]
     pub fn between(from: &Face, to: &Face) -> Self {
         let mean = |f: &Face| {
             let stable = scheme::STABLE.iter();
@@ -194,14 +191,12 @@ impl Similarity {
     }
 
     /// The point moved.
-    #[must_use]
     pub fn of(&self, p: &Point) -> Point {
         Point::from(self.rotation * p.coords * self.scale + self.translation)
     }
 }
 
 /// What the model leaves of annotated points, brought back to the head frame: picture axes turned by the view, no depth.
-#[must_use]
 pub fn left_over(
     shape: &ShapeModel,
     fit: &FaceFit,
@@ -221,7 +216,6 @@ pub fn left_over(
 }
 
 /// The face moved, turned and scaled so that its stable points lie best on those of `target`.
-#[must_use]
 pub fn aligned(face: &Face, target: &Face) -> Face {
     let similarity = Similarity::between(face, target);
     face.map(|p| similarity.of(&p))
@@ -252,7 +246,6 @@ fn leading(eigen: &SymmetricEigen<f64, nalgebra::Dyn>, count: usize) -> (DMatrix
 }
 
 /// Mean and principal components of a population, aligned; origin between the mean's inner eye corners.
-#[must_use]
 pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> ShapeModel {
     let mut mean = *reference;
     let mut fitted: Vec<Face> = Vec::new();

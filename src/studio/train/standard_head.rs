@@ -32,7 +32,6 @@ fn around(cell: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
 }
 
 /// Points (head frame, metres) and outward unit normals of the standard head, about 1800, evenly spread.
-#[must_use]
 pub fn standard_head(ict: &IctHead) -> Vec<(Point, Vector)> {
     let skin = part::HEAD_AND_NECK.end;
     let mut normals = vec![Vector::zeros(); ict.neutral.len()];

@@ -44,7 +44,6 @@ const PARTS: f32 = 16.0;
 const CLOSE_M: f32 = 0.00042;
 
 /// Place of vertex `v`, to a sixteenth of the file's step; head frame.
-#[must_use]
 pub fn place(asset: &HeadAsset, v: usize) -> Point {
     let [_, y, z] = asset.colour[v];
     let x = asset.photo_share[v] * 255.0;

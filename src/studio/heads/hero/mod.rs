@@ -64,7 +64,6 @@ pub const JOINT: Vec3 = Vec3::new(0.0, -0.055, -0.098);
 pub const NECK: Vec3 = Vec3::new(0.0, -0.165, -0.112);
 
 /// Share of the head's turns that a place takes, 0 at the lower end of the neck to 1 from the jaw on.
-#[must_use]
 pub fn turns(p: &Vec3) -> f64 {
     // The neck leans: its front is higher than its back by a third of how far it is in front.
     smoothstep(-0.172, -0.098, p.y + 0.35 * (p.z + 0.085))
@@ -72,7 +71,6 @@ pub fn turns(p: &Vec3) -> f64 {
 
 impl Hero {
     /// The head built into the program.
-    #[must_use]
     pub fn shipped() -> Self {
         let asset = HeadAsset::parse(include_bytes!("../../../../config/hero.head"))
             .expect("the shipped head is read by a test");
