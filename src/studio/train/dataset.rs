@@ -156,9 +156,8 @@ fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     let text = read(path)?;
     let rest = text.split_once('{').map(|(_, rest)| rest);
     let inside = rest.and_then(|rest| rest.split_once('}'));
-    let words = inside
-        .map_or(&*text, |(inside, _)| inside)
-        .split_ascii_whitespace();
+    let inside = inside.map_or(&*text, |(inside, _)| inside);
+    let words = inside.split_ascii_whitespace();
     let numbers: Vec<f32> = words.filter_map(|w| w.parse().ok()).collect();
     if numbers.len() != 2 * LANDMARKS {
         let expected = "68 lines of x and y between braces";

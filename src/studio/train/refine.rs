@@ -95,13 +95,12 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
         let at = timestamp_from_ticks(index * STEP_TICKS);
         let truth = simulator.draw(at, &mut frame);
         let cloud = segmenter.segment(&frame, &camera);
-        let found = cloud.and_then(|cloud| pose.track(cloud, at));
-        let found = found.is_some_and(|pose| {
-            fitter
-                .fit(&frame.luma, &frame.depth, &camera, &pose, at)
-                .is_some()
-        });
-        if let Some(truth) = truth.filter(|_| found && index >= SETTLE_FRAMES) {
+        let Some(head) = cloud.and_then(|cloud| pose.track(cloud, at)) else {
+            continue;
+        };
+        let fit = fitter.fit(&frame.luma, &frame.depth, &camera, &head, at);
+        let teaches = fit.is_some() && index >= SETTLE_FRAMES;
+        if let Some(truth) = truth.filter(|_| teaches) {
             let inputs = fitter.refined_from();
             examples.push(example(model, &mean, &truth, inputs, &cheeks));
         }
