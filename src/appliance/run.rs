@@ -172,8 +172,7 @@ impl<'r> Session<'r> {
         let path = config.unwrap_or(Path::new(SYSTEM_CONFIG));
         // What a pipe would give is not waited for.
         if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
-            let reason = "not a regular file".to_owned();
-            return Err(SettingsError::Unreadable(path.into(), reason).into());
+            return Err(SettingsError::unreadable(path, "not a regular file").into());
         }
         let (new, old) = (settings(config)?, &self.settings);
         if new == *old {
