@@ -158,11 +158,7 @@ impl Osc {
         // Address, tags, version and the names, each padded; with room for the bundle's own bytes.
         let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
         if bytes > packet::LARGEST {
-            return Err(OutputError::Names {
-                units: units.len(),
-                bytes,
-                most: packet::LARGEST,
-            });
+            return Err(OutputError::Names(units.len(), bytes, packet::LARGEST));
         }
         if prefix.is_empty() {
             return Err(OutputError::Prefix(prefix));

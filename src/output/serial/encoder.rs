@@ -131,11 +131,7 @@ fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
         Style::Cobs => cobs::hello(names, &mut header),
     };
     if !names_fit || bytes > NAMES_MOST {
-        return Err(OutputError::Names {
-            units: names.len(),
-            bytes,
-            most: NAMES_MOST,
-        });
+        return Err(OutputError::Names(names.len(), bytes, NAMES_MOST));
     }
     Ok(header)
 }
