@@ -6,8 +6,6 @@
 
 #[cfg(feature = "wires")]
 pub mod board;
-#[cfg(feature = "std")]
-mod closing;
 pub mod csv;
 mod face;
 #[cfg(feature = "std")]
@@ -33,8 +31,6 @@ pub mod serial;
 mod view;
 #[cfg(feature = "wires")]
 pub mod web;
-#[cfg(feature = "wires")]
-mod worker;
 
 use crate::base::capacity::USERS;
 use crate::base::prelude::*;

@@ -13,8 +13,8 @@ use super::stream::Stream;
 use super::talk::Talk;
 use super::watch::{Change, Draft, Watch};
 use crate::base::capacity::USERS;
+use crate::output::board::{Bell, Shared, count};
 use crate::output::limits::{Allowance, BackOff};
-use crate::output::worker::{Bell, Shared, count};
 
 /// Keep-alive, seconds: after one and a half times this without traffic, either side considers the other dead.
 const KEEP_ALIVE_S: u16 = 10;
@@ -197,7 +197,7 @@ impl<'a> Connection<'a> {
         flags.set(PollFlags::POLLOUT, self.stream.waits_to_write(pending));
         let mut asked = [
             PollFd::new(bell.fd(), PollFlags::POLLIN),
-            PollFd::new(self.stream.as_raw_fd(), flags),
+            PollFd::new(self.stream.socket.as_raw_fd(), flags),
         ];
         let _ = poll(&mut asked, 500);
         bell.answer();

@@ -4,7 +4,6 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
-use std::os::fd::{AsRawFd, RawFd};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -64,7 +63,7 @@ fn authorities(path: &str) -> io::Result<RootCertStore> {
 
 /// A connection, plain or sealed.
 pub(super) struct Stream {
-    socket: TcpStream,
+    pub(super) socket: TcpStream,
     tls: Option<Box<ClientConnection>>,
 }
 
@@ -105,12 +104,6 @@ impl Stream {
             let _ = tls.write_tls(&mut self.socket);
         }
         let _ = self.socket.shutdown(Shutdown::Write);
-    }
-}
-
-impl AsRawFd for Stream {
-    fn as_raw_fd(&self) -> RawFd {
-        self.socket.as_raw_fd()
     }
 }
 

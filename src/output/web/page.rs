@@ -25,10 +25,9 @@ use super::server::{Answer, PLAIN, Service, address, serve};
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
 use crate::expression::unit_words;
-use crate::output::board::{Front, Weight};
+use crate::output::board::{Board, Front, Weight};
 use crate::output::features::{PageSettings, password};
 use crate::output::gesture::Gesture;
-use crate::output::worker::Board;
 use crate::output::{Command, OutputError, identity};
 
 const PAGE: &str = include_str!("page.html");

@@ -16,8 +16,8 @@ use nix::poll::{PollFd, PollFlags, poll};
 
 use super::http::{REQUEST, Request, Sent, frame, header};
 use crate::base::capacity::WEB_CONNECTIONS as SLOTS;
+use crate::output::board::{Bell, Board, Shared, count};
 use crate::output::limits::BackOff;
-use crate::output::worker::{Bell, Board, Shared, count};
 use crate::output::{Command, OutputError};
 
 /// Event streams at once: the places left answer requests.
