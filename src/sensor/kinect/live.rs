@@ -248,7 +248,8 @@ fn stream<S: PacketSource>(
     pictures: &mut u64,
 ) -> Result<(), KinectError> {
     let mut inner = shared.lock();
-    inner.status.sensor = Some((kinect.model(), kinect.serial().to_owned()));
+    let source = &kinect.source;
+    inner.status.sensor = Some((source.model(), source.serial().to_owned()));
     inner.status.openings += 1;
     inner.registration = kinect.registration().clone();
     drop(inner);
@@ -294,7 +295,7 @@ fn deliver<S: PacketSource>(
     former: u64,
 ) -> Result<(), KinectError> {
     kinect.start()?;
-    let (model, serial) = (kinect.model(), kinect.serial());
+    let (model, serial) = (kinect.source.model(), kinect.source.serial());
     tracing::info!("streaming from {model}, serial {serial}");
     let mut shown = None;
     loop {

@@ -6,8 +6,7 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::device;
-use super::error::{DEVICE_NAME, INDEX_NAME, RecordingError};
+use super::{DEVICE_NAME, INDEX_NAME, RecordingError, device};
 use crate::base::capacity::PIXELS;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::kinect::colour;
