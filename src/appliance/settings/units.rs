@@ -7,7 +7,7 @@ use crate::expression::unit_words;
 use toml::Spanned;
 use toml::de::DeValue;
 
-use super::{describe, float, toml_string};
+use super::toml_words::{describe, float, toml_string};
 use crate::expression::units::Units;
 use crate::output::{UnitView, is_name};
 

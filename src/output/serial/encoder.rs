@@ -3,7 +3,8 @@
 use core::fmt::Write;
 
 use super::line::{self, Line};
-use super::{Settings, Style, budget, cobs};
+use super::settings::{Settings, Style};
+use super::{budget, cobs};
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use crate::base::prelude::*;
 use crate::output::{

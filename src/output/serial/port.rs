@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use super::budget::{self, Plan};
 use super::encoder::Encoder;
 use super::line::Line;
-use super::{Settings, Style};
+use super::settings::{Settings, Style};
 use crate::output::limits::{self, BackOff};
 use crate::output::{Output, OutputError, Report, Tally};
 

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::RecordingError;
+use super::error::RecordingError;
 use crate::base::bounded_read;
 use crate::sensor::kinect::registration::{Registration, integer_names};
 

@@ -6,7 +6,8 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::{DEVICE_NAME, INDEX_NAME, RecordingError, device};
+use super::device;
+use super::error::{DEVICE_NAME, INDEX_NAME, RecordingError};
 use crate::base::capacity::PIXELS;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::kinect::colour;
