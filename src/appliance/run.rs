@@ -8,10 +8,9 @@ use std::time::{Duration, Instant};
 
 use crate::appliance::cli::{CsvTarget, Run, Talk};
 use crate::appliance::pipe::{Pipe, Rows};
-use crate::appliance::service::{Failure, SYSTEM_CONFIG, model, settings};
+use crate::appliance::service::{Failure, SYSTEM_CONFIG, Signals, model, settings};
 use crate::appliance::service_manager::ServiceManager;
 use crate::appliance::settings::{Settings, SettingsError};
-use crate::appliance::signals::Signals;
 use crate::appliance::source::{self, Missing, Pacer, Source, SourceError};
 use crate::appliance::status::Status;
 use crate::appliance::terminal::Live;

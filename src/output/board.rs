@@ -99,7 +99,7 @@ impl Output for Front {
     fn tally(&self) -> Tally {
         let weights = self.users.iter().map(|(_, weights)| weights);
         Tally {
-            not_numbers: weights.map(WireWeights::not_numbers).sum(),
+            not_numbers: weights.map(|weights| weights.not_numbers).sum(),
             ..self.shared.tally(self.name)
         }
     }

@@ -158,8 +158,7 @@ impl Output for LiveLink {
     }
 
     fn tally(&self) -> Tally {
-        let not_numbers = self.face.weights.not_numbers();
-        self.to.tally("live_link", not_numbers)
+        self.to.tally("live_link", self.face.weights.not_numbers)
     }
 }
 

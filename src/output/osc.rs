@@ -295,7 +295,7 @@ impl Output for Osc {
 
     fn tally(&self) -> Tally {
         let weights = self.users.iter().map(|user| &user.weights);
-        let not_numbers = weights.map(WireWeights::not_numbers).sum();
+        let not_numbers = weights.map(|weights| weights.not_numbers).sum();
         Tally {
             #[cfg(feature = "std")]
             commands: self.commands.as_ref().map_or([0; 2], Listener::counts),

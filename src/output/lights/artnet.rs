@@ -75,8 +75,7 @@ impl Output for ArtNet {
     }
 
     fn tally(&self) -> Tally {
-        self.to
-            .tally("artnet", self.desk.face.weights.not_numbers())
+        self.to.tally("artnet", self.desk.face.weights.not_numbers)
     }
 }
 

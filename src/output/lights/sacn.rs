@@ -102,7 +102,7 @@ impl Output for Sacn {
     }
 
     fn tally(&self) -> Tally {
-        let not_numbers = self.desk.face.weights.not_numbers();
+        let not_numbers = self.desk.face.weights.not_numbers;
         let mut all = Tally::of("sacn");
         for one in self.to.iter().map(|one| one.tally("sacn", not_numbers)) {
             (all.sent, all.dropped) = (all.sent + one.sent, all.dropped + one.dropped);

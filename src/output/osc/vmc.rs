@@ -185,8 +185,7 @@ impl Output for Vmc {
     }
 
     fn tally(&self) -> Tally {
-        let not_numbers = self.face.weights.not_numbers();
-        self.wire.to.tally("vmc", not_numbers)
+        self.wire.to.tally("vmc", self.face.weights.not_numbers)
     }
 }
 

@@ -335,7 +335,7 @@ impl Output for Serial {
             sent: of(&self.shared.sent),
             dropped: of(&self.shared.dropped),
             connected: self.shared.lock().is_open,
-            not_numbers: self.encoder.face.weights.not_numbers(),
+            not_numbers: self.encoder.face.weights.not_numbers,
             ..Tally::of("serial")
         }
     }

@@ -28,23 +28,17 @@ pub enum Part {
 }
 
 impl Part {
+    /// All, by their numbers.
+    pub const ALL: [Self; 6] = [
+        Self::Skin,
+        Self::MouthSocket,
+        Self::Gums,
+        Self::Teeth,
+        Self::Eye,
+        Self::EyeSocket,
+    ];
     /// Number of parts.
-    pub const COUNT: usize = 6;
-
-    /// Part of a stored number.
-    #[must_use]
-    pub fn from_index(index: u8) -> Option<Self> {
-        [
-            Self::Skin,
-            Self::MouthSocket,
-            Self::Gums,
-            Self::Teeth,
-            Self::Eye,
-            Self::EyeSocket,
-        ]
-        .get(usize::from(index))
-        .copied()
-    }
+    pub const COUNT: usize = Self::ALL.len();
 }
 
 /// Differences to the neutral of the vertices that an expression moves.

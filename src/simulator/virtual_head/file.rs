@@ -34,16 +34,9 @@ pub enum HeadFileError {
         "expected a head file beginning with MIENHEAD version {VERSION}, found another kind of file; make one with mien-studio"
     )]
     NotAHead,
-    /// Damaged.
-    #[error(
-        "head file damaged: expected checksum {expected:08x}, found {found:08x}; fetch or make it again"
-    )]
-    Checksum {
-        /// In the file.
-        expected: u32,
-        /// Of the file.
-        found: u32,
-    },
+    /// Damaged: the checksum in the file, and that of the file.
+    #[error("head file damaged: expected checksum {0:08x}, found {1:08x}; fetch or make it again")]
+    Checksum(u32, u32),
     /// Cut short, or with something behind its end.
     #[error("head file has the wrong length at {0}; fetch or make it again")]
     Length(&'static str),
@@ -228,7 +221,8 @@ impl<C: Coder> File<C> {
             }
             first = corners[0].cast_signed();
             kind = self.next(context::PART, *part as i32, kind, BYTE)?;
-            *part = Part::from_index(kind as u8).ok_or(HeadFileError::Value(self.what))?;
+            let known = Part::ALL.get(kind as usize).copied();
+            *part = known.ok_or(HeadFileError::Value(self.what))?;
         }
         asset.triangles = triangles.into();
         asset.parts = parts.into();
@@ -338,7 +332,7 @@ fn checked(bytes: &[u8]) -> Result<&[u8], HeadFileError> {
     }
     let (expected, found) = (word(12), crc32(body));
     if expected != found {
-        return Err(HeadFileError::Checksum { expected, found });
+        return Err(HeadFileError::Checksum(expected, found));
     }
     Ok(body)
 }
@@ -415,8 +409,7 @@ mod tests {
             }
             // The checksum says so; with a checksum to match, the counts and indices must.
             assert!(
-                bad == bytes
-                    || matches!(HeadAsset::parse(&bad), Err(HeadFileError::Checksum { .. }))
+                bad == bytes || matches!(HeadAsset::parse(&bad), Err(HeadFileError::Checksum(..)))
             );
             let sum = crc32(&bad[HEADER..]);
             bad[12..16].copy_from_slice(&sum.to_le_bytes());

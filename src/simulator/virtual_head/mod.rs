@@ -379,8 +379,9 @@ impl Simulator {
 
 /// The lens's softness: a 3 × 3 binomial over the window, through `scratch`.
 fn blur(rgb: &mut [[u8; 3]], window: Window, scratch: &mut [[u8; 3]]) {
-    let (left, right) = (window.left.max(1), window.right.min(WIDTH - 1));
-    let (top, bottom) = (window.top.max(1), window.bottom.min(HEIGHT - 1));
+    let Window(first, [right, bottom]) = window;
+    let [left, top] = first.map(|at| at.max(1));
+    let (right, bottom) = (right.min(WIDTH - 1), bottom.min(HEIGHT - 1));
     if left >= right || top >= bottom {
         return;
     }
