@@ -12,6 +12,7 @@ pub mod send_test;
 pub mod service;
 pub mod service_manager;
 pub mod settings;
+mod signals;
 pub mod source;
 pub mod status;
 mod terminal;

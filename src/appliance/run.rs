@@ -8,9 +8,10 @@ use std::time::{Duration, Instant};
 
 use crate::appliance::cli::{CsvTarget, Run, Talk};
 use crate::appliance::pipe::{Pipe, Rows};
-use crate::appliance::service::{Failure, SYSTEM_CONFIG, Signals, model, settings};
+use crate::appliance::service::{Failure, SYSTEM_CONFIG, model, settings};
 use crate::appliance::service_manager::ServiceManager;
 use crate::appliance::settings::{Settings, SettingsError};
+use crate::appliance::signals::Signals;
 use crate::appliance::source::{self, Missing, Pacer, Source, SourceError};
 use crate::appliance::status::Status;
 use crate::appliance::terminal::Live;
@@ -125,7 +126,7 @@ impl<'r> Session<'r> {
     }
 
     fn play(&mut self) -> Result<(), Failure> {
-        while self.goes_on() {
+        while self.left > 0 && !self.ended && !self.signals.stop.load(Ordering::Relaxed) {
             self.renew();
             if self.next_frame()? {
                 self.follow();
@@ -133,10 +134,6 @@ impl<'r> Session<'r> {
             }
         }
         Ok(())
-    }
-
-    fn goes_on(&self) -> bool {
-        self.left > 0 && !self.ended && !self.signals.stop.load(Ordering::Relaxed)
     }
 
     /// Reloads the configuration if a signal requests it; an invalid one changes nothing.

@@ -6,8 +6,9 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::appliance::service::{Failure, Signals, model, settings};
+use crate::appliance::service::{Failure, model, settings};
 use crate::appliance::settings::Settings;
+use crate::appliance::signals::Signals;
 use crate::appliance::source;
 use crate::appliance::wires;
 use crate::base::capacity::LANDMARKS;

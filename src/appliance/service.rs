@@ -1,13 +1,8 @@
-//! Start-up common to the commands that process frames: configuration, model, source, and their errors. Signals as requests to
-//! a run.
+//! Start-up common to the commands that process frames: configuration, model, source, and their errors.
 
-use std::io::{self, IsTerminal, stderr, stdout};
+use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
-
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::appliance::settings::{Settings, SettingsError};
 use crate::appliance::source::SourceError;
@@ -96,32 +91,4 @@ pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
     let bytes = bounded_read::read(path, MODEL_MOST)
         .map_err(|problem| Failure::ModelFile(path.into(), problem))?;
     FaceModel::read(&bytes).map_err(|problem| Failure::Model(path.into(), problem))
-}
-
-/// What the signals requested.
-pub(super) struct Signals {
-    pub(super) stop: Arc<AtomicBool>,
-    pub(super) reload: Arc<AtomicBool>,
-}
-
-impl Signals {
-    pub(super) fn watch() -> Result<Self, Failure> {
-        let signals = Self {
-            stop: Arc::default(),
-            reload: Arc::default(),
-        };
-        for signal in [SIGTERM, SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&signals.stop))
-                .map_err(Failure::Signals)?;
-        }
-        // A terminal that is closed ends what runs on it; a service manager asks for the configuration to be read again.
-        let on_a_terminal = stdout().is_terminal() || stderr().is_terminal();
-        let hang_up = if on_a_terminal {
-            &signals.stop
-        } else {
-            &signals.reload
-        };
-        signal_hook::flag::register(SIGHUP, Arc::clone(hang_up)).map_err(Failure::Signals)?;
-        Ok(signals)
-    }
 }

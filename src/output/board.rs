@@ -67,14 +67,11 @@ impl Output for Front {
                 [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
             });
             let pose = pose.filter(|pose| pose.iter().all(|number| number.is_finite()));
-            let confidence = if present {
-                unit_range(report.confidence)
-            } else {
-                0.0
-            };
+            let confidence = if present { report.confidence } else { 0.0 };
             let shot = &mut board.users[slot];
             fill(shot, report, report.state, weights);
-            (shot.pose, shot.confidence, shot.frozen) = (pose, confidence, report.frozen);
+            (shot.pose, shot.confidence, shot.frozen) =
+                (pose, unit_range(confidence), report.frozen);
         } else {
             for ((known, weights), shot) in self.users.iter_mut().zip(&mut board.users) {
                 if *known {

@@ -73,6 +73,7 @@ impl WireWeights {
 }
 
 /// The face of a single-person output: of the users not set aside, the first one seen until lost, then whoever comes next.
+#[derive(Default)]
 pub(super) struct OneFace {
     pub(super) weights: WireWeights,
     user: Option<usize>,
@@ -89,9 +90,7 @@ impl OneFace {
     pub(super) fn of(channels: Box<[Channel]>, policy: LossPolicy) -> Self {
         Self {
             weights: WireWeights::new(channels, policy),
-            user: None,
-            present: false,
-            aside: false,
+            ..Self::default()
         }
     }
 

@@ -75,11 +75,8 @@ impl LiveLink {
             Some((SHAPES.iter().position(same)?, parameter))
         };
         let shapes = Parameter::of_arkit(settings.derived, units).into_iter();
-        let mut subject = if settings.subject.is_empty() {
-            name.clone()
-        } else {
-            settings.subject
-        };
+        let subject = Some(settings.subject).filter(|subject| !subject.is_empty());
+        let mut subject = subject.unwrap_or_else(|| name.clone());
         while subject.len() > LONGEST {
             subject.pop();
         }

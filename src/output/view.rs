@@ -63,6 +63,12 @@ impl View {
         self.of(unit).map_or(unit, |view| view.name.as_str())
     }
 
+    /// The output names of units, in their order.
+    pub(super) fn names(&self, units: &[&str]) -> Box<[String]> {
+        let names = units.iter().map(|unit| self.name(unit).to_owned());
+        names.collect()
+    }
+
     /// A channel for every unit, in their order.
     pub(super) fn channels(&self, units: &[&str]) -> Box<[Channel]> {
         let source = |i: usize| {

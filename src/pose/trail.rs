@@ -37,6 +37,7 @@ pub(super) type Information = SMatrix<f64, 6, 6>;
 type Measured = Option<(SensorFromHead, Timestamp)>;
 
 /// The last poses of one head.
+#[derive(Default)]
 pub(super) struct Trail {
     /// As measured, before the filter: the last one, and the one before that.
     pub(super) last: Measured,
@@ -56,12 +57,9 @@ impl Trail {
             other => other,
         });
         Self {
-            last: None,
-            earlier: None,
-            before: None,
             unfiltered: filter.clone(),
             filter,
-            known: SMatrix::zeros(),
+            ..Self::default()
         }
     }
 

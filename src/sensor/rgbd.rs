@@ -151,20 +151,16 @@ impl Rgbd {
         if index.depth[0].name.ends_with(".png") {
             return Err(RgbdError::Png(folder.join("depth.txt")));
         }
-        let Calibration {
-            depth,
-            colour: picture,
-            colour_from_depth,
-        } = calibration;
-        let streams = [&depth, &picture].map(Stream::new);
+        let (depth, picture) = (&calibration.depth, &calibration.colour);
+        let streams = [depth, picture].map(Stream::new);
         let [of_depth, of_picture] = &streams;
         let camera = Camera::metric(
-            of_depth.pinhole(&depth, (of_depth.reduced / 2) as f32),
+            of_depth.pinhole(depth, (of_depth.reduced / 2) as f32),
             of_depth.kept(),
             Picture::Pinhole {
                 distortion: picture.distortion,
-                view: of_picture.pinhole(&picture, (of_picture.reduced - 1) as f32 * 0.5),
-                picture_from_sensor: colour_from_depth,
+                view: of_picture.pinhole(picture, (of_picture.reduced - 1) as f32 * 0.5),
+                picture_from_sensor: calibration.colour_from_depth,
             },
         );
         let raw = raw_values(&camera, depth.metres_per_unit);

@@ -93,7 +93,7 @@ impl TrackingState {
 const BLINK_S: f64 = 0.075;
 
 /// Tracks the presence of one person.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Presence {
     hold_s: f64,
     forget_s: f64,
@@ -112,9 +112,7 @@ impl Presence {
         Self {
             hold_s: hold_s.into(),
             forget_s: forget_s.into(),
-            last_seen: None,
-            face_seen: None,
-            ready: false,
+            ..Self::default()
         }
     }
 

@@ -165,15 +165,10 @@ impl<'a> Connection<'a> {
 
     fn run(&mut self, bell: &mut Bell, watch: &mut Watch, buffers: &mut Buffers) -> End {
         buffers.out.clear();
-        let will = [self.talk.presence.as_str(), "offline"];
-        let login = [&self.talk.user, &self.talk.password].map(|part| part.as_deref());
-        packet::connect(
-            &self.talk.client,
-            KEEP_ALIVE_S,
-            will,
-            login,
-            &mut buffers.out,
-        );
+        let (talk, out) = (self.talk, &mut buffers.out);
+        let will = [talk.presence.as_str(), "offline"];
+        let login = [&talk.user, &talk.password].map(|part| part.as_deref());
+        packet::connect(&talk.client, KEEP_ALIVE_S, will, login, out);
         loop {
             if let Err(end) = self.step(bell, watch, buffers) {
                 return end;

@@ -39,7 +39,6 @@ impl Talk {
         let entities = settings
             .home_assistant
             .then(|| entities(&base, name, settings.commands, gestures));
-        let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
         Ok(Self {
             broker: settings.broker.clone(),
             trust: trust(settings)?,
@@ -47,7 +46,7 @@ impl Talk {
             user: Some(settings.user.clone()).filter(|user| !user.is_empty()),
             password: password(&settings.password_file)?,
             presence: format!("{base}/presence"),
-            units: names.collect(),
+            units: settings.view.names(units),
             gestures: gestures.iter().map(|&name| name.to_owned()).collect(),
             entities: entities.unwrap_or_default(),
             commands: settings.commands.then(|| format!("{base}/cmd/+")),

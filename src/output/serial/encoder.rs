@@ -41,11 +41,7 @@ impl Encoder {
     ) -> Result<(Self, budget::Plan), OutputError> {
         let view = &settings.view;
         let (plan, scale) = plan(settings, units)?;
-        let names: Box<[String]> = plan
-            .units
-            .iter()
-            .map(|&unit| view.name(units[unit]).to_owned())
-            .collect();
+        let names = names(view, units, &plan.units);
         header(settings.style, &names)?;
         let channels = view.channels(units);
         let channels = plan.units.iter().map(|&unit| channels[unit]);
@@ -90,19 +86,15 @@ impl Encoder {
 
     fn frame(&mut self, state: TrackingState, report: &Report) -> &Line {
         self.line.clear();
-        let confidence = if state.is_present() {
-            unit_range(report.confidence)
-        } else {
-            0.0
-        };
-        let pose = report.sensor_from_face;
-        let pose = pose.filter(|_| self.pose && state.is_present());
+        let present = state.is_present();
+        let confidence = if present { report.confidence } else { 0.0 };
+        let pose = report.sensor_from_face.filter(|_| self.pose && present);
         let frame = Frame {
             count: self.count,
             scale: self.scale,
             ms: self.last_ms,
             state,
-            confidence,
+            confidence: unit_range(confidence),
             flags: cobs::flags(state, report),
             pose: pose.map(|pose| self.view.pose(pose)),
         };
@@ -112,6 +104,12 @@ impl Encoder {
         self.count = self.count.wrapping_add(1);
         &self.line
     }
+}
+
+/// The output names of some units.
+fn names(view: &View, units: &[&str], of: &[usize]) -> Box<[String]> {
+    let names = of.iter().map(|&unit| view.name(units[unit]).to_owned());
+    names.collect()
 }
 
 /// Bytes of names that leave room in a buffer.
@@ -149,10 +147,7 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), Ou
     } else {
         listed.clone()
     };
-    let names = |of: &[usize]| -> Box<[String]> {
-        let names = of.iter().map(|&unit| settings.view.name(units[unit]));
-        names.map(str::to_owned).collect()
-    };
+    let names = |of: &[usize]| names(&settings.view, units, of);
     // Names too long for a line are told before any plan is made.
     header(settings.style, &names(&wanted))?;
     let bytes = |of: &[usize], scale: Scale| {

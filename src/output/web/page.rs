@@ -274,7 +274,7 @@ pub fn open(
     let password = password(&settings.password_file)?;
     if password.as_ref().is_some_and(|word| !is_password(word)) {
         let problem = "its first line is not 8 to 64 printable ASCII characters";
-        let problem = std::io::Error::new(std::io::ErrorKind::InvalidData, problem);
+        let problem = std::io::Error::other(problem);
         let path = settings.password_file.clone();
         return Err(OutputError::Password(path, problem));
     }

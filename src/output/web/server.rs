@@ -343,13 +343,10 @@ impl<S: Service> Server<S> {
             if !self.service.next_message(board, &mut self.body) {
                 return;
             }
+            let shared = &self.shared;
             for place in pages(&mut self.places) {
                 let sent = place.send(1, self.body.as_bytes());
-                count(if sent {
-                    &self.shared.sent
-                } else {
-                    &self.shared.dropped
-                });
+                count(if sent { &shared.sent } else { &shared.dropped });
             }
         }
     }

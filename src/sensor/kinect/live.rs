@@ -254,11 +254,8 @@ fn stream<S: PacketSource>(
     inner.registration = kinect.registration().clone();
     drop(inner);
     let result = deliver(shared, &mut kinect, *pictures);
-    let light = if result.is_ok() {
-        Light::Off
-    } else {
-        Light::Red
-    };
+    let failed = result.is_err();
+    let light = if failed { Light::Red } else { Light::Off };
     if let Err(problem) = kinect.set_light(light) {
         tracing::debug!("LED: {problem}");
     }

@@ -218,11 +218,8 @@ impl HeadAsset {
     /// The 68 points on a deformed mesh.
     #[must_use]
     pub fn landmarks_on(&self, vertices: &[Point]) -> [Point; LANDMARKS] {
-        std::array::from_fn(|k| {
-            self.landmarks
-                .get(k)
-                .map_or(Point::origin(), |site| site.on(vertices))
-        })
+        let on = |k: usize| Some(self.landmarks.get(k)?.on(vertices));
+        std::array::from_fn(|k| on(k).unwrap_or_default())
     }
 }
 

@@ -72,10 +72,8 @@ const MOST: i32 = 255;
 const BYTE: RangeInclusive<i32> = 0..=255;
 
 fn rough(difference: i32, steps: [i32; ROUGH - 1]) -> usize {
-    steps
-        .iter()
-        .filter(|&&step| difference.abs() > step)
-        .count()
+    let size = difference.abs();
+    steps.iter().filter(|&&step| size > step).count()
 }
 
 /// What the neighbours before and above say of a pixel's channel (LOCO-I; Weinberger, Seroussi & Sapiro 2000), and how
@@ -83,12 +81,8 @@ fn rough(difference: i32, steps: [i32; ROUGH - 1]) -> usize {
 fn predicted(rgb: &[i32], width: usize, at: usize, channel: usize) -> (i32, usize) {
     let (row, col) = (at / width, at % width);
     let value = |at: usize| {
-        let green = rgb[3 * at + 1];
-        if channel == 1 {
-            green
-        } else {
-            rgb[3 * at + channel] - green
-        }
+        let (value, green) = (rgb[3 * at + channel], rgb[3 * at + 1]);
+        if channel == 1 { green } else { value - green }
     };
     let left = if col > 0 { value(at - 1) } else { 0 };
     let above = if row > 0 { value(at - width) } else { left };
@@ -99,10 +93,8 @@ fn predicted(rgb: &[i32], width: usize, at: usize, channel: usize) -> (i32, usiz
     };
     let left = if col > 0 { left } else { above };
     let guess = (left + above - corner).clamp(left.min(above), left.max(above));
-    (
-        guess,
-        rough((left - corner).abs() + (above - corner).abs(), [2, 6, 16]),
-    )
+    let around = (left - corner).abs() + (above - corner).abs();
+    (guess, rough(around, [2, 6, 16]))
 }
 
 /// Order of the channels: green first, since the others lean on it.

@@ -100,13 +100,8 @@ impl Simulator {
     pub fn new(asset: HeadAsset, scene: Scene, seed: u64) -> Self {
         let camera = crate::sensor::kinect::geometry::nominal();
         let light = Light::default();
-        let room = Shape::room(
-            WALL_M,
-            scene == Scene::Empty,
-            scene == Scene::Furnished,
-            seed,
-        );
-        let mut painter = ShapePainter::new(room);
+        let [chair, furniture] = [Scene::Empty, Scene::Furnished].map(|with| scene == with);
+        let mut painter = ShapePainter::new(Shape::room(WALL_M, chair, furniture, seed));
         let mut depth = DepthBuffer::new(WIDTH, HEIGHT);
         let mut canvas = Canvas::new(WIDTH, HEIGHT);
         painter.draw_depth(|p| camera.depth_pixel(p), &mut depth);

@@ -69,10 +69,8 @@ impl<D: View> Player<D> {
         if self.began.is_none() && on != [true; 2] {
             return true;
         }
-        let total = self
-            .cutters
-            .each_ref()
-            .map(|cutter| cutter.layout.packets());
+        let cutters = self.cutters.each_ref();
+        let total = cutters.map(|cutter| cutter.layout.packets());
         loop {
             if self.began.is_none() && !self.next_frame() {
                 return false;

@@ -1,0 +1,37 @@
+//! Signals as requests to a run.
+
+use std::io::{IsTerminal, stderr, stdout};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use crate::appliance::service::Failure;
+
+/// What the signals requested.
+pub(super) struct Signals {
+    pub(super) stop: Arc<AtomicBool>,
+    pub(super) reload: Arc<AtomicBool>,
+}
+
+impl Signals {
+    pub(super) fn watch() -> Result<Self, Failure> {
+        let signals = Self {
+            stop: Arc::default(),
+            reload: Arc::default(),
+        };
+        for signal in [SIGTERM, SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&signals.stop))
+                .map_err(Failure::Signals)?;
+        }
+        // A terminal that is closed ends what runs on it; a service manager asks for the configuration to be read again.
+        let on_a_terminal = stdout().is_terminal() || stderr().is_terminal();
+        let hang_up = if on_a_terminal {
+            &signals.stop
+        } else {
+            &signals.reload
+        };
+        signal_hook::flag::register(SIGHUP, Arc::clone(hang_up)).map_err(Failure::Signals)?;
+        Ok(signals)
+    }
+}
