@@ -74,11 +74,8 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
     }
     targets(&mut lines, &settings);
     status(&mut lines, Path::new(&settings.status.path));
-    let code = if configured {
-        u8::from(lines.failed)
-    } else {
-        2
-    };
+    let failed = lines.failed.into();
+    let code = if configured { failed } else { 2 };
     (lines.text, code)
 }
 

@@ -193,7 +193,7 @@ impl Osc {
         let head = [
             Argument::Int(user.count),
             // Wraps to 0 every 24.8 days.
-            Argument::Int((report.at.as_us() / 1000 & 0x7fff_ffff) as i32),
+            Argument::Int(((report.at.as_us() / 1000) & 0x7fff_ffff) as i32),
             Argument::Int(state.code().into()),
             Argument::Float(if present { confidence } else { 0.0 }),
             Argument::Float(report.latency_us as f32 * 1e-3),

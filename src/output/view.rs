@@ -72,11 +72,7 @@ impl View {
     /// A channel for every unit, in their order.
     pub(super) fn channels(&self, units: &[&str]) -> Box<[Channel]> {
         let source = |i: usize| {
-            let opposite = if self.mirror {
-                other_side(units[i])
-            } else {
-                None
-            };
+            let opposite = Some(units[i]).filter(|_| self.mirror).and_then(other_side);
             let found = opposite.and_then(|name| units.iter().position(|unit| *unit == name));
             found.unwrap_or(i)
         };

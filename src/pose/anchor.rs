@@ -238,11 +238,8 @@ fn nearest_neighbours(points: &[Point]) -> Vec<[u16; NEIGHBOURS]> {
 /// Whether the neighbours leave a wide gap in the tangent plane.
 fn on_rim(i: usize, points: &[Point], normals: &[Vector], neighbours: &[u16; NEIGHBOURS]) -> bool {
     let n = normals[i];
-    let helper = if n.x.abs() < 0.8 {
-        Vector::x()
-    } else {
-        Vector::y()
-    };
+    let (x, y) = (Vector::x(), Vector::y());
+    let helper = if n.x.abs() < 0.8 { x } else { y };
     let u = n.cross(&helper).normalize();
     let v = n.cross(&u);
     let mut angles = neighbours.map(|k| {

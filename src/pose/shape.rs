@@ -187,11 +187,8 @@ impl HeadShape {
                 sum += self.offset[usize::from(k)];
                 count += 1.0;
             }
-            let share = if self.seen[i] < 1.0 {
-                SPREAD.0
-            } else {
-                SPREAD.1
-            };
+            let (new, known) = SPREAD;
+            let share = if self.seen[i] < 1.0 { new } else { known };
             self.offset[i] += (sum / count - self.offset[i]) * share;
             self.offset[i] = self.offset[i].clamp(-MAX_OFFSET_M, MAX_OFFSET_M);
         }

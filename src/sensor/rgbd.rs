@@ -189,7 +189,7 @@ impl Rgbd {
     /// Frames skipped so far because a file of theirs is damaged or missing.
     #[must_use]
     pub fn skipped(&self) -> u64 {
-        self.skipped.count()
+        self.skipped.0
     }
 
     /// Depth pictures the list names, skipped ones included.

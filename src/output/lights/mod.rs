@@ -26,8 +26,10 @@ const UNIVERSES: usize = 16;
 /// Head angles at the ends of a channel's range, radians.
 const TURN: f32 = std::f32::consts::FRAC_PI_4;
 
-/// Curves by name, each applied to a weight.
-const CURVES: [(&str, fn(f32) -> f32); 4] = [
+/// What a weight is on a channel.
+type Curve = fn(f32) -> f32;
+/// Curves by name.
+const CURVES: [(&str, Curve); 4] = [
     ("linear", |weight| weight),
     ("square", |weight| weight * weight),
     ("root", f32::sqrt),
@@ -41,7 +43,7 @@ pub struct Row {
     /// From 1.
     channel: usize,
     wide: bool,
-    curve: fn(f32) -> f32,
+    curve: Curve,
     /// Shares of full scale.
     ends: [f32; 2],
     hold: bool,

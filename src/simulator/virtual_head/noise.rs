@@ -129,12 +129,10 @@ impl DepthReading {
                 if slope > GRAZING_SLOPE {
                     // An edge: the window sees one side or the other.
                     let n = jitter[(col + o1) % SIDE];
-                    let source = if n > 0.7 {
-                        after
-                    } else if n < -0.7 {
-                        before
-                    } else {
-                        col
+                    let source = match n {
+                        n if n > 0.7 => after,
+                        n if n < -0.7 => before,
+                        _ => col,
                     };
                     value = here[source];
                     lit &= !dark[source];
