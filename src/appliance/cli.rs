@@ -137,11 +137,9 @@ pub fn help(command: Option<&str>) -> String {
     let (mut lines, mut kept) = (usage.clone() + "\n", false);
     for line in HELP.lines().filter(|line| !line.is_empty()) {
         // What is indented goes on from the line above.
-        kept = if line.starts_with(' ') {
-            kept
-        } else {
-            about(&line)
-        };
+        if !line.starts_with(' ') {
+            kept = about(&line);
+        }
         if kept {
             lines += &format!("{line}\n");
         }

@@ -26,21 +26,14 @@ fn text(sensors: &Result<Vec<Listed>, DeviceError>, ports: &[Port]) -> String {
         Ok(sensors) => {
             for sensor in sensors {
                 lines.push(sensor.to_string());
-                lines.extend(
-                    sensor
-                        .trouble
-                        .as_ref()
-                        .map(|trouble| format!("  {trouble}")),
-                );
+                let trouble = sensor.trouble.iter();
+                lines.extend(trouble.map(|trouble| format!("  {trouble}")));
             }
         }
         Err(problem) => lines.push(problem.to_string()),
     }
-    lines.extend(
-        ports
-            .iter()
-            .map(|Port { name, about }| format!("serial port {}{about}", name.display())),
-    );
+    let port = |Port { name, about }: &Port| format!("serial port {}{about}", name.display());
+    lines.extend(ports.iter().map(port));
     if ports.is_empty() {
         lines.push("no serial port".to_owned());
     }
@@ -76,9 +69,8 @@ fn serial_ports() -> Vec<Port> {
             let name = stable.iter().find(|(target, _)| *target == plain);
             let about = match port.port_type {
                 SerialPortType::UsbPort(usb) => {
-                    let product = usb
-                        .product
-                        .map_or(String::new(), |product| format!(" {product}"));
+                    let product = usb.product.map(|product| format!(" {product}"));
+                    let product = product.unwrap_or_default();
                     format!(", USB {:04x}:{:04x}{product}", usb.vid, usb.pid)
                 }
                 SerialPortType::BluetoothPort => ", Bluetooth".to_owned(),

@@ -17,12 +17,10 @@ const USB_MEMORY: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
 /// Memory of one sensor's transfers in flight, with room for a second program.
 const USB_MEMORY_MB: u32 = 4;
 
-#[derive(Clone, Copy, PartialEq)]
-enum Verdict {
-    Ok,
-    Warn,
-    Fail,
-}
+/// Verdicts, as they begin a line.
+const OK: &str = "OK  ";
+const WARN: &str = "WARN";
+const FAIL: &str = "FAIL";
 
 /// The lines so far.
 #[derive(Default)]
@@ -32,26 +30,16 @@ struct Lines {
 }
 
 impl Lines {
-    fn say(&mut self, verdict: Verdict, what: &str, text: impl Display) {
-        let word = match verdict {
-            Verdict::Ok => "OK  ",
-            Verdict::Warn => "WARN",
-            Verdict::Fail => "FAIL",
-        };
-        self.failed |= verdict == Verdict::Fail;
+    fn say(&mut self, verdict: &str, what: &str, text: impl Display) {
+        self.failed |= verdict == FAIL;
         // Writing to a string cannot fail.
-        let _ = writeln!(self.text, "{word}  {what}: {}", Plain(text));
+        let _ = writeln!(self.text, "{verdict}  {what}: {}", Plain(text));
     }
 
     /// OK, or the given verdict with what went wrong.
-    fn judge<T: Display>(
-        &mut self,
-        otherwise: Verdict,
-        what: &str,
-        found: Result<T, impl Display>,
-    ) {
+    fn judge<T: Display>(&mut self, otherwise: &str, what: &str, found: Result<T, impl Display>) {
         match found {
-            Ok(text) => self.say(Verdict::Ok, what, text),
+            Ok(text) => self.say(OK, what, text),
             Err(problem) => self.say(otherwise, what, problem),
         }
     }
@@ -64,17 +52,17 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
     let found = service::settings(config);
     let mut configured = found.is_ok();
     let known = found.as_ref().map(|_| "all keys are known and in range");
-    lines.judge(Verdict::Fail, "configuration", known);
+    lines.judge(FAIL, "configuration", known);
     let settings = found.unwrap_or_default();
     let model = service::model(settings.sensor.model()).map(|model| format!("{:08x}", model.id));
-    lines.judge(Verdict::Fail, "face model", model);
+    lines.judge(FAIL, "face model", model);
     sensor(&mut lines, &settings, usb_devices::devices());
     if let Some(megabytes) = read_number(USB_MEMORY)
         && megabytes != 0
         && megabytes < USB_MEMORY_MB
     {
         lines.say(
-            Verdict::Warn,
+            WARN,
             "USB memory",
             format_args!("the limit is {megabytes} MB for all transfers; write 16 to {USB_MEMORY}"),
         );
@@ -82,15 +70,12 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
     serial(&mut lines, &settings.serial.port);
     if let Err(problem) = wires::check(&settings) {
         configured = false;
-        lines.say(Verdict::Fail, "outputs", problem);
+        lines.say(FAIL, "outputs", problem);
     }
     targets(&mut lines, &settings);
     status(&mut lines, Path::new(&settings.status.path));
-    let code = if configured {
-        u8::from(lines.failed)
-    } else {
-        2
-    };
+    let failed = lines.failed.into();
+    let code = if configured { failed } else { 2 };
     (lines.text, code)
 }
 
@@ -106,24 +91,24 @@ fn sensor(
     let name = SourceName::from(settings.sensor.source.as_str());
     let Some(serial) = name.on_usb() else {
         let text = format_args!("using {}, none needed on USB", settings.sensor.source);
-        return lines.say(Verdict::Ok, "sensor", text);
+        return lines.say(OK, "sensor", text);
     };
     match found {
-        Err(problem @ DeviceError::Absent) => lines.say(Verdict::Warn, "sensor", problem),
-        Err(problem) => lines.say(Verdict::Fail, "sensor", problem),
-        Ok(listed) if listed.is_empty() => lines.say(Verdict::Warn, "sensor", DeviceError::Absent),
+        Err(problem @ DeviceError::Absent) => lines.say(WARN, "sensor", problem),
+        Err(problem) => lines.say(FAIL, "sensor", problem),
+        Ok(listed) if listed.is_empty() => lines.say(WARN, "sensor", DeviceError::Absent),
         Ok(listed) => {
             for sensor in &listed {
                 match &sensor.trouble {
-                    None => lines.say(Verdict::Ok, "sensor", sensor),
-                    Some(trouble) => lines.say(Verdict::Fail, "sensor", trouble),
+                    None => lines.say(OK, "sensor", sensor),
+                    Some(trouble) => lines.say(FAIL, "sensor", trouble),
                 }
             }
             if let Some(wanted) = serial
                 && listed.iter().all(|sensor| sensor.serial != wanted)
             {
                 let problem = DeviceError::OtherSerial(wanted.to_owned(), listed.len());
-                lines.say(Verdict::Fail, "sensor", problem);
+                lines.say(FAIL, "sensor", problem);
             }
         }
     }
@@ -131,14 +116,14 @@ fn sensor(
 
 fn serial(lines: &mut Lines, port: &str) {
     let (verdict, text) = match port {
-        "" => (Verdict::Ok, "none configured".to_owned()),
+        "" => (OK, "none configured".to_owned()),
         _ if port.starts_with("tcp:") => {
             let text = format!("{port}, not tested; a run connects to it");
-            (Verdict::Ok, text)
+            (OK, text)
         }
         // Opened as a plain file, which neither raises DTR nor locks.
         _ => match std::fs::OpenOptions::new().write(true).open(port) {
-            Ok(_) => (Verdict::Ok, format!("{port} is writable")),
+            Ok(_) => (OK, format!("{port} is writable")),
             Err(problem) => {
                 let (verdict, advice) = remedy(problem.kind());
                 let text = format!("{port} cannot be opened ({problem}); {advice}");
@@ -150,17 +135,16 @@ fn serial(lines: &mut Lines, port: &str) {
 }
 
 /// What to do about a port that cannot be opened.
-fn remedy(problem: std::io::ErrorKind) -> (Verdict, &'static str) {
+fn remedy(problem: std::io::ErrorKind) -> (&'static str, &'static str) {
     match problem {
         std::io::ErrorKind::NotFound => (
-            Verdict::Warn,
+            WARN,
             "plug it in, a run waits for it; `mien devices` lists what is connected",
         ),
-        std::io::ErrorKind::PermissionDenied => (
-            Verdict::Fail,
-            "add the user to the group dialout and log in again",
-        ),
-        _ => (Verdict::Fail, "stop the other program that uses it"),
+        std::io::ErrorKind::PermissionDenied => {
+            (FAIL, "add the user to the group dialout and log in again")
+        }
+        _ => (FAIL, "stop the other program that uses it"),
     }
 }
 
@@ -175,7 +159,7 @@ fn targets(lines: &mut Lines, settings: &Settings) {
             } else {
                 "does not resolve; check the name, or give an address like 192.168.1.20:9130"
             };
-            let verdict = if known { Verdict::Ok } else { Verdict::Warn };
+            let verdict = if known { OK } else { WARN };
             lines.say(verdict, row.section, format_args!("{target} {text}"));
         }
     }
@@ -183,7 +167,7 @@ fn targets(lines: &mut Lines, settings: &Settings) {
 
 fn status(lines: &mut Lines, path: &Path) {
     if path.as_os_str().is_empty() {
-        return lines.say(Verdict::Ok, "status", "no status files configured");
+        return lines.say(OK, "status", "no status files configured");
     }
     let folder = path.parent().unwrap_or(Path::new("."));
     let probe = folder.join(".mien-doctor");
@@ -198,7 +182,7 @@ fn status(lines: &mut Lines, path: &Path) {
             folder.display()
         )),
     };
-    lines.judge(Verdict::Warn, "status", found);
+    lines.judge(WARN, "status", found);
 }
 
 #[cfg(test)]

@@ -134,11 +134,8 @@ fn plain(c: char) -> char {
 
 impl std::fmt::Write for Line {
     fn write_str(&mut self, text: &str) -> std::fmt::Result {
-        let mut pushed = text.chars().map(|c| self.0.push(plain(c)));
-        pushed
-            .all(|pushed| pushed.is_ok())
-            .then_some(())
-            .ok_or(std::fmt::Error)
+        let mut plain = text.chars().map(plain);
+        plain.try_for_each(|c| self.0.push(c).map_err(|_| std::fmt::Error))
     }
 }
 

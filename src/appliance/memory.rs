@@ -13,6 +13,7 @@ use std::io;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 /// An allocator with counters, to be a program's global allocator.
+#[derive(Default)]
 pub struct Counting {
     requests: AtomicU64,
     in_use: AtomicUsize,
@@ -43,12 +44,6 @@ impl Counting {
     fn count(&self, bytes: usize) {
         self.requests.fetch_add(1, Ordering::Relaxed);
         self.in_use.fetch_add(bytes, Ordering::Relaxed);
-    }
-}
-
-impl Default for Counting {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

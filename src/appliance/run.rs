@@ -126,7 +126,7 @@ impl<'r> Session<'r> {
     }
 
     fn play(&mut self) -> Result<(), Failure> {
-        while self.goes_on() {
+        while self.left > 0 && !self.ended && !self.signals.stop.load(Ordering::Relaxed) {
             self.renew();
             if self.next_frame()? {
                 self.follow();
@@ -134,10 +134,6 @@ impl<'r> Session<'r> {
             }
         }
         Ok(())
-    }
-
-    fn goes_on(&self) -> bool {
-        self.left > 0 && !self.ended && !self.signals.stop.load(Ordering::Relaxed)
     }
 
     /// Reloads the configuration if a signal requests it; an invalid one changes nothing.
@@ -172,8 +168,7 @@ impl<'r> Session<'r> {
         let path = config.unwrap_or(Path::new(SYSTEM_CONFIG));
         // What a pipe would give is not waited for.
         if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
-            let reason = "not a regular file".to_owned();
-            return Err(SettingsError::Unreadable(path.into(), reason).into());
+            return Err(SettingsError::unreadable(path, "not a regular file").into());
         }
         let (new, old) = (settings(config)?, &self.settings);
         if new == *old {

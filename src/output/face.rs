@@ -16,7 +16,8 @@ pub(super) struct WireWeights {
     /// Current fade factor.
     share: f32,
     policy: LossPolicy,
-    not_numbers: u64,
+    /// Weights that were NaN and were shown as 0.
+    pub(super) not_numbers: u64,
 }
 
 impl WireWeights {
@@ -69,14 +70,10 @@ impl WireWeights {
     pub(super) fn kept(&self, unit: usize) -> f32 {
         self.weights.get(unit).copied().unwrap_or(0.0)
     }
-
-    /// Weights that were NaN and were shown as 0.
-    pub(super) fn not_numbers(&self) -> u64 {
-        self.not_numbers
-    }
 }
 
 /// The face of a single-person output: of the users not set aside, the first one seen until lost, then whoever comes next.
+#[derive(Default)]
 pub(super) struct OneFace {
     pub(super) weights: WireWeights,
     user: Option<usize>,
@@ -93,9 +90,7 @@ impl OneFace {
     pub(super) fn of(channels: Box<[Channel]>, policy: LossPolicy) -> Self {
         Self {
             weights: WireWeights::new(channels, policy),
-            user: None,
-            present: false,
-            aside: false,
+            ..Self::default()
         }
     }
 
@@ -145,7 +140,7 @@ mod tests {
         let weights = [f32::NAN, -0.5, 1.7, f32::INFINITY, 0.25];
         wire.observe(&report(0, TrackingState::Tracking, &weights));
         assert!(wire.shown().eq([0.0, 0.0, 1.0, 0.0, 0.25]));
-        assert_eq!(wire.not_numbers(), 2);
+        assert_eq!(wire.not_numbers, 2);
     }
 
     #[test]

@@ -1,5 +1,7 @@
-//! How often something may be tried or asked for: pauses that double, and an allowance that fills again.
+//! How often something may be tried or asked for: pauses that double, and an allowance that fills again. How long the end of
+//! an output may take, whose thread may still send the messages that report nobody, but no more.
 
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Pauses before trying again, doubling from the first to the longest.
@@ -67,6 +69,21 @@ impl Allowance {
             self.full = self.full.max(now) + self.each;
         }
         left
+    }
+}
+
+/// Time limit of the end.
+const CLOSING: Duration = Duration::from_millis(500);
+
+/// Waits for a thread that was told to stop; a hanging one is abandoned.
+pub(super) fn wait_for(thread: JoinHandle<()>) {
+    let start = Instant::now();
+    while !thread.is_finished() && start.elapsed() < CLOSING {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    if thread.is_finished() {
+        // A panic of the thread has been reported by itself.
+        thread.join().ok();
     }
 }
 

@@ -50,7 +50,7 @@ pub struct LiveLink {
     to: Sender,
     face: OneFace,
     view: View,
-    device: [u8; 36],
+    device: String,
     subject: String,
     /// Shapes that are sent, with their index.
     shapes: Box<[(usize, Parameter)]>,
@@ -75,11 +75,8 @@ impl LiveLink {
             Some((SHAPES.iter().position(same)?, parameter))
         };
         let shapes = Parameter::of_arkit(settings.derived, units).into_iter();
-        let mut subject = if settings.subject.is_empty() {
-            name.clone()
-        } else {
-            settings.subject
-        };
+        let subject = Some(settings.subject).filter(|subject| !subject.is_empty());
+        let mut subject = subject.unwrap_or_else(|| name.clone());
         while subject.len() > LONGEST {
             subject.pop();
         }
@@ -87,7 +84,7 @@ impl LiveLink {
             to: udp::open(&settings.targets)?.into(),
             face: OneFace::new(units, &settings.view),
             view: settings.view,
-            device: as_text(&identity::uuid(&name, "live-link")),
+            device: as_text(identity::uuid(&name, "live-link")),
             subject,
             shapes: shapes.filter_map(place).collect(),
             turn: [0.0; 3],
@@ -120,7 +117,7 @@ impl LiveLink {
         let mut put = |part: &[u8]| bytes.extend_from_slice(part).unwrap_or_default();
         put(&[6]);
         put(&36_u32.to_be_bytes());
-        put(&self.device);
+        put(self.device.as_bytes());
         put(&(self.subject.len() as u32).to_be_bytes());
         put(self.subject.as_bytes());
         let frames = self.at.as_us() as f64 * 1e-6 * f64::from(RATE);
@@ -136,17 +133,11 @@ impl LiveLink {
 }
 
 /// A UUID as text.
-fn as_text(uuid: &[u8; 16]) -> [u8; 36] {
-    let mut text = [b'-'; 36];
-    let mut at = 0;
-    for (i, byte) in uuid.iter().enumerate() {
-        at += usize::from([4, 6, 8, 10].contains(&i));
-        for digit in [byte >> 4, byte & 15] {
-            text[at] = b"0123456789ABCDEF"[usize::from(digit)];
-            at += 1;
-        }
-    }
-    text
+fn as_text(uuid: [u8; 16]) -> String {
+    let n = u128::from_be_bytes(uuid);
+    let [a, b, c] = [80, 64, 48].map(|shift| (n >> shift) as u16);
+    let last = n & 0xffff_ffff_ffff;
+    format!("{:08X}-{a:04X}-{b:04X}-{c:04X}-{last:012X}", n >> 96)
 }
 
 impl Output for LiveLink {
@@ -164,8 +155,7 @@ impl Output for LiveLink {
     }
 
     fn tally(&self) -> Tally {
-        let not_numbers = self.face.weights.not_numbers();
-        self.to.tally("live_link", not_numbers)
+        self.to.tally("live_link", self.face.weights.not_numbers)
     }
 }
 
@@ -200,7 +190,7 @@ mod tests {
     #[test]
     fn a_datagram_is_the_one_that_pylivelinkface_writes() {
         let mut sender = sender(vec!["127.0.0.1:9".into()], &[]);
-        sender.device = as_text(&[0xa5; 16]);
+        sender.device = as_text([0xa5; 16]);
         // 12,345.5 frames.
         sender.at = Timestamp::from_us(411_516_667);
         let values: [f32; VALUES] = std::array::from_fn(|i| i as f32 / 64.0);

@@ -6,8 +6,6 @@
 
 #[cfg(feature = "wires")]
 pub mod board;
-#[cfg(feature = "std")]
-mod closing;
 pub mod csv;
 mod face;
 #[cfg(feature = "std")]
@@ -33,8 +31,6 @@ pub mod serial;
 mod view;
 #[cfg(feature = "wires")]
 pub mod web;
-#[cfg(feature = "wires")]
-mod worker;
 
 use crate::base::capacity::USERS;
 use crate::base::prelude::*;
@@ -164,18 +160,11 @@ pub enum OutputError {
         "OSC prefix is {0:?}, expected printable ASCII like /face, at most 64 characters, without space # * , ? [ ] {{ }}"
     )]
     Prefix(String),
-    /// The names of the units do not fit one datagram or line.
+    /// The names of so many units do not fit one datagram or line: bytes needed, and available.
     #[error(
-        "names of {units} units take {bytes} bytes, expected at most {most}; shorten or drop some in the units table"
+        "names of {0} units take {1} bytes, expected at most {2}; shorten or drop some in the units table"
     )]
-    Names {
-        /// How many.
-        units: usize,
-        /// Bytes needed.
-        bytes: usize,
-        /// Bytes available.
-        most: usize,
-    },
+    Names(usize, usize, usize),
     /// An unknown unit is requested.
     #[error(
         "serial.units names {0:?}, which is not measured with these settings; remove it from the list"

@@ -151,18 +151,11 @@ impl Osc {
     /// If the prefix is unusable or the names do not fit a datagram.
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let Settings { prefix, view, .. } = settings;
-        let names: Box<[String]> = units
-            .iter()
-            .map(|unit| view.name(unit).to_owned())
-            .collect();
+        let names = view.names(units);
         // Address, tags, version and the names, each padded; with room for the bundle's own bytes.
         let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
         if bytes > packet::LARGEST {
-            return Err(OutputError::Names {
-                units: units.len(),
-                bytes,
-                most: packet::LARGEST,
-            });
+            return Err(OutputError::Names(units.len(), bytes, packet::LARGEST));
         }
         if prefix.is_empty() {
             return Err(OutputError::Prefix(prefix));
@@ -199,7 +192,8 @@ impl Osc {
         let (present, confidence) = (state.is_present(), unit_range(report.confidence));
         let head = [
             Argument::Int(user.count),
-            Argument::Int(milliseconds(report)),
+            // Wraps to 0 every 24.8 days.
+            Argument::Int(((report.at.as_us() / 1000) & 0x7fff_ffff) as i32),
             Argument::Int(state.code().into()),
             Argument::Float(if present { confidence } else { 0.0 }),
             Argument::Float(report.latency_us as f32 * 1e-3),
@@ -299,7 +293,7 @@ impl Output for Osc {
 
     fn tally(&self) -> Tally {
         let weights = self.users.iter().map(|user| &user.weights);
-        let not_numbers = weights.map(WireWeights::not_numbers).sum();
+        let not_numbers = weights.map(|weights| weights.not_numbers).sum();
         Tally {
             #[cfg(feature = "std")]
             commands: self.commands.as_ref().map_or([0; 2], Listener::counts),
@@ -357,9 +351,4 @@ impl Drop for Osc {
 /// The count after `count`; wraps to 0 before it would become negative.
 fn next(count: i32) -> i32 {
     count.checked_add(1).unwrap_or(0)
-}
-
-/// Capture time in whole milliseconds, wrapping to 0 every 24.8 days.
-fn milliseconds(report: &Report) -> i32 {
-    ((report.at.as_us() / 1000) & 0x7fff_ffff) as i32
 }

@@ -25,20 +25,17 @@
 mod budget;
 mod cobs;
 mod encoder;
-mod frame;
 mod line;
 #[cfg(feature = "std")]
 mod port;
 #[cfg(feature = "studio")]
 mod receive;
-#[cfg(feature = "std")]
-mod sender;
 mod settings;
 
 pub use encoder::Encoder;
 pub use line::Line;
+#[cfg(feature = "std")]
+pub use port::Serial;
 #[cfg(feature = "studio")]
 pub use receive::Receiver;
-#[cfg(feature = "std")]
-pub use sender::Serial;
 pub use settings::{Settings, Style};

@@ -63,14 +63,16 @@ impl View {
         self.of(unit).map_or(unit, |view| view.name.as_str())
     }
 
+    /// The output names of units, in their order.
+    pub(super) fn names(&self, units: &[&str]) -> Box<[String]> {
+        let names = units.iter().map(|unit| self.name(unit).to_owned());
+        names.collect()
+    }
+
     /// A channel for every unit, in their order.
     pub(super) fn channels(&self, units: &[&str]) -> Box<[Channel]> {
         let source = |i: usize| {
-            let opposite = if self.mirror {
-                other_side(units[i])
-            } else {
-                None
-            };
+            let opposite = Some(units[i]).filter(|_| self.mirror).and_then(other_side);
             let found = opposite.and_then(|name| units.iter().position(|unit| *unit == name));
             found.unwrap_or(i)
         };

@@ -12,7 +12,6 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::icp::{MIN_PAIRS, Target};
-use super::patches::Patches;
 use crate::base::geometry::{Point, Vector};
 use crate::base::prelude::*;
 
@@ -239,11 +238,8 @@ fn nearest_neighbours(points: &[Point]) -> Vec<[u16; NEIGHBOURS]> {
 /// Whether the neighbours leave a wide gap in the tangent plane.
 fn on_rim(i: usize, points: &[Point], normals: &[Vector], neighbours: &[u16; NEIGHBOURS]) -> bool {
     let n = normals[i];
-    let helper = if n.x.abs() < 0.8 {
-        Vector::x()
-    } else {
-        Vector::y()
-    };
+    let (x, y) = (Vector::x(), Vector::y());
+    let helper = if n.x.abs() < 0.8 { x } else { y };
     let u = n.cross(&helper).normalize();
     let v = n.cross(&u);
     let mut angles = neighbours.map(|k| {
@@ -256,6 +252,59 @@ fn on_rim(i: usize, points: &[Point], normals: &[Vector], neighbours: &[u16; NEI
         widest = widest.max(pair[1] - pair[0]);
     }
     widest > RIM_GAP_RAD
+}
+
+/// Columns and rows of patches over the face.
+const GRID: [usize; 2] = [6, 6];
+
+/// Patches.
+pub const PLACES: usize = GRID[0] * GRID[1];
+
+/// The patches' area: left, top, right, bottom, metres: forehead to the upper lip, temple to temple.
+const AREA_M: [f32; 4] = [-0.066, -0.060, 0.066, 0.052];
+
+/// The patch of a place on the anchor.
+fn patch(p: &Point) -> Option<usize> {
+    let [left, top, right, bottom] = AREA_M;
+    let (x, y) = ((p.x - left) / (right - left), (p.y - top) / (bottom - top));
+    let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
+    inside.then(|| (y * GRID[1] as f32) as usize * GRID[0] + (x * GRID[0] as f32) as usize)
+}
+
+/// The patches of an anchor, and the effect of a motion on each.
+#[derive(Clone, Debug)]
+pub(crate) struct Patches {
+    /// Effect of each of the seven motions on each patch.
+    pub(super) rows: [[f64; 7]; PLACES],
+    /// Patch of each anchor point, [`PLACES`] for none.
+    pub(super) of: Vec<u8>,
+}
+
+impl Patches {
+    /// Patches from the anchor's points and the effect of motions on them.
+    pub(crate) fn new(points: &[Point], motions: &[[f32; 7]]) -> Self {
+        let of: Vec<u8> = points
+            .iter()
+            .map(|p| patch(p).unwrap_or(PLACES) as u8)
+            .collect();
+        let mut rows = [[0.0; 7]; PLACES];
+        let mut counts = [0.0f64; PLACES];
+        for (motion, &k) in motions.iter().zip(&of) {
+            let k = usize::from(k);
+            if k < PLACES {
+                for (sum, value) in rows[k].iter_mut().zip(motion) {
+                    *sum += f64::from(*value);
+                }
+                counts[k] += 1.0;
+            }
+        }
+        for (row, count) in rows.iter_mut().zip(counts) {
+            for value in row {
+                *value /= count.max(1.0);
+            }
+        }
+        Self { rows, of }
+    }
 }
 
 #[cfg(test)]
@@ -453,5 +502,28 @@ pub(crate) mod tests {
             .collect();
         let anchor = Anchor::new(&ball).expect("a head");
         assert!(anchor.motions_inverse.iter().all(|c| c.is_finite()));
+    }
+
+    #[test]
+    fn patches_are_numbered_as_one_reads_and_end_with_the_area() {
+        let [left, top, right, bottom] = AREA_M;
+        let at = |column: f32, row: f32| {
+            let (x, y) = (
+                left + (right - left) * column / 6.0,
+                top + (bottom - top) * row / 6.0,
+            );
+            patch(&Point::new(x, y, 0.0))
+        };
+        let mut number = 0;
+        for row in 0..6 {
+            for column in 0..6 {
+                let middle = at(column as f32 + 0.5, row as f32 + 0.5);
+                assert_eq!(middle, Some(number), "row {row}, column {column}");
+                number += 1;
+            }
+        }
+        for (column, row) in [(-0.1, 3.0), (6.1, 3.0), (3.0, -0.1), (3.0, 6.1)] {
+            assert_eq!(at(column, row), None);
+        }
     }
 }

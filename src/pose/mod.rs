@@ -1,6 +1,6 @@
 //! Head cloud to `sensor_from_head`: rigid ICP, anchored, smoothed (paper section 1.1, steps 2 and 3).
 //!
-//! Two methods of one [`tracker`]: the paper's ([`paper_tracker`]), and the default ([`plane_tracker`]) against a standard head
+//! Two methods of one [`Tracker`]: the paper's ([`paper_tracker`]), and the default ([`plane_tracker`]) against a standard head
 //! whose size and shape adapt to the user ([`shape`]). Both find the first pose among several starts ([`start`]), and leave
 //! their poses in the same [`trail`], which smooths them ([`smoothing`]).
 //!
@@ -12,20 +12,16 @@
 pub mod anchor;
 pub mod guess;
 pub mod icp;
-mod lean;
 mod paper_tracker;
-mod patches;
 mod plane;
 mod plane_tracker;
 mod settings;
 mod shape;
-mod shape_learning;
 pub mod signature;
 pub mod smoothing;
 mod start;
 #[cfg(test)]
 mod tests;
-mod tracker;
 mod trail;
 
 use alloc::sync::Arc;
@@ -40,8 +36,7 @@ use paper_tracker::PaperTracker;
 use plane_tracker::PlaneTracker;
 pub use settings::{HeadPose, Method, Settings, WINDOW_FRAMES};
 use signature::{Difference, Signature};
-use tracker::Tracker;
-use trail::{COAST_S, Trail};
+use trail::{COAST_S, Tracker, Trail};
 
 /// Why a tracker cannot be created: a standard head of so many points is unusable.
 #[derive(Debug, thiserror::Error)]

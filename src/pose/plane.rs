@@ -15,7 +15,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::anchor::Anchor;
-use super::shape::{HeadShape, MAX_LOG_SCALE};
+use super::shape::{FACING, HeadShape, MAX_LOG_SCALE};
 use crate::base::frames::{Head, HeadFromSensor, Motion};
 use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
@@ -24,9 +24,6 @@ use crate::base::vectors::wide;
 
 /// Fewer weighted pairs than this do not determine a pose.
 const MIN_USED: f64 = 40.0;
-/// Cosine below which an anchor point counts as seen by the camera.
-pub(crate) const FACING: f32 = -0.15;
-
 /// Settings of an alignment.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Effort<'a> {
@@ -55,25 +52,6 @@ pub(crate) struct PlaneFit {
     pub(crate) known: SMatrix<f64, 6, 6>,
 }
 
-/// Distance along the normal of one live point in the head frame, with the anchor point it belongs to.
-#[inline(always)]
-pub(crate) fn pair(
-    anchor: &Anchor,
-    shape: &HeadShape,
-    q: &Point,
-    inverse_scale: f32,
-    camera: &Point,
-) -> Option<(usize, f32)> {
-    let x = Point::from(q.coords * inverse_scale);
-    let i = anchor.nearest(&x)?;
-    let n = &anchor.normals[i];
-    let towards = q - camera;
-    if anchor.rim[i] || n.dot(&towards) > FACING * towards.norm() {
-        return None;
-    }
-    Some((i, n.dot(&(x - anchor.points[i])) - shape.offset[i]))
-}
-
 /// Distance from the anchor up to which a live point covers a place, metres.
 const COVERED_M: f32 = 0.008;
 
@@ -99,7 +77,7 @@ pub(crate) fn coverage(
     let camera = Point::from(fit.head_from_sensor.translation.vector);
     for p in cloud {
         let q = fit.head_from_sensor * p;
-        if let Some((i, r)) = pair(anchor, shape, &q, 1.0 / fit.scale, &camera)
+        if let Some((i, r)) = shape.pair(anchor, &q, 1.0 / fit.scale, &camera)
             && r.abs() < COVERED_M
         {
             hit[i] = true;
@@ -170,7 +148,7 @@ impl Sums {
         for p in cloud {
             self.asked += 1;
             let q = pose * p;
-            let Some((i, r)) = pair(anchor, shape, &q, inverse_scale, &camera) else {
+            let Some((i, r)) = shape.pair(anchor, &q, inverse_scale, &camera) else {
                 continue;
             };
             let bare = anchor.bare[i];

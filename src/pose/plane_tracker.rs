@@ -8,8 +8,7 @@ use super::plane::{self, Coverage, Effort, PlaneFit};
 use super::settings::{HeadPose, Settings};
 use super::shape::HeadShape;
 use super::start;
-use super::tracker::{Found, LEARN_ALL, LEARN_STEP, Tracker};
-use super::trail::{COAST_S, STEP_M, Trail};
+use super::trail::{COAST_S, Found, LEARN_ALL, LEARN_STEP, STEP_M, Tracker, Trail};
 use crate::base::frames::{HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
 use crate::base::prelude::*;
@@ -165,7 +164,8 @@ impl Tracker for PlaneTracker {
         };
         self.learned_frames += 1;
         if self.learned_frames <= LEARN_ALL || self.learned_frames.is_multiple_of(LEARN_STEP) {
-            self.shape.learn(&self.anchor, &cloud.points, &fit);
+            let (pose, scale) = (&fit.head_from_sensor, fit.scale);
+            self.shape.learn(&self.anchor, &cloud.points, pose, scale);
         }
     }
 
@@ -200,13 +200,13 @@ impl PlaneTracker {
         }
     }
 
-    /// How far the head's cut-out has moved, whose centre is now `middle`: until the head has a speed, that of a person walking
-    /// in at 40 mm a frame is predicted from it.
     fn clear_search(&mut self) {
         self.finalists.clear();
         self.ends.clear();
     }
 
+    /// How far the head's cut-out has moved, whose centre is now `middle`: until the head has a speed, that of a person walking
+    /// in at 40 mm a frame is predicted from it.
     fn measure_motion(&mut self, middle: Point) {
         let moved = self.middle.map(|before| middle - before);
         self.moved = moved.unwrap_or_default();

@@ -1,9 +1,25 @@
-//! The shape of one user's head, relative to the standard head; [`super::shape_learning`] learns it.
+//! The shape of one user's head, relative to the standard head, and how it is learned while tracking.
 //!
-//! A uniform scale, and for every anchor point an offset along its normal. Head frame, metres. Memory: 12 bytes per anchor
-//! point.
+//! A uniform scale, and for every anchor point an offset along its normal.
+//!
+//! Nobody has the standard head. If a head is wider or its nose longer, the alignment settles at a compromise that depends on
+//! which part is visible, so the pose error depends on the pose. Learned are the uniform scale (a running mean of each
+//! frame's estimate, bounded 0.85 to 1.15) and for every anchor point an offset along its normal (a running mean of the
+//! distances of its live points; the idea of a fused reference model, Newcombe et al., Real-Time Dense Surface Mapping and Tracking,
+//! ISMAR 2011, on the anchor's own points instead of a volume).
+//!
+//! Any rigid motion or scale contained in the offsets is removed again ([`HeadShape::settle`]), because it belongs to the
+//! pose: otherwise the learned head could drift away from the standard one. Only the bare face ([`Anchor`]) counts there:
+//! over the whole head, hair standing off the cranium pulls the face along, by a centimetre in half a minute. Offsets are
+//! smoothed along the surface, which also extends them a little into parts not yet seen.
+//!
+//! Head frame, metres. Memory: 12 bytes per anchor point. Cost: one look-up per live point and frame, and a 7 × 7 solve.
+//! Limitation: offsets follow the normal up to [`MAX_OFFSET_M`]; long beards and high hair exceed it and stay outliers.
+
+use nalgebra::SVector;
 
 use super::anchor::Anchor;
+use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::Point;
 use crate::base::prelude::*;
 
@@ -11,7 +27,27 @@ use crate::base::prelude::*;
 pub(crate) const MAX_LOG_SCALE: f64 = 0.15;
 
 /// Weight of the standard head, in frames, so that one noisy frame cannot distort it.
-pub(super) const PRIOR_FRAMES: f32 = 4.0;
+const PRIOR_FRAMES: f32 = 4.0;
+
+/// Cosine below which an anchor point counts as seen by the camera.
+pub(crate) const FACING: f32 = -0.15;
+
+/// Live points further off are ignored, metres: they are hands, hair or the neck.
+const TEACHING_M: f32 = 0.010;
+
+/// Share of the neighbours' mean that is mixed in per frame, where nothing was seen yet and where it was.
+const SPREAD: (f32, f32) = (0.08, 0.01);
+
+/// As for the offsets, for the scale.
+const SCALE_MEMORY_FRAMES: f64 = 300.0;
+
+/// After this many frames an offset is a running mean of that length.
+const MEMORY_FRAMES: f32 = 150.0;
+/// Fewer where the size is derived from the offsets, which have to settle first.
+const SIZE_MEMORY_FRAMES: f32 = 50.0;
+
+/// Largest learned offset, metres.
+const MAX_OFFSET_M: f32 = 0.015;
 
 /// The learned differences.
 #[derive(Clone, Debug)]
@@ -21,10 +57,10 @@ pub(crate) struct HeadShape {
     /// Offset of each anchor point along its normal, metres, in the standard head's size.
     pub(crate) offset: Vec<f32>,
     /// Frames from which each offset was learned, capped.
-    pub(super) seen: Vec<f32>,
+    seen: Vec<f32>,
     /// Frames from which the scale was learned.
-    pub(super) frames: f64,
-    pub(super) sums: Vec<(f32, f32)>,
+    frames: f64,
+    sums: Vec<(f32, f32)>,
 }
 
 impl HeadShape {
@@ -62,5 +98,216 @@ impl HeadShape {
     /// Prior deviation of the scale around its estimate: wide for a newcomer, narrow once known.
     pub(crate) fn scale_sigma(&self) -> f64 {
         (0.06 / (1.0 + self.frames * 0.1).sqrt()).max(0.004)
+    }
+
+    /// Distance along the normal of one live point in the head frame, with the anchor point it belongs to.
+    #[inline(always)]
+    pub(crate) fn pair(
+        &self,
+        anchor: &Anchor,
+        q: &Point,
+        inverse_scale: f32,
+        camera: &Point,
+    ) -> Option<(usize, f32)> {
+        let x = Point::from(q.coords * inverse_scale);
+        let i = anchor.nearest(&x)?;
+        let n = &anchor.normals[i];
+        let towards = q - camera;
+        if anchor.rim[i] || n.dot(&towards) > FACING * towards.norm() {
+            return None;
+        }
+        Some((i, n.dot(&(x - anchor.points[i])) - self.offset[i]))
+    }
+
+    /// Learns from one frame, well aligned at a pose and a scale.
+    pub(crate) fn learn(
+        &mut self,
+        anchor: &Anchor,
+        cloud: &[Point],
+        head_from_sensor: &HeadFromSensor,
+        scale: f32,
+    ) {
+        self.frames = (self.frames + 1.0).min(SCALE_MEMORY_FRAMES);
+        let found = f64::from(scale).ln();
+        self.log_scale = (self.log_scale + (found - self.log_scale) / self.frames)
+            .clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
+        self.note(anchor, cloud, head_from_sensor, 1.0 / scale, MEMORY_FRAMES);
+        self.spread(anchor);
+        self.settle(anchor);
+    }
+
+    /// As [`Self::learn`] for an alignment that does not estimate the size: it is derived from the offsets.
+    pub(crate) fn learn_size(
+        &mut self,
+        anchor: &Anchor,
+        cloud: &[Point],
+        head_from_sensor: &HeadFromSensor,
+    ) {
+        let inverse_scale = (-self.log_scale).exp() as f32;
+        let memory = SIZE_MEMORY_FRAMES;
+        self.note(anchor, cloud, head_from_sensor, inverse_scale, memory);
+        self.spread(anchor);
+        let growth = self.settle(anchor);
+        self.log_scale = (self.log_scale + growth).clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
+    }
+
+    /// Adds one frame's distances to the running means.
+    fn note(
+        &mut self,
+        anchor: &Anchor,
+        cloud: &[Point],
+        head_from_sensor: &HeadFromSensor,
+        inverse_scale: f32,
+        memory: f32,
+    ) {
+        self.sums.fill((0.0, 0.0));
+        let camera = Point::from(head_from_sensor.translation.vector);
+        for p in cloud {
+            let q = head_from_sensor * p;
+            if let Some((i, r)) = self.pair(anchor, &q, inverse_scale, &camera)
+                && r.abs() < TEACHING_M
+            {
+                self.sums[i].0 += r;
+                self.sums[i].1 += 1.0;
+            }
+        }
+        for i in 0..self.offset.len() {
+            let (sum, count) = self.sums[i];
+            if count > 0.0 {
+                self.seen[i] = (self.seen[i] + 1.0).min(memory);
+                self.offset[i] += sum / count / (self.seen[i] + PRIOR_FRAMES);
+            }
+        }
+    }
+
+    fn spread(&mut self, anchor: &Anchor) {
+        for i in 0..self.offset.len() {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for &k in &anchor.neighbours[i] {
+                sum += self.offset[usize::from(k)];
+                count += 1.0;
+            }
+            let (new, known) = SPREAD;
+            let share = if self.seen[i] < 1.0 { new } else { known };
+            self.offset[i] += (sum / count - self.offset[i]) * share;
+            self.offset[i] = self.offset[i].clamp(-MAX_OFFSET_M, MAX_OFFSET_M);
+        }
+    }
+
+    /// Removes the least-squares rigid motion and scale from the offsets, weighted by trust, over the bare face: hair elsewhere may
+    /// be learned, but moves nothing. Returns the scale removed, as a logarithm.
+    fn settle(&mut self, anchor: &Anchor) -> f64 {
+        let mut g = SVector::<f64, 7>::zeros();
+        let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);
+        for (((&offset, j), &trust), _) in points.zip(&anchor.bare).filter(|(_, bare)| **bare) {
+            g += (SVector::from(*j) * (trust * offset)).cast();
+        }
+        let motion = (anchor.motions_inverse * g).cast::<f32>();
+        for (offset, j) in self.offset.iter_mut().zip(&anchor.motions) {
+            let moved: f32 = (0..7).map(|a| j[a] * motion[a]).sum();
+            *offset -= moved;
+        }
+        f64::from(motion[6])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use crate::base::geometry::Rigid;
+    use crate::pose::anchor::tests::half_egg;
+    use crate::pose::signature::Signature;
+
+    #[test]
+    fn size_that_is_still_in_the_offsets_counts_as_size() {
+        let anchor = Anchor::new(&half_egg()).unwrap();
+        let head = |log_scale: f64, growth: f32| {
+            let mut shape = HeadShape::standard(anchor.points.len());
+            shape.log_scale = log_scale;
+            shape.seen.fill(MEMORY_FRAMES);
+            let grown =
+                |(a, n): (&Point, &crate::base::geometry::Vector)| n.dot(&a.coords) * growth;
+            let grown = anchor.points.iter().zip(&anchor.normals).map(grown);
+            let share = MEMORY_FRAMES / (MEMORY_FRAMES + PRIOR_FRAMES);
+            shape.offset = grown.map(|offset| offset * share).collect();
+            Signature::of(&anchor, &shape)
+        };
+        let differ =
+            |one: &Signature, other: &Signature| one.differ(other, &anchor).expect("all is seen");
+        let same = differ(&head(0.04, -0.03), &head(0.01, 0.0));
+        assert!(
+            same.log_size.abs() < 0.002 && same.surface < 0.1,
+            "{same:?}"
+        );
+        let other = differ(&head(0.04, 0.01), &head(0.01, 0.0));
+        assert!((other.log_size - 0.04).abs() < 0.002, "{other:?}");
+    }
+
+    #[test]
+    fn settling_leaves_no_rigid_motion_and_no_scale() {
+        let anchor = Anchor::new(&half_egg()).unwrap();
+        let mut shape = HeadShape::standard(anchor.points.len());
+        for i in 0..shape.offset.len() {
+            let (a, n) = (anchor.points[i], anchor.normals[i]);
+            let turned = nalgebra::Vector3::new(0.02, -0.03, 0.01).cross(&a.coords);
+            shape.offset[i] =
+                n.dot(&(turned + nalgebra::Vector3::new(0.002, 0.001, -0.003) + a.coords * 0.04));
+        }
+        shape.settle(&anchor);
+        let worst = shape.offset.iter().fold(0.0f32, |m, o| m.max(o.abs()));
+        assert!(worst < 2e-5, "{worst}");
+    }
+
+    #[test]
+    fn what_was_measured_is_told_without_the_standard_heads_share_and_freedom_narrows() {
+        let mut shape = HeadShape::standard(3);
+        (shape.seen, shape.offset) = (vec![0.5, 1.0, 12.0], vec![0.001, 0.001, 0.003]);
+        assert_eq!(shape.measured(0), None);
+        // Of five frames' worth one was seen; of sixteen twelve.
+        assert!((shape.measured(1).unwrap() - 0.005).abs() < 1e-8);
+        assert!((shape.measured(2).unwrap() - 0.004).abs() < 1e-8);
+        for (frames, sigma) in [(0.0, 0.06), (30.0, 0.03), (1e6, 0.004)] {
+            shape.frames = frames;
+            assert!((shape.scale_sigma() - sigma).abs() < 1e-12);
+        }
+        (shape.log_scale, shape.frames) = (0.1, 9.0);
+        shape.forget();
+        assert_eq!((shape.log_scale, shape.frames), (0.0, 0.0));
+        assert!(shape.offset.iter().chain(&shape.seen).all(|v| *v == 0.0));
+    }
+
+    #[test]
+    fn a_bump_that_is_seen_is_learned_and_a_size_is_a_mean() {
+        let anchor = Anchor::new(&half_egg()).unwrap();
+        let mut shape = HeadShape::standard(anchor.points.len());
+        let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, -0.7));
+        // The tip of a nose is 4 mm longer than the standard one, over 2 cm.
+        let bump = |p: &Point| 0.004 * (-p.coords.xy().norm_squared() / 2e-4).exp();
+        let all = anchor.points.iter().zip(&anchor.normals);
+        let cloud: Vec<Point> = all
+            .map(|(p, n)| pose.inverse() * (p + n * bump(p)))
+            .collect();
+        for _ in 0..60 {
+            shape.learn(&anchor, &cloud, &pose, 1.0);
+        }
+        let tip = (0..anchor.points.len())
+            .filter(|&i| anchor.bare[i] && !anchor.rim[i])
+            .min_by(|&a, &b| {
+                let aside = |k: usize| anchor.points[k].coords.xy().norm();
+                aside(a).total_cmp(&aside(b))
+            })
+            .unwrap();
+        let learned = shape.measured(tip).unwrap();
+        assert!((0.0025..0.0045).contains(&learned), "{learned}");
+        let beside = (0..anchor.points.len())
+            .filter(|&i| anchor.bare[i] && bump(&anchor.points[i]) < 1e-5 && shape.seen[i] > 9.0)
+            .map(|i| shape.offset[i].abs());
+        assert!(beside.clone().count() > 50 && beside.fold(0.0, f32::max) < 0.0015);
+        // One of the size before, one a tenth larger in all: the mean of the logarithms.
+        let mut shape = HeadShape::standard(anchor.points.len());
+        shape.learn(&anchor, &[], &pose, 1.0);
+        shape.learn(&anchor, &[], &pose, 1.1);
+        assert!((shape.log_scale - 0.5 * 1.1f64.ln()).abs() < 1e-6);
     }
 }

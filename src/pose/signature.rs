@@ -13,7 +13,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::anchor::Anchor;
-pub use super::patches::PLACES;
+pub use super::anchor::PLACES;
 use super::shape::HeadShape;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

@@ -47,7 +47,7 @@ impl Default for Smoothing {
 }
 
 /// The filter's state.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct PoseFilter {
     smoothing: Smoothing,
     window: heapless::Deque<Rigid, MAX_WINDOW>,
@@ -68,10 +68,7 @@ impl PoseFilter {
     pub fn new(smoothing: Smoothing) -> Self {
         Self {
             smoothing,
-            window: heapless::Deque::new(),
-            last: None,
-            speed: (Vector::zeros(), Vector::zeros()),
-            last_raw: Rigid::identity(),
+            ..Self::default()
         }
     }
 

@@ -8,7 +8,7 @@
 //! twelve, eight on half of the points for the best six: about ten times a frame that is followed. Limitation: a head rolled by more than about 30° or seen from behind ends in a poor agreement, which the tracker refuses.
 
 use super::anchor::Anchor;
-use super::plane::FACING;
+use super::shape::FACING;
 use crate::base::frames::{HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Vector, mean, rotation_from_yaw_pitch_roll};
 

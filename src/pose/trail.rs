@@ -1,13 +1,29 @@
-//! Where a head was last: its measured poses, what they predict, and the filter over them.
+//! Where a head was last: its measured poses, what they predict, and the filter over them. What the two methods have in common.
+//!
+//! A pose is corrected towards the face in the picture: depth and picture determine it together.
+//!
+//! Under a fringe or beside long hair the depth pose drifts, slowly and confidently, while the 68 points stay on the face. The
+//! face has a fixed pose within its head ([`crate::landmarks::LandmarkFitter::strayed`]), so each frame's points imply a head
+//! pose. Both are weighted by their certainty: depth by the normal matrix of its alignment (`known`), the picture by
+//! standard deviations about and across the line of sight. Small differences are left to depth, which is accurate to a
+//! fraction of a degree on a bare head; pitch has more tolerance, because light and a moving mouth affect the picture's
+//! estimate of it.
+//!
+//! Method: one Gauss–Newton step on the sum of the two quadratic forms about the depth pose, where depth's gradient is zero.
+//! Head frame, radians and metres. Degenerate: where depth has no information, the picture alone decides.
 
-use nalgebra::SMatrix;
+use nalgebra::{Matrix3, SMatrix, SVector};
 
-use super::lean;
+use super::plane::WORTH_M2;
 use super::settings::{HeadPose, Settings};
+use super::shape::HeadShape;
 use super::smoothing::{PoseFilter, Smoothing};
-use crate::base::frames::{HeadFromFace, HeadFromSensor, SensorFromHead};
-use crate::base::geometry::{Rotation, Vector};
+use crate::base::frames::{Head, HeadFromFace, HeadFromSensor, Motion, SensorFromHead};
+use crate::base::geometry::{Point, Rigid, Rotation, Vector};
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
 use crate::base::time::Timestamp;
+use crate::segment::HeadCloud;
 
 /// Without a pose for this long the prediction is useless, seconds.
 pub(super) const COAST_S: f64 = 0.2;
@@ -21,6 +37,7 @@ pub(super) type Information = SMatrix<f64, 6, 6>;
 type Measured = Option<(SensorFromHead, Timestamp)>;
 
 /// The last poses of one head.
+#[derive(Default)]
 pub(super) struct Trail {
     /// As measured, before the filter: the last one, and the one before that.
     pub(super) last: Measured,
@@ -40,12 +57,9 @@ impl Trail {
             other => other,
         });
         Self {
-            last: None,
-            earlier: None,
-            before: None,
             unfiltered: filter.clone(),
             filter,
-            known: SMatrix::zeros(),
+            ..Self::default()
         }
     }
 
@@ -90,10 +104,10 @@ impl Trail {
         }
     }
 
-    /// The last pose combined with the one that the picture gives ([`lean`]), smoothed; `None` if it stays as it was.
+    /// The last pose combined with the one that the picture gives ([`lean()`]), smoothed; `None` if it stays as it was.
     pub(super) fn lean(&mut self, by_picture: &SensorFromHead) -> Option<SensorFromHead> {
         let (depth, at) = self.last?;
-        let leant = lean::lean(&depth, &self.known, by_picture)?;
+        let leant = lean(&depth, &self.known, by_picture)?;
         self.last = Some((leant, at));
         self.filter.clone_from(&self.unfiltered);
         Some(SensorFromHead::of(self.filter.smooth(*leant, at)))
@@ -127,6 +141,104 @@ impl Trail {
     }
 }
 
+/// Standard deviations of the picture's estimate: rotation about and across the line of sight, radians; shift across it,
+/// metres.
+const ROLL_RAD: f64 = 0.012;
+const TURN_RAD: f64 = 0.026;
+const SHIFT_M: f64 = 0.002;
+/// Up to these differences, combined, depth decides: rotation, radians, and shift, metres.
+const FREE_RAD: f32 = 0.035;
+const FREE_M: f32 = 0.006;
+/// Factor on the tolerance for pitch.
+const FREE_PITCH: f32 = 1.5;
+/// Information in a direction in which depth has none, per unit of weight.
+const NOTHING: f64 = 1e-6;
+
+/// The pose between `depth`, whose alignment has the information `known` (rotation and shift in the head frame, per unit of
+/// weight), and the picture's estimate `pictured`.
+fn lean(
+    depth: &SensorFromHead,
+    known: &Information,
+    pictured: &SensorFromHead,
+) -> Option<SensorFromHead> {
+    let off = pictured.inverse() * *depth;
+    let (turn, shift) = (off.rotation.scaled_axis(), off.translation.vector);
+    let roomy = Vector::new(turn.x / FREE_PITCH, turn.y, turn.z);
+    let far = (roomy.norm() / FREE_RAD).hypot(shift.norm() / FREE_M);
+    if far <= 1.0 {
+        return None;
+    }
+    let beyond = f64::from(1.0 - 1.0 / far);
+    let sight = depth.inverse_transform_vector(&depth.translation.vector);
+    let sight = sight.try_normalize(1e-6)?.cast::<f64>();
+    let along = sight * sight.transpose();
+    let across = Matrix3::identity() - along;
+    let square = |sigma: f64| WORTH_M2 / (sigma * sigma);
+    let mut picture = SMatrix::<f64, 6, 6>::zeros();
+    let turns = across * square(TURN_RAD) + along * square(ROLL_RAD);
+    picture.fixed_view_mut::<3, 3>(0, 0).copy_from(&turns);
+    let shifts = across * square(SHIFT_M);
+    picture.fixed_view_mut::<3, 3>(3, 3).copy_from(&shifts);
+    let wanted = turn.iter().chain(shift.iter());
+    let wanted =
+        SVector::<f64, 6>::from_iterator(wanted.map(|component| f64::from(*component) * beyond));
+    let depths = known + SMatrix::<f64, 6, 6>::identity() * NOTHING;
+    let step = (depths + picture).cholesky()?.solve(&(picture * wanted));
+    let [a, b, c, x, y, z] = core::array::from_fn(|k| step[k] as f32);
+    let step = Rigid::new(Vector::new(x, y, z), Vector::new(a, b, c));
+    Some(*depth * Motion::<Head, Head>::of(step).inverse())
+}
+
+/// The first [`LEARN_ALL`] frames that teach the shape all do, later ones every [`LEARN_STEP`]-th: neighbours are redundant.
+pub(super) const LEARN_ALL: u64 = 60;
+pub(super) const LEARN_STEP: u64 = 3;
+
+/// A pose, and its alignment's information.
+pub(super) type Found = (HeadPose, Information);
+
+/// A method of finding one head in its clouds. What it does not say it leaves out.
+pub(super) trait Tracker: Send {
+    /// What was learned of the head's size and shape.
+    fn shape(&self) -> &HeadShape;
+    /// Frames from which the shape was learned.
+    fn learned_frames(&self) -> u64 {
+        0
+    }
+    /// Whether a search continues in the next frame.
+    fn is_searching(&self) -> bool {
+        false
+    }
+    /// Where the head is expected, whose cut-out is centred on `middle`.
+    fn expected(
+        &mut self,
+        _: &Trail,
+        _: Timestamp,
+        _middle: Option<Point>,
+    ) -> Option<SensorFromHead> {
+        None
+    }
+    /// The head where it is expected; all stays as it was if it is not there.
+    fn follow(&mut self, _: &HeadCloud, _: &Trail, _: Timestamp) -> Option<Found> {
+        None
+    }
+    /// The head anywhere in the cloud, with as many halves of a search as are left.
+    fn find(
+        &mut self,
+        cloud: &HeadCloud,
+        trail: &Trail,
+        at: Timestamp,
+        searches: &mut u32,
+    ) -> Option<Found>;
+    /// Learns from the cloud of the pose found last, once.
+    fn learn(&mut self, cloud: &HeadCloud);
+    /// The head did not move on from where it was found last.
+    fn lose(&mut self) {}
+    /// Nothing found so far is of use any more.
+    fn restart(&mut self);
+    /// The next cloud is another person's.
+    fn forget(&mut self);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -158,5 +270,73 @@ mod tests {
         trail.earlier = Some((pose(0.5, 0.9), at(40)));
         let expected = trail.predicted(at(60), &still).unwrap();
         assert!((expected * pose(0.01, 0.1)).translation.vector.norm() < 1e-6);
+    }
+
+    fn depth() -> SensorFromHead {
+        SensorFromHead::from_parts(
+            Vector::new(0.05, -0.02, 0.8),
+            rotation_from_yaw_pitch_roll(0.2, -0.1, 0.05),
+        )
+    }
+
+    /// In every direction as much as the picture knows of a turn about the line of sight.
+    fn equal() -> SMatrix<f64, 6, 6> {
+        let mut known = SMatrix::identity() * (WORTH_M2 / (ROLL_RAD * ROLL_RAD));
+        for k in 3..6 {
+            known[(k, k)] = WORTH_M2 / (SHIFT_M * SHIFT_M);
+        }
+        known
+    }
+
+    #[test]
+    fn what_both_know_equally_well_is_met_half_way_beyond_what_is_depths() {
+        let depth = depth();
+        let sight = depth.translation.vector.normalize();
+        let turn = 0.2;
+        let pictured = SensorFromHead::from_parts(
+            depth.translation,
+            Rotation::new(sight * turn) * depth.rotation,
+        );
+        let leant = lean(&depth, &equal(), &pictured).expect("far apart");
+        let moved = (leant.rotation * depth.rotation.inverse()).scaled_axis();
+        let half = 0.5 * (turn - FREE_RAD);
+        assert!((moved - sight * half).norm() < 0.004, "{moved} {half}");
+        assert!((leant.translation.vector - depth.translation.vector).norm() < 1e-4);
+    }
+
+    #[test]
+    fn where_depth_knows_nothing_the_picture_decides_and_never_how_far_off_a_head_is() {
+        let depth = depth();
+        let pictured = SensorFromHead::of(
+            *depth * Rigid::new(Vector::new(0.01, 0.0, 0.0), Vector::new(0.0, 0.15, 0.0)),
+        );
+        let leant = lean(&depth, &SMatrix::zeros(), &pictured).expect("far apart");
+        assert!(leant.rotation.angle_to(&pictured.rotation) < FREE_RAD + 0.005);
+        let along = depth.translation.vector.normalize();
+        let moved = leant.translation.vector - depth.translation.vector;
+        assert!(moved.dot(&along).abs() < 1e-3, "{moved}");
+        // Where depth knows a hundred times more, the pose stays as it is.
+        let leant = lean(&depth, &(equal() * 100.0), &pictured).expect("far apart");
+        assert!(leant.rotation.angle_to(&depth.rotation) < 0.01);
+    }
+
+    #[test]
+    fn small_differences_are_depths() {
+        let depth = depth();
+        let near =
+            |turn: Vector, shift: Vector| SensorFromHead::of(*depth * Rigid::new(shift, turn));
+        let none = Vector::zeros();
+        for (turn, shift, is_left) in [
+            (Vector::y() * 0.033, none, true),
+            (Vector::y() * 0.037, none, false),
+            (Vector::x() * 0.050, none, true),
+            (Vector::x() * 0.055, none, false),
+            (none, Vector::x() * 0.0055, true),
+            (none, Vector::x() * 0.0065, false),
+            (Vector::y() * 0.030, Vector::x() * 0.005, false),
+        ] {
+            let leant = lean(&depth, &equal(), &near(turn, shift));
+            assert_eq!(leant.is_none(), is_left, "{turn} {shift}");
+        }
     }
 }

@@ -8,8 +8,7 @@
 //! Sensor frame, metres. Memory: 12 kB of the stack. Cost: one pass over the head's pixels, two if the first overflows.
 
 use super::cut::Head;
-use super::head_cloud::{HeadCloud, PixelRect};
-use super::regions::{CELL_PX, COLUMNS, Regions};
+use super::regions::{CELL_PX, COLUMNS, HeadCloud, PixelRect, Regions};
 use crate::base::capacity::{HEAD_POINTS, HEIGHT, PIXELS, WIDTH};
 use crate::base::frames::SensorFromHead;
 use crate::base::geometry::{Point, mean};

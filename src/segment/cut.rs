@@ -9,8 +9,7 @@
 //! Cells and metres. Memory: a profile of at most [`MAX_PROFILE`] rows. Cost: linear in the cells of the tops' columns.
 //! Limitation: the cut is level with the picture, so a head lying on its side is cut badly.
 
-use super::head_cloud::PixelRect;
-use super::regions::{CELL_PX, COLUMNS, ROWS, Regions};
+use super::regions::{CELL_PX, COLUMNS, FOREGROUND, PixelRect, ROWS, Regions};
 use crate::base::capacity::HEADS;
 
 /// Rows of cells a head can be high: 0.3 m at 0.4 m.
@@ -123,7 +122,7 @@ pub(crate) fn heads(
         for (row, &(begin, end)) in (head.top..).zip(&head.rows) {
             for col in usize::from(begin)..usize::from(end) {
                 if regions.belongs(head, row, col) {
-                    regions.mask[row * COLUMNS + col] = super::head_cloud::FOREGROUND + 1 + k;
+                    regions.mask[row * COLUMNS + col] = FOREGROUND + 1 + k;
                 }
             }
         }

@@ -16,7 +16,6 @@
 
 mod cloud;
 mod cut;
-mod head_cloud;
 pub mod kmeans;
 mod regions;
 
@@ -29,10 +28,9 @@ use crate::base::prelude::*;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use cut::Head;
-pub use head_cloud::{BACKGROUND, FOREGROUND, HeadCloud, PixelRect};
 use kmeans::DepthKMeans;
 use regions::Regions;
-pub use regions::{CELL_PX, COLUMNS, ROWS};
+pub use regions::{BACKGROUND, CELL_PX, COLUMNS, FOREGROUND, HeadCloud, PixelRect, ROWS};
 
 defaults! {
     /// Settings of the segment stage.

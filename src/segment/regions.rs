@@ -1,4 +1,5 @@
-//! Cells and regions: the depth picture at a quarter of its size, neighbours of like depth joined.
+//! Cells and regions: the depth picture at a quarter of its size, neighbours of like depth joined. What comes of them: heads as
+//! points and as rectangles of the picture, and the labels of the mask.
 //!
 //! A cell is 4 × 4 pixels, read at four of them; its depth is the mean of those that agree with the nearest one. Cells
 //! whose depths differ by less than their distance explains are joined (two-pass labelling with union–find; Rosenfeld &
@@ -7,8 +8,9 @@
 //! Raw depth in, metres inside. Memory: 0.2 MB. Cost: linear in pixels read and cells. Degenerate: more regions than
 //! [`MAX_REGIONS`] in one picture: later ones stay unlabelled, which costs specks, not heads.
 
-use crate::base::capacity::{HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
+use crate::base::capacity::{HEAD_POINTS, HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
 use crate::base::defaults;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::NO_DEPTH;
@@ -176,3 +178,46 @@ impl Regions {
         }
     }
 }
+
+/// A rectangle of pixels of the depth picture: columns `x0..x1`, rows `y0..y1`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PixelRect {
+    /// First column.
+    pub x0: u16,
+    /// First row.
+    pub y0: u16,
+    /// One past the last column.
+    pub x1: u16,
+    /// One past the last row.
+    pub y1: u16,
+}
+
+impl PixelRect {
+    /// Whether it keeps more than a cell's distance to the edges of a picture of this size: what is in it is not cut off.
+    #[must_use]
+    pub fn is_within(&self, size: [usize; 2]) -> bool {
+        let [right, bottom] = size.map(|pixels| (pixels - CELL_PX) as u16);
+        self.x0 > CELL_PX as u16 && self.y0 > CELL_PX as u16 && self.x1 < right && self.y1 < bottom
+    }
+}
+
+/// The depth points of one head, in the sensor frame. Thinned evenly when full.
+#[derive(Clone, Debug, Default)]
+pub struct HeadCloud {
+    /// Points, metres, sensor frame.
+    pub points: heapless::Vec<Point, HEAD_POINTS>,
+    /// Where the head is in the depth picture.
+    pub rect: PixelRect,
+    /// Whether no edge of the picture cuts it off.
+    pub whole: bool,
+    /// Mean of the points.
+    pub centre: Point,
+    /// Depth pixels that belong to the head, before thinning.
+    pub pixels: u32,
+}
+
+/// Label of a cell in [`super::Segmenter::mask`]: background or no depth.
+pub const BACKGROUND: u8 = 0;
+
+/// Label of a cell in [`super::Segmenter::mask`]: foreground that is no head. Head number k is `FOREGROUND + 1 + k`.
+pub const FOREGROUND: u8 = 1;

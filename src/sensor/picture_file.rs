@@ -33,7 +33,7 @@ pub(super) enum Damage {
 
 /// Counts the frames that are skipped.
 #[derive(Default)]
-pub(super) struct Skipped(u64);
+pub(super) struct Skipped(pub(super) u64);
 
 impl Skipped {
     /// One more, because of the file last touched.
@@ -44,10 +44,6 @@ impl Skipped {
             let file = file.display();
             tracing::warn!("frame {frame} skipped: {file}: {damage} ({skipped} skipped so far)");
         }
-    }
-
-    pub(super) fn count(&self) -> u64 {
-        self.0
     }
 }
 

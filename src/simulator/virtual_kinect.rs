@@ -18,11 +18,9 @@ use crate::sensor::kinect::registration::Registration;
 mod camera;
 mod player;
 pub mod test_pattern;
-mod view;
 
 pub use camera::VirtualCamera;
-pub use player::Player;
-pub use view::View;
+pub use player::{Player, View};
 
 /// A whole Kinect in this process, in virtual time.
 pub struct VirtualKinect<D> {

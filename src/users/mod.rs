@@ -27,11 +27,11 @@ pub mod matching;
 pub mod memory;
 #[cfg(feature = "std")]
 pub mod saved;
-mod settings;
 
 pub use choice::Policy;
-pub use settings::Settings;
 
+use crate::base::capacity::USERS;
+use crate::base::defaults;
 use crate::base::time::Timestamp;
 
 /// State of a user.
@@ -93,7 +93,7 @@ impl TrackingState {
 const BLINK_S: f64 = 0.075;
 
 /// Tracks the presence of one person.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Presence {
     hold_s: f64,
     forget_s: f64,
@@ -112,9 +112,7 @@ impl Presence {
         Self {
             hold_s: hold_s.into(),
             forget_s: forget_s.into(),
-            last_seen: None,
-            face_seen: None,
-            ready: false,
+            ..Self::default()
         }
     }
 
@@ -172,6 +170,23 @@ impl Presence {
             self.reset();
             TrackingState::Absent
         }
+    }
+}
+
+defaults! {
+    /// Which people are tracked, and what happens when a face is lost.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Settings {
+        /// Maximum number of people tracked at once.
+        pub most: u32 = USERS as u32,
+        /// Which person a single-person output sends.
+        pub single: Policy = Policy::default(),
+        /// Seconds for which values are held after the face was last seen.
+        pub hold_s: f32 = 0.5,
+        /// Seconds after which a lost person's slot is free again.
+        pub forget_s: f32 = 2.0,
+        /// Seconds during which a person who left can be recognised by the shape of the head; 0 never.
+        pub remember_s: f32 = 600.0,
     }
 }
 

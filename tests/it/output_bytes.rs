@@ -372,7 +372,7 @@ fn osc_settings_that_cannot_work_are_told() {
     }
     let long = "x".repeat(2000);
     let names = Osc::new(osc::Settings::default(), &[&long]).err().unwrap();
-    assert!(matches!(names, OutputError::Names { units: 1, .. }));
+    assert!(matches!(names, OutputError::Names(1, ..)));
 }
 
 #[test]

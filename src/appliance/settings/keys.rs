@@ -48,31 +48,15 @@ pub(super) struct Key {
 
 /// Type and range of a key's value, and where it is stored.
 pub(super) enum Kind<'a> {
-    Number {
-        value: Number<'a>,
-        min: f32,
-        max: f32,
-        unit: &'static str,
-    },
+    /// From the least to the most, and in which unit.
+    Number(Number<'a>, [f32; 2], &'static str),
     Bool(&'a mut bool),
-    Text {
-        value: &'a mut String,
-        form: &'static str,
-        valid: fn(&str) -> bool,
-    },
-    /// One text, or several in an array.
-    Texts {
-        value: &'a mut Vec<String>,
-        form: &'static str,
-        valid: fn(&str) -> bool,
-        least: usize,
-    },
-    /// The name at `value`; `set` stores another.
-    Choice {
-        value: usize,
-        names: Vec<&'static str>,
-        set: Box<dyn FnOnce(usize) + 'a>,
-    },
+    /// What it looks like, and whether one does.
+    Text(&'a mut String, &'static str, fn(&str) -> bool),
+    /// One text, or several in an array, at least so many.
+    Texts(&'a mut Vec<String>, &'static str, fn(&str) -> bool, usize),
+    /// The place of the present name among those that there are; what stores another.
+    Choice(usize, Vec<&'static str>, Box<dyn FnOnce(usize) + 'a>),
 }
 
 /// A number as the stages store it: single precision for images, double for what accumulates over months.
@@ -132,7 +116,7 @@ macro_rules! sections {
             keys: &[
                 $(Key { name: stringify!($name), about: $about, kind: |$s| $kind },)*
                 $(
-                    Key { name: "mirror", about: MIRROR, kind: |$s| flag(&mut $view.mirror) },
+                    Key { name: "mirror", about: MIRROR, kind: |$s| Kind::Bool(&mut $view.mirror) },
                     Key {
                         name: "hold_s",
                         about: "How long the last weights of a lost face are held.",
@@ -152,17 +136,17 @@ macro_rules! sections {
 sections! { s
     sensor: "The source of frames." {
         source: "Where frames come from; the option --source takes precedence." =>
-            text(&mut s.sensor.source, "\"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording", |text| !text.is_empty());
+            Kind::Text(&mut s.sensor.source, "\"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording", |text| !text.is_empty());
         model: "Face model file; the option --model takes precedence." =>
-            text(&mut s.sensor.model, "a path, or empty for the built-in model", |_| true);
-        near_mode: "Kinect for Windows: measure from 0.4 m instead of 0.8 m." => flag(&mut s.sensor.device.near_mode);
+            Kind::Text(&mut s.sensor.model, "a path, or empty for the built-in model", |_| true);
+        near_mode: "Kinect for Windows: measure from 0.4 m instead of 0.8 m." => Kind::Bool(&mut s.sensor.device.near_mode);
         freeze_exposure: "Whether exposure and white balance are locked while a face is tracked." =>
-            flag(&mut s.sensor.device.freeze_exposure);
-        set_tilt: "Whether the motor tilts the Kinect when it is opened." => flag(&mut s.sensor.device.set_tilt);
+            Kind::Bool(&mut s.sensor.device.freeze_exposure);
+        set_tilt: "Whether the motor tilts the Kinect when it is opened." => Kind::Bool(&mut s.sensor.device.set_tilt);
         tilt_deg: "The tilt, relative to the horizon." =>
             float(&mut s.sensor.device.tilt_deg, -31.0, 31.0, "degrees");
         reset_audio: "Second series and Kinect for Windows: reset the audio device on opening, for sensors that otherwise stop streaming." =>
-            flag(&mut s.sensor.device.reset_audio);
+            Kind::Bool(&mut s.sensor.device.reset_audio);
     }
     segment: "Head segmentation in the depth picture." {
         max_distance_m: "Maximum distance at which heads are detected." =>
@@ -180,7 +164,7 @@ sections! { s
         min_agreement: "Agreement with the head model below which the head counts as lost." =>
             float(&mut s.pose.min_agreement, 0.0, 1.0, "");
         learn_shape: "Whether the size and shape of the user's head are learned (plane)." =>
-            flag(&mut s.pose.learn_shape);
+            Kind::Bool(&mut s.pose.learn_shape);
     }
     landmarks: "The 68 landmarks." {
         method: "Cascade on gradient-orientation patches, or the paper's 2D+3D AAM." =>
@@ -206,7 +190,7 @@ sections! { s
         smoothing_hz: "Cut-off of the weight filter on a still face; 0 disables it (robust)." =>
             float(&mut s.learning.smoothing_hz, 0.0, 30.0, "Hz");
         infer_covered: "Whether the units of a covered mouth are inferred from its last state and the time since, instead of measured (robust)." =>
-            flag(&mut s.learning.infer_covered);
+            Kind::Bool(&mut s.learning.infer_covered);
         compensation_scale: "Spread of compensation samples as a share of the range; 0 is the paper's value (paper)." =>
             float(&mut s.learning.compensation_scale, 0.0, 1.0, "");
         gap_percent: "l of section 2.5: the gap that cuts off the end of a range, as a share of its width (paper)." =>
@@ -233,136 +217,136 @@ sections! { s
     }
     units: "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }" {}
     osc: "OSC over UDP, the native schema." {
-        enabled: ENABLED => flag(&mut s.osc.enabled);
+        enabled: ENABLED => Kind::Bool(&mut s.osc.enabled);
         target: TARGET => targets(&mut s.osc.targets);
         prefix: "Prefix of every address." =>
-            text(&mut s.osc.prefix, "a slash and a name", |text| text.len() > 1 && text.starts_with('/') && !text.ends_with('/'));
+            Kind::Text(&mut s.osc.prefix, "a slash and a name", |text| text.len() > 1 && text.starts_with('/') && !text.ends_with('/'));
         style: "All weights in one message, each under its own address, or both." =>
             choice(&mut s.osc.style, &[("vector", Style::Vector), ("scalar", Style::Scalar), ("both", Style::Both)]);
-        ranges: "Whether learned ranges are sent, every 5 s." => flag(&mut s.osc.ranges);
+        ranges: "Whether learned ranges are sent, every 5 s." => Kind::Bool(&mut s.osc.ranges);
         commands: "Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted." =>
-            flag(&mut s.osc.commands);
+            Kind::Bool(&mut s.osc.commands);
         listen: "Address on which these commands are received; 127.0.0.1 accepts this machine only." =>
             listen(&mut s.osc.listen);
         ..s.osc.view
     }
     vmc: "OSC for avatar programs: the VMC protocol." {
-        enabled: ENABLED => flag(&mut s.vmc.enabled);
+        enabled: ENABLED => Kind::Bool(&mut s.vmc.enabled);
         target: TARGET => targets(&mut s.vmc.targets);
         role: "This program's role, as the receiver sees it." =>
             choice(&mut s.vmc.role, &[("performer", Role::Performer), ("assistant", Role::Assistant)]);
         names: "Names of the blend shapes: ARKit's, VRM avatars', or the units' own." =>
             choice(&mut s.vmc.names, &[("arkit", Names::Arkit), ("vrm0", Names::Vrm0), ("vrm1", Names::Vrm1), ("units", Names::Units)]);
-        derived: DERIVED => flag(&mut s.vmc.derived);
-        eyes: "Whether the gaze turns the bones of the eyes." => flag(&mut s.vmc.eyes);
+        derived: DERIVED => Kind::Bool(&mut s.vmc.derived);
+        eyes: "Whether the gaze turns the bones of the eyes." => Kind::Bool(&mut s.vmc.eyes);
         ..s.vmc.view
     }
     vrchat: "OSC for VRChat: Unified Expressions." {
-        enabled: ENABLED => flag(&mut s.vrchat.enabled);
+        enabled: ENABLED => Kind::Bool(&mut s.vrchat.enabled);
         target: TARGET => targets(&mut s.vrchat.targets);
         prefix: "Prefix that the avatar's author put before the parameter names." =>
-            text(&mut s.vrchat.prefix, "empty or ending in a slash", |text| text.is_empty() || text.ends_with('/'));
+            Kind::Text(&mut s.vrchat.prefix, "empty or ending in a slash", |text| text.is_empty() || text.ends_with('/'));
         values: "Parameters as floats, as binary switches, or both." =>
             choice(&mut s.vrchat.values, &[("float", Values::Float), ("binary", Values::Binary), ("both", Values::Both)]);
         bits: "Binary switches per parameter, besides its sign." => integer(&mut s.vrchat.bits, 1, MOST_BITS, "");
         ..s.vrchat.view
     }
     faceosc: "OSC in FaceOSC's format." {
-        enabled: ENABLED => flag(&mut s.faceosc.enabled);
+        enabled: ENABLED => Kind::Bool(&mut s.faceosc.enabled);
         target: TARGET => targets(&mut s.faceosc.targets);
-        mirror: MIRROR => flag(&mut s.faceosc.view.mirror);
+        mirror: MIRROR => Kind::Bool(&mut s.faceosc.view.mirror);
         hold_s: "How long a lost face is held." => seconds(&mut s.faceosc.view.loss.hold_s);
     }
     serial: "Serial output." {
         port: "The port; empty = no serial output." =>
-            text(&mut s.serial.port, "the path of a port, like \"/dev/serial/by-id/usb-...\" or \"/dev/ttyUSB0\", tcp:host:port, or empty", |text| text.strip_prefix("tcp:").is_none_or(is_host_port));
+            Kind::Text(&mut s.serial.port, "the path of a port, like \"/dev/serial/by-id/usb-...\" or \"/dev/ttyUSB0\", tcp:host:port, or empty", |text| text.strip_prefix("tcp:").is_none_or(is_host_port));
         baud: "Baud rate." => integer(&mut s.serial.baud, 1200, 4_000_000, "bit/s");
         style: "Lines with checksums, lines for the Arduino plotter, or binary frames." =>
             choice(&mut s.serial.style, &[("text", serial::Style::Text), ("plot", serial::Style::Plot), ("cobs", serial::Style::Cobs)]);
         full: "Value of a weight of 1 in text lines; 100 gives percentages, in tenths if the line is fast enough; from 128 numbers are whole." =>
             integer(&mut s.serial.full, 10, 10_000, "");
-        pose: "Whether head poses are sent too." => flag(&mut s.serial.pose);
+        pose: "Whether head poses are sent too." => Kind::Bool(&mut s.serial.pose);
         units: "Units to send, most important first; empty = all." =>
-            texts(&mut s.serial.units, "units, like [\"AU26\", \"AU25\"]", super::units::is_unit, 0);
+            Kind::Texts(&mut s.serial.units, "units, like [\"AU26\", \"AU25\"]", super::units::is_unit, 0);
         min_rate_hz: "Frame rate below which units are left out on a slow line." =>
             float(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz");
         dtr: "Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged." =>
-            flag(&mut s.serial.dtr);
+            Kind::Bool(&mut s.serial.dtr);
         ..s.serial.view
     }
     network: "What the outputs below say about the box. They are optional build features, included in the package." {
         name: "Name of the box on the network; empty = the host name." =>
-            text(&mut s.network.name, "at most 63 letters, digits and -, or empty", is_host);
+            Kind::Text(&mut s.network.name, "at most 63 letters, digits and -, or empty", is_host);
     }
     lights: "Lights and servos: which unit drives which channel, for Art-Net and sACN." {
         channels: "Channels count from 1, 16-bit ones take two; the curve is linear, square, root or smooth; MIN and MAX are percentages; hold keeps the value when the face is lost." =>
-            texts(&mut s.network.lights.channels, "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll", is_channel, 0);
+            Kind::Texts(&mut s.network.lights.channels, "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll", is_channel, 0);
         ..s.network.lights.view
     }
     artnet: "Art-Net, the channels of [lights]." {
-        enabled: ENABLED => flag(&mut s.network.artnet.enabled);
+        enabled: ENABLED => Kind::Bool(&mut s.network.artnet.enabled);
         target: "Destinations: hosts or broadcast addresses." => targets(&mut s.network.artnet.targets);
     }
     sacn: "sACN (E1.31), the channels of [lights]." {
-        enabled: ENABLED => flag(&mut s.network.sacn.enabled);
+        enabled: ENABLED => Kind::Bool(&mut s.network.sacn.enabled);
         target: "Destinations; [] = the multicast group of each universe." =>
-            texts(&mut s.network.sacn.targets, "host:port, or several, or []", is_host_port, 0);
+            Kind::Texts(&mut s.network.sacn.targets, "host:port, or several, or []", is_host_port, 0);
         priority: "Priority; receivers use the source with the highest." =>
             integer(&mut s.network.sacn.priority, 0, 200, "");
     }
     live_link: "Unreal's Live Link, in the format of the Live Link Face app." {
-        enabled: ENABLED => flag(&mut s.network.live_link.enabled);
+        enabled: ENABLED => Kind::Bool(&mut s.network.live_link.enabled);
         target: TARGET => targets(&mut s.network.live_link.targets);
         subject: "Subject name in Unreal; empty = the name of the box." =>
-            text(&mut s.network.live_link.subject, "at most 64 bytes", |name| name.len() <= 64);
-        derived: DERIVED => flag(&mut s.network.live_link.derived);
+            Kind::Text(&mut s.network.live_link.subject, "at most 64 bytes", |name| name.len() <= 64);
+        derived: DERIVED => Kind::Bool(&mut s.network.live_link.derived);
         ..s.network.live_link.view
     }
     websocket: "JSON over WebSocket, for web pages." {
-        enabled: SERVES => flag(&mut s.network.websocket.enabled);
+        enabled: SERVES => Kind::Bool(&mut s.network.websocket.enabled);
         listen: LISTEN => listen(&mut s.network.websocket.listen);
         ..s.network.websocket.view
     }
     page: "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget." {
-        enabled: SERVES => flag(&mut s.network.page.enabled);
+        enabled: SERVES => Kind::Bool(&mut s.network.page.enabled);
         listen: LISTEN => listen(&mut s.network.page.listen);
         password_file: "File with the password in its first line, for any user name; empty = none, and local networks only." =>
-            text(&mut s.network.page.password_file, FILE, |_| true);
+            Kind::Text(&mut s.network.page.password_file, FILE, |_| true);
     }
     mqtt: "MQTT: presence, state, health, weights, and Home Assistant." {
-        enabled: ENABLED => flag(&mut s.network.mqtt.enabled);
-        broker: "The broker's address." => text(&mut s.network.mqtt.broker, "host:port", is_host_port);
-        tls: "Whether the connection is encrypted with TLS, usually on port 8883." => flag(&mut s.network.mqtt.tls);
+        enabled: ENABLED => Kind::Bool(&mut s.network.mqtt.enabled);
+        broker: "The broker's address." => Kind::Text(&mut s.network.mqtt.broker, "host:port", is_host_port);
+        tls: "Whether the connection is encrypted with TLS, usually on port 8883." => Kind::Bool(&mut s.network.mqtt.tls);
         ca_file: "Trusted CA certificates, in PEM; the default is the system's." =>
-            text(&mut s.network.mqtt.ca_file, "the path of a file", |path| !path.is_empty());
+            Kind::Text(&mut s.network.mqtt.ca_file, "the path of a file", |path| !path.is_empty());
         user: "User name; empty = none." =>
-            text(&mut s.network.mqtt.user, "at most 64 bytes, or empty", |name| name.len() <= 64);
+            Kind::Text(&mut s.network.mqtt.user, "at most 64 bytes, or empty", |name| name.len() <= 64);
         password_file: "File with the password in its first line; empty = none." =>
-            text(&mut s.network.mqtt.password_file, FILE, |_| true);
+            Kind::Text(&mut s.network.mqtt.password_file, FILE, |_| true);
         prefix: "Prefix of every topic; the name of the box follows it." =>
-            text(&mut s.network.mqtt.prefix, "at most 64 bytes without spaces, #, + or a slash at either end", is_topic);
+            Kind::Text(&mut s.network.mqtt.prefix, "at most 64 bytes without spaces, #, + or a slash at either end", is_topic);
         rate_hz: "Maximum rate at which weights are sent; 0 sends none." =>
             float(&mut s.network.mqtt.rate_hz, 0.0, 30.0, "Hz");
         health_s: "Interval between health messages." => float(&mut s.network.mqtt.health_s, 1.0, 3600.0, "s");
         commands: "Whether the commands forget, freeze and neutral are accepted." =>
-            flag(&mut s.network.mqtt.commands);
+            Kind::Bool(&mut s.network.mqtt.commands);
         home_assistant: "Whether the box announces itself to Home Assistant (MQTT discovery)." =>
-            flag(&mut s.network.mqtt.home_assistant);
+            Kind::Bool(&mut s.network.mqtt.home_assistant);
         ..s.network.mqtt.view
     }
     keys: "Keys that gestures press." {
         device: "The device that presses them: uinput, or the node of a USB HID gadget." =>
-            text(&mut s.keys.device, "the path of a device", |text| !text.is_empty());
+            Kind::Text(&mut s.keys.device, "the path of a device", |text| !text.is_empty());
     }
     state: "What is kept across restarts about people tracked with a Kinect." {
         persist: "Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody." =>
-            flag(&mut s.state.persist);
+            Kind::Bool(&mut s.state.persist);
         path: "The file; rewritten once a minute and on exit." =>
-            text(&mut s.state.path, "the path of a file in an existing directory", |path| !path.is_empty());
+            Kind::Text(&mut s.state.path, "the path of a file in an existing directory", |path| !path.is_empty());
     }
     status: "Status files." {
         path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>
-            text(&mut s.status.path, "the path of a file in an existing directory, or empty", |_| true);
+            Kind::Text(&mut s.status.path, "the path of a file in an existing directory, or empty", |_| true);
     }
     log: "What is written to standard error." {
         level: "Lowest severity written; \"trace\" is the same as \"debug\"." =>
@@ -370,31 +354,26 @@ sections! { s
     }
     gesture: "Expressions that switch something, see docs/gestures.md. At most 16, of which smile, brows, mouth_open, wink_left,\n# wink_right, blink_long, look_left, look_right, look_up and kiss need no more than their name." {
         name: "What it is called." =>
-            text(&mut s.gesture().name, "at most 24 letters, digits and signs such as _ or -", gestures::is_word);
+            Kind::Text(&mut s.gesture().name, "at most 24 letters, digits and signs such as _ or -", gestures::is_word);
         of: "What it reads." =>
-            text(&mut s.gesture().of, "units added and subtracted, such as \"AU12L + AU12R\"", gestures::is_sum);
+            Kind::Text(&mut s.gesture().of, "units added and subtracted, such as \"AU12L + AU12R\"", gestures::is_sum);
         on: "It goes on when that is as much," => float(&mut s.gesture().on, 0.01, 8.0, "");
         off: "and off below this." => float(&mut s.gesture().off, 0.0, 8.0, "");
         hold_s: "How long it must be as much before it goes on." => seconds(&mut s.gesture().hold_s);
         pause_s: "Least time from going off to going on again." => seconds(&mut s.gesture().pause_s);
         person: "Whose: of the person that single-person outputs show, of anybody, or of each by themselves." =>
             choice(&mut s.gesture().person, &[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]);
-        speaking: "Whether it may go on while they speak." => flag(&mut s.gesture().speaking);
+        speaking: "Whether it may go on while they speak." => Kind::Bool(&mut s.gesture().speaking);
         turned_deg: "Largest angle between face and line of sight." => float(&mut s.gesture().turned_deg, 1.0, 90.0, "degrees");
         key: "What it presses; empty = nothing." =>
-            text(&mut s.gesture().key, "a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", gestures::is_key);
+            Kind::Text(&mut s.gesture().key, "a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", gestures::is_key);
         press: "Whether the key is tapped, or down while the gesture is on." =>
             choice(&mut s.gesture().press, &[("tap", Press::Tap), ("hold", Press::Hold)]);
     }
 }
 
 fn float<'a>(value: impl Into<Number<'a>>, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
-    Kind::Number {
-        value: value.into(),
-        min,
-        max,
-        unit,
-    }
+    Kind::Number(value.into(), [min, max], unit)
 }
 
 fn seconds(value: &mut f32) -> Kind<'_> {
@@ -405,37 +384,11 @@ fn integer<'a>(value: &'a mut u32, min: u32, max: u32, unit: &'static str) -> Ki
     float(Number::Whole(value), min as f32, max as f32, unit)
 }
 
-fn flag(value: &mut bool) -> Kind<'_> {
-    Kind::Bool(value)
-}
-
-fn text<'a>(value: &'a mut String, form: &'static str, valid: fn(&str) -> bool) -> Kind<'a> {
-    Kind::Text { value, form, valid }
-}
-
-fn texts<'a>(
-    value: &'a mut Vec<String>,
-    form: &'static str,
-    valid: fn(&str) -> bool,
-    least: usize,
-) -> Kind<'a> {
-    Kind::Texts {
-        value,
-        form,
-        valid,
-        least,
-    }
-}
-
 fn choice<'a, T: Copy + PartialEq>(slot: &'a mut T, all: &'static [(&'static str, T)]) -> Kind<'a> {
-    Kind::Choice {
-        value: all
-            .iter()
-            .position(|one| one.1 == *slot)
-            .unwrap_or_default(),
-        names: all.iter().map(|one| one.0).collect(),
-        set: Box::new(|index| *slot = all[index].1),
-    }
+    let present = all.iter().position(|one| one.1 == *slot);
+    let names = all.iter().map(|one| one.0).collect();
+    let set = Box::new(|index: usize| *slot = all[index].1);
+    Kind::Choice(present.unwrap_or_default(), names, set)
 }
 
 /// The filter; its parameters are keys of their own.
@@ -446,23 +399,20 @@ fn smoothing(slot: &mut Smoothing) -> Kind<'_> {
         Smoothing::default(),
     ];
     let alike = |one: &Smoothing| std::mem::discriminant(one) == std::mem::discriminant(slot);
-    Kind::Choice {
-        value: all.iter().position(alike).unwrap_or_default(),
-        names: vec!["off", "window", "adaptive"],
-        set: Box::new(move |index| *slot = all[index]),
-    }
+    let present = all.iter().position(alike).unwrap_or_default();
+    let set = Box::new(move |index: usize| *slot = all[index]);
+    Kind::Choice(present, vec!["off", "window", "adaptive"], set)
 }
 
 fn targets(value: &mut Vec<String>) -> Kind<'_> {
     let form = "host:port, or several as [\"host:port\", \"host:port\"]";
-    texts(value, form, is_host_port, 1)
+    Kind::Texts(value, form, is_host_port, 1)
 }
 
 /// `address:port` of this machine.
 fn listen(value: &mut String) -> Kind<'_> {
-    text(value, "address:port", |text| {
-        text.parse::<std::net::SocketAddr>().is_ok()
-    })
+    let valid = |text: &str| text.parse::<std::net::SocketAddr>().is_ok();
+    Kind::Text(value, "address:port", valid)
 }
 
 fn is_host_port(text: &str) -> bool {

@@ -15,7 +15,7 @@ pub use sections::{
 };
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
 
@@ -29,26 +29,18 @@ use crate::output::gesture::{Gesture, PRESETS};
 /// Largest file, bytes: fifty times ours.
 const MOST: usize = 1 << 20;
 
-/// Why a configuration is invalid.
+/// Why a configuration is invalid, with the place in the file and what was expected and found there.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub enum SettingsError {
-    /// The file cannot be read.
-    #[error("{}: cannot be read ({}); give an existing file or leave --config out", .0.display(), .1)]
-    Unreadable(PathBuf, String),
-    /// An invalid entry in the file.
-    #[error("{}:{line}:{column}: expected {expected}, found {found}", path.display())]
-    Wrong {
-        /// The file.
-        path: PathBuf,
-        /// From 1.
-        line: usize,
-        /// From 1, in characters.
-        column: usize,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+#[error("{0}")]
+pub struct SettingsError(String);
+
+impl SettingsError {
+    pub(super) fn unreadable(path: &Path, problem: impl std::fmt::Display) -> Self {
+        let path = path.display();
+        Self(format!(
+            "{path}: cannot be read ({problem}); give an existing file or leave --config out"
+        ))
+    }
 }
 
 impl Settings {
@@ -60,8 +52,7 @@ impl Settings {
         let text = bounded_read::read(path, MOST).and_then(|bytes| {
             String::from_utf8(bytes).map_err(|_| std::io::Error::other("not UTF-8 text"))
         });
-        let text =
-            text.map_err(|error| SettingsError::Unreadable(path.into(), error.to_string()))?;
+        let text = text.map_err(|error| SettingsError::unreadable(path, error))?;
         Self::parse(&text, path)
     }
 
@@ -79,20 +70,11 @@ impl Settings {
         let wrong = |at: usize, expected: String, found: String| {
             let before = &text[..at.min(text.len())];
             let line = before.matches('\n').count() + 1;
-            let column = before
-                .rsplit('\n')
-                .next()
-                .unwrap_or_default()
-                .chars()
-                .count()
-                + 1;
-            SettingsError::Wrong {
-                path: path.into(),
-                line,
-                column,
-                expected,
-                found,
-            }
+            let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+            let path = path.display();
+            SettingsError(format!(
+                "{path}:{line}:{column}: expected {expected}, found {found}"
+            ))
         };
         let document = DeTable::parse(text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start);
@@ -206,19 +188,14 @@ impl Kind<'_> {
     /// What is allowed, and the value as TOML.
     fn text(&self) -> (String, String) {
         match self {
-            Self::Number {
-                value,
-                min,
-                max,
-                unit,
-            } => {
+            Self::Number(value, [min, max], unit) => {
                 let span = format!("{min} to {max} {unit}");
                 (span.trim_end().into(), value.text())
             }
             Self::Bool(value) => ("true or false".into(), value.to_string()),
-            Self::Text { value, form, .. } => ((*form).into(), toml_string(value)),
-            Self::Texts { value, form, .. } => ((*form).into(), toml_strings(value)),
-            Self::Choice { value, names, .. } => (quoted(names), toml_string(names[*value])),
+            Self::Text(value, form, _) => ((*form).into(), toml_string(value)),
+            Self::Texts(value, form, ..) => ((*form).into(), toml_strings(value)),
+            Self::Choice(present, names, _) => (quoted(names), toml_string(names[*present])),
         }
     }
 }
@@ -255,39 +232,24 @@ fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
 fn assign(slot: Kind<'_>, path: &str, value: &DeValue<'_>) -> Result<(), (String, String)> {
     let (allowed, _) = slot.text();
     let expected = match slot {
-        Kind::Number {
-            value: Number::Whole(_),
-            ..
-        } => format!("{path} as a whole number from {allowed}"),
-        Kind::Number { .. } => format!("{path} from {allowed}"),
+        Kind::Number(Number::Whole(_), ..) => format!("{path} as a whole number from {allowed}"),
+        Kind::Number(..) => format!("{path} from {allowed}"),
         _ => format!("{path} to be {allowed}"),
     };
     let stored = match slot {
-        Kind::Number {
-            value: slot,
-            min,
-            max,
-            ..
-        } => float(value)
+        Kind::Number(slot, [min, max], _) => float(value)
             .filter(|_| value.as_integer().is_some() || !matches!(slot, Number::Whole(_)))
             .filter(|number| (f64::from(min)..=f64::from(max)).contains(number))
             .map(|number| slot.set(number)),
         Kind::Bool(slot) => value.as_bool().map(|value| *slot = value),
-        Kind::Text {
-            value: slot, valid, ..
-        } => value
+        Kind::Text(slot, _, valid) => value
             .as_str()
             .filter(|text| valid(text))
             .map(|text| text.clone_into(slot)),
-        Kind::Texts {
-            value: slot,
-            valid,
-            least,
-            ..
-        } => texts(value)
+        Kind::Texts(slot, _, valid, least) => texts(value)
             .filter(|texts| texts.len() >= least && texts.iter().all(|text| valid(text)))
             .map(|texts| *slot = texts.into_iter().map(str::to_owned).collect()),
-        Kind::Choice { names, set, .. } => value
+        Kind::Choice(_, names, set) => value
             .as_str()
             .and_then(|text| names.iter().position(|name| *name == text))
             .map(set),

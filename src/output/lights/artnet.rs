@@ -12,16 +12,12 @@
 //! | 16, 17 | channels, big endian |
 //! | 18… | values |
 
-use super::{CHANNELS, Desk, Universes};
+use super::{CHANNELS, Desk};
 use crate::output::features::{ArtNetSettings, LightSettings};
 use crate::output::osc::{Sender, udp};
 use crate::output::{Output, OutputError, Report, Tally};
 
 const HEADER: usize = 18;
-const ART_NET: Universes = Universes {
-    valid: 0..=0x7fff,
-    expected: "an Art-Net universe, 0 to 32767",
-};
 /// Bytes of a datagram.
 const LENGTH: usize = HEADER + CHANNELS;
 
@@ -53,8 +49,9 @@ impl ArtNet {
         lights: &LightSettings,
         units: &[&str],
     ) -> Result<Self, OutputError> {
+        let expected = "an Art-Net universe, 0 to 32767";
         Ok(Self {
-            desk: Desk::new(lights, units, ART_NET)?,
+            desk: Desk::new(lights, units, 0..=0x7fff, expected)?,
             to: udp::open(&settings.targets)?.into(),
             number: 0,
         })
@@ -78,8 +75,7 @@ impl Output for ArtNet {
     }
 
     fn tally(&self) -> Tally {
-        self.to
-            .tally("artnet", self.desk.face.weights.not_numbers())
+        self.to.tally("artnet", self.desk.face.weights.not_numbers)
     }
 }
 

@@ -13,6 +13,8 @@
 pub mod artnet;
 pub mod sacn;
 
+use std::ops::RangeInclusive;
+
 use super::features::LightSettings;
 use super::{OneFace, OutputError, Report, TrackingState, View};
 use crate::base::geometry::{smoothstep, yaw_pitch_roll};
@@ -24,35 +26,18 @@ const UNIVERSES: usize = 16;
 /// Head angles at the ends of a channel's range, radians.
 const TURN: f32 = std::f32::consts::FRAC_PI_4;
 
-/// Curve applied to a weight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Curve {
-    Linear,
-    Square,
-    Root,
-    Smooth,
-}
-
-impl Curve {
-    const ALL: [(&'static str, Self); 4] = [
-        ("linear", Self::Linear),
-        ("square", Self::Square),
-        ("root", Self::Root),
-        ("smooth", Self::Smooth),
-    ];
-
-    fn of(self, weight: f32) -> f32 {
-        match self {
-            Self::Linear => weight,
-            Self::Square => weight * weight,
-            Self::Root => weight.sqrt(),
-            Self::Smooth => smoothstep(0.0, 1.0, weight),
-        }
-    }
-}
+/// What a weight is on a channel.
+type Curve = fn(f32) -> f32;
+/// Curves by name.
+const CURVES: [(&str, Curve); 4] = [
+    ("linear", |weight| weight),
+    ("square", |weight| weight * weight),
+    ("root", f32::sqrt),
+    ("smooth", |weight| smoothstep(0.0, 1.0, weight)),
+];
 
 /// A row of the table, without its unit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Row {
     universe: u16,
     /// From 1.
@@ -82,9 +67,9 @@ impl Row {
             Some(bits) => bits == "16",
             None => false,
         };
-        let is_named = |word: &&str| Curve::ALL.iter().any(|(name, _)| name == word);
+        let is_named = |word: &&str| CURVES.iter().any(|(name, _)| name == word);
         let name = words.next_if(is_named).unwrap_or("linear");
-        let (_, curve) = Curve::ALL.into_iter().find(|curve| curve.0 == name)?;
+        let (_, curve) = CURVES.into_iter().find(|curve| curve.0 == name)?;
         let mut ends = [0.0, 1.0];
         if words.peek().is_some_and(|word| *word != "hold") {
             for end in &mut ends {
@@ -109,7 +94,7 @@ impl Row {
     /// The channel value for 0…1: 8 bits, or 16.
     fn value(&self, weight: f32) -> u16 {
         let [low, high] = self.ends;
-        let share = low + (high - low) * self.curve.of(weight);
+        let share = low + (high - low) * (self.curve)(weight);
         let full = if self.wide { u16::MAX } else { u8::MAX.into() };
         (share * f32::from(full)).round() as u16
     }
@@ -138,12 +123,6 @@ impl Driver {
     }
 }
 
-/// The universes of a protocol, in numbers and words.
-struct Universes {
-    valid: std::ops::RangeInclusive<u16>,
-    expected: &'static str,
-}
-
 /// The table with its current values.
 struct Desk {
     face: OneFace,
@@ -162,10 +141,12 @@ struct Channel {
 }
 
 impl Desk {
+    /// Of a protocol with these universes, in numbers and words.
     fn new(
         settings: &LightSettings,
         units: &[&str],
-        universes_of: Universes,
+        valid: RangeInclusive<u16>,
+        expected: &'static str,
     ) -> Result<Self, OutputError> {
         let refuse = |row: &str, expected| OutputError::Channel(row.to_owned(), expected);
         let mut universes: Vec<(u16, [u8; CHANNELS])> = Vec::new();
@@ -176,8 +157,8 @@ impl Desk {
             let (unit, row) = Row::read(text).ok_or_else(|| refuse(text, form))?;
             let driver = Driver::named(unit, units)
                 .ok_or_else(|| refuse(text, "a unit that is measured with these settings"))?;
-            if !universes_of.valid.contains(&row.universe) {
-                return Err(refuse(text, universes_of.expected));
+            if !valid.contains(&row.universe) {
+                return Err(refuse(text, expected));
             }
             let known = universes.iter().position(|known| known.0 == row.universe);
             let at = match known {
@@ -259,11 +240,8 @@ mod tests {
             channels: rows.iter().map(|&row| row.to_owned()).collect(),
             ..LightSettings::default()
         };
-        let any = Universes {
-            valid: 1..=63_999,
-            expected: "an sACN universe, 1 to 63999",
-        };
-        Desk::new(&settings, &["AU26", "AU12L"], any)
+        let expected = "an sACN universe, 1 to 63999";
+        Desk::new(&settings, &["AU26", "AU12L"], 1..=63_999, expected)
     }
 
     #[test]
@@ -271,15 +249,15 @@ mod tests {
         let (_, row) = Row::read("AU26 3 511 16 smooth 90 10 hold").unwrap();
         assert_eq!((row.universe, row.channel, row.wide), (3, 511, true));
         assert_eq!(
-            (row.curve, row.ends, row.hold),
-            (Curve::Smooth, [0.9, 0.1], true)
+            ((row.curve)(0.25), row.ends, row.hold),
+            (0.15625, [0.9, 0.1], true)
         );
         let (_, row) = Row::read("AU26 1 1 hold").unwrap();
         assert_eq!(
-            (row.curve, row.ends, row.hold),
-            (Curve::Linear, [0.0, 1.0], true)
+            ((row.curve)(0.25), row.ends, row.hold),
+            (0.25, [0.0, 1.0], true)
         );
-        assert_eq!(Row::read("AU26 1 1 root").unwrap().1.curve, Curve::Root);
+        assert_eq!((Row::read("AU26 1 1 root").unwrap().1.curve)(0.25), 0.5);
         assert_eq!(Row::read("AU26 1 1 5 50").unwrap().1.ends, [0.05, 0.5]);
         for bad in [
             "",
@@ -297,7 +275,7 @@ mod tests {
             "AU26 1 1 hold 8",
             "AU26 99999 1",
         ] {
-            assert_eq!(Row::read(bad), None, "{bad:?}");
+            assert!(Row::read(bad).is_none(), "{bad:?}");
         }
     }
 

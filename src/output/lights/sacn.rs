@@ -7,7 +7,7 @@
 //! | 38–114 | framing layer: 0x7258, vector 2, name (64), priority, 0 0, sequence number, options (0x40 in the last), universe (2) |
 //! | 115–637 | DMP layer: 0x720b, 2, 0xa1, 0, 1, 513, start code 0, 512 values |
 
-use super::{CHANNELS, Desk, Universes};
+use super::{CHANNELS, Desk};
 use crate::output::features::{LightSettings, SacnSettings};
 use crate::output::osc::{Sender, udp};
 use crate::output::{Output, OutputError, Report, Tally, identity};
@@ -20,10 +20,6 @@ const LENGTH: usize = VALUES + CHANNELS;
 const TERMINATED: u8 = 0x40;
 /// Packets that end a stream.
 const LAST: usize = 3;
-const SACN: Universes = Universes {
-    valid: 1..=63_999,
-    expected: "an sACN universe, 1 to 63999",
-};
 
 /// A sender of sACN.
 pub struct Sacn {
@@ -47,7 +43,8 @@ impl Sacn {
         name: &str,
         units: &[&str],
     ) -> Result<Self, OutputError> {
-        let desk = Desk::new(lights, units, SACN)?;
+        let expected = "an sACN universe, 1 to 63999";
+        let desk = Desk::new(lights, units, 1..=63_999, expected)?;
         let open = |targets: &[String]| udp::open(targets).map(Sender::from);
         let to: Box<[Sender]> = if settings.targets.is_empty() {
             let groups = desk.universes.iter().map(|(universe, _)| {
@@ -105,7 +102,7 @@ impl Output for Sacn {
     }
 
     fn tally(&self) -> Tally {
-        let not_numbers = self.desk.face.weights.not_numbers();
+        let not_numbers = self.desk.face.weights.not_numbers;
         let mut all = Tally::of("sacn");
         for one in self.to.iter().map(|one| one.tally("sacn", not_numbers)) {
             (all.sent, all.dropped) = (all.sent + one.sent, all.dropped + one.dropped);

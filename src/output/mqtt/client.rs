@@ -13,8 +13,8 @@ use super::stream::Stream;
 use super::talk::Talk;
 use super::watch::{Change, Draft, Watch};
 use crate::base::capacity::USERS;
+use crate::output::board::{Bell, Shared, count};
 use crate::output::limits::{Allowance, BackOff};
-use crate::output::worker::{Bell, Shared, count};
 
 /// Keep-alive, seconds: after one and a half times this without traffic, either side considers the other dead.
 const KEEP_ALIVE_S: u16 = 10;
@@ -165,15 +165,10 @@ impl<'a> Connection<'a> {
 
     fn run(&mut self, bell: &mut Bell, watch: &mut Watch, buffers: &mut Buffers) -> End {
         buffers.out.clear();
-        let will = [self.talk.presence.as_str(), "offline"];
-        let login = [&self.talk.user, &self.talk.password].map(|part| part.as_deref());
-        packet::connect(
-            &self.talk.client,
-            KEEP_ALIVE_S,
-            will,
-            login,
-            &mut buffers.out,
-        );
+        let (talk, out) = (self.talk, &mut buffers.out);
+        let will = [talk.presence.as_str(), "offline"];
+        let login = [&talk.user, &talk.password].map(|part| part.as_deref());
+        packet::connect(&talk.client, KEEP_ALIVE_S, will, login, out);
         loop {
             if let Err(end) = self.step(bell, watch, buffers) {
                 return end;
@@ -197,7 +192,7 @@ impl<'a> Connection<'a> {
         flags.set(PollFlags::POLLOUT, self.stream.waits_to_write(pending));
         let mut asked = [
             PollFd::new(bell.fd(), PollFlags::POLLIN),
-            PollFd::new(self.stream.as_raw_fd(), flags),
+            PollFd::new(self.stream.socket.as_raw_fd(), flags),
         ];
         let _ = poll(&mut asked, 500);
         bell.answer();

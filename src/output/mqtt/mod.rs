@@ -19,14 +19,13 @@
 //! ignored, since they would be repeated at every connection. With TLS ([`stream`]) that thread allocates while running.
 
 mod client;
-mod home_assistant;
 mod packet;
 mod stream;
 mod talk;
 mod watch;
 
 use super::board::Front;
-use super::features::{MqttSettings, password};
+use super::features::MqttSettings;
 use super::{OutputError, identity};
 
 /// Starts connecting to the broker. `units` are the names in the order of the weights, `gestures` those of the gestures, `name`
@@ -40,15 +39,7 @@ pub fn open(
     units: &[&str],
     gestures: &[&str],
 ) -> Result<Front, OutputError> {
-    let trust = stream::trust(settings)?;
-    let password = password(&settings.password_file)?;
-    let talk = talk::Talk::new(
-        settings,
-        &identity::name(name),
-        trust,
-        password,
-        [units, gestures],
-    );
+    let talk = talk::Talk::new(settings, &identity::name(name), units, gestures)?;
     let work = move |shared, bell| client::run(talk, &shared, bell);
     Front::start("mqtt", units, &settings.view, work)
 }

@@ -4,7 +4,6 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
-use std::os::fd::{AsRawFd, RawFd};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -50,21 +49,19 @@ fn authorities(path: &str) -> io::Result<RootCertStore> {
     let text = crate::base::bounded_read::read(std::path::Path::new(path), CERTIFICATES_MOST)?;
     let mut roots = RootCertStore::empty();
     for certificate in CertificateDer::pem_slice_iter(&text) {
-        let certificate =
-            certificate.map_err(|error| io::Error::new(ErrorKind::InvalidData, error))?;
+        let certificate = certificate.map_err(io::Error::other)?;
         // A system's bundle has some that are older than the rules; one is enough.
         let _ = roots.add(certificate);
     }
     if roots.is_empty() {
-        let what = "expected certificates in PEM, found none";
-        return Err(io::Error::new(ErrorKind::InvalidData, what));
+        return Err(io::Error::other("expected certificates in PEM, found none"));
     }
     Ok(roots)
 }
 
 /// A connection, plain or sealed.
 pub(super) struct Stream {
-    socket: TcpStream,
+    pub(super) socket: TcpStream,
     tls: Option<Box<ClientConnection>>,
 }
 
@@ -77,10 +74,9 @@ impl Stream {
             return Ok(Self { socket, tls: None });
         };
         let host = broker.rsplit_once(':').map_or(broker, |(host, _)| host);
-        let host = ServerName::try_from(host.trim_matches(['[', ']']).to_owned())
-            .map_err(|error| io::Error::new(ErrorKind::InvalidInput, error))?;
-        let tls = ClientConnection::new(config.clone(), host)
-            .map_err(|error| io::Error::new(ErrorKind::InvalidData, error))?;
+        let host = ServerName::try_from(host.trim_matches(['[', ']']).to_owned());
+        let host = host.map_err(io::Error::other)?;
+        let tls = ClientConnection::new(config.clone(), host).map_err(io::Error::other)?;
         Ok(Self {
             socket,
             tls: Some(Box::new(tls)),
@@ -105,12 +101,6 @@ impl Stream {
             let _ = tls.write_tls(&mut self.socket);
         }
         let _ = self.socket.shutdown(Shutdown::Write);
-    }
-}
-
-impl AsRawFd for Stream {
-    fn as_raw_fd(&self) -> RawFd {
-        self.socket.as_raw_fd()
     }
 }
 

@@ -7,8 +7,7 @@ use std::time::{Duration, Instant};
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
 use crate::output::TrackingState;
-use crate::output::board::Weight;
-use crate::output::worker::{Board, Shared, count};
+use crate::output::board::{Board, Shared, Weight, count};
 
 /// Changes that may wait for a broker.
 const QUEUE: usize = 64;

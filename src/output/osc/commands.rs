@@ -14,7 +14,7 @@
 //! requester only. Nothing allocates. Limits: with more than eight senders, the one silent for longest counts as new when
 //! it returns.
 
-use super::packet::{messages, string};
+use super::packet::{Argument, messages, parse};
 use crate::output::Command;
 
 /// Most arguments of a command.
@@ -38,30 +38,17 @@ pub fn requests(datagram: &[u8], prefix: &str, take: &mut dyn FnMut(Request) -> 
 }
 
 fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
-    let (address, rest) = string(bytes)?;
-    let (tags, mut rest) = string(rest)?;
     let mut arguments = heapless::Vec::<i32, ARGUMENTS>::new();
-    for tag in tags.strip_prefix(',')?.chars() {
-        // Numbers from patching programs are often floats; truth has no bytes.
-        let value = match tag {
-            'i' | 'f' => {
-                let (number, after) = rest.split_first_chunk::<4>()?;
-                rest = after;
-                if tag == 'i' {
-                    i32::from_be_bytes(*number)
-                } else {
-                    whole(f32::from_be_bytes(*number))?
-                }
-            }
-            'T' => 1,
-            'F' => 0,
-            _ => return None,
+    let address = parse(bytes, |argument| {
+        // Numbers from patching programs are often floats.
+        let number = match argument {
+            Argument::Int(number) => number,
+            Argument::Float(number) => whole(number)?,
+            Argument::Bool(truth) => truth.into(),
+            Argument::Text(_) => return None,
         };
-        arguments.push(value).ok()?;
-    }
-    if !rest.is_empty() {
-        return None;
-    }
+        arguments.push(number).ok()
+    })?;
     let what = address.strip_prefix(prefix)?.strip_prefix("/cmd/")?;
     let (slot, on) = match arguments[..] {
         [] if what == "schema" => return Some(Request::Schema),
@@ -85,7 +72,7 @@ fn whole(number: f32) -> Option<i32> {
 mod tests {
     use super::*;
     use crate::base::capacity::USERS;
-    use crate::output::osc::packet::{Argument, DEPTH, Packet};
+    use crate::output::osc::packet::{DEPTH, Packet};
 
     fn read(bytes: &[u8]) -> (Vec<Request>, u64) {
         let mut all = Vec::new();

@@ -148,7 +148,7 @@ fn elements(
 }
 
 /// A string, and the rest after its padding.
-pub(super) fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
+fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let end = bytes.iter().position(|&byte| byte == 0)?;
     let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;
     let zeros = text[end..].iter().all(|&byte| byte == 0);
@@ -156,6 +156,37 @@ pub(super) fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
         core::str::from_utf8(&text[..end]).ok().filter(|_| zeros)?,
         rest,
     ))
+}
+
+/// Hands every argument of a message to `take`; the address, or `None` if it is malformed or `take` refuses one.
+pub(super) fn parse<'a>(
+    message: &'a [u8],
+    mut take: impl FnMut(Argument<'a>) -> Option<()>,
+) -> Option<&'a str> {
+    let (address, rest) = string(message)?;
+    let (tags, mut rest) = string(rest)?;
+    for tag in tags.strip_prefix(',')?.chars() {
+        take(match tag {
+            'i' | 'f' => {
+                let (bits, after) = rest.split_first_chunk()?;
+                rest = after;
+                let bits = u32::from_be_bytes(*bits);
+                match tag {
+                    'i' => Argument::Int(bits.cast_signed()),
+                    _ => Argument::Float(f32::from_bits(bits)),
+                }
+            }
+            's' => {
+                let (text, after) = string(rest)?;
+                rest = after;
+                Argument::Text(text)
+            }
+            // Truth has no bytes.
+            'T' | 'F' => Argument::Bool(tag == 'T'),
+            _ => return None,
+        })?;
+    }
+    rest.is_empty().then_some(address)
 }
 
 #[cfg(test)]

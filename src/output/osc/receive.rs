@@ -4,21 +4,13 @@
 //! other arguments, names an impossible slot or unit, or contains a non-finite number is counted and otherwise ignored.
 //! Weights without names (style `vector`) wait for the schema, which is sent every five seconds.
 
-use super::packet::{messages, string};
+use super::packet::{Argument as Value, messages, parse};
 use crate::base::capacity::USERS;
 use crate::output::is_name;
 use crate::output::received::{Listener, Sample, UnitRange};
 
 /// Units a schema may name.
 const MOST_UNITS: usize = 256;
-
-/// An argument of a message.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Value<'a> {
-    Int(i32),
-    Float(f32),
-    Text(&'a str),
-}
 
 /// The state of the stream so far.
 #[derive(Default)]
@@ -60,9 +52,14 @@ impl Receiver {
     }
 
     fn message(&mut self, bytes: &[u8], to: &dyn Listener) -> Option<()> {
-        let (address, rest) = string(bytes)?;
-        let (tags, rest) = string(rest)?;
-        let values = values(tags.strip_prefix(',')?, rest)?;
+        let mut values = Vec::new();
+        let address = parse(bytes, |value| {
+            values.push(match value {
+                Value::Bool(truth) => Value::Int(truth.into()),
+                other => other,
+            });
+            Some(())
+        })?;
         let words: Vec<&str> = address.strip_prefix('/')?.split('/').collect();
         match (&words[..], &values[..]) {
             ([.., "schema"], [Value::Int(_), names @ ..]) => {
@@ -201,32 +198,6 @@ impl Receiver {
 
 fn slot(word: &str) -> Option<usize> {
     word.parse().ok().filter(|&slot| slot < USERS)
-}
-
-fn values<'a>(tags: &str, mut rest: &'a [u8]) -> Option<Vec<Value<'a>>> {
-    let mut out = Vec::new();
-    for tag in tags.chars() {
-        out.push(match tag {
-            'i' | 'f' => {
-                let (number, after) = rest.split_first_chunk::<4>()?;
-                rest = after;
-                if tag == 'i' {
-                    Value::Int(i32::from_be_bytes(*number))
-                } else {
-                    Value::Float(f32::from_be_bytes(*number))
-                }
-            }
-            's' => {
-                let (text, after) = string(rest)?;
-                rest = after;
-                Value::Text(text)
-            }
-            'T' => Value::Int(1),
-            'F' => Value::Int(0),
-            _ => return None,
-        });
-    }
-    rest.is_empty().then_some(out)
 }
 
 /// All values as finite floats.

@@ -119,10 +119,8 @@ impl Vmc {
             let ok = [1, state, mode, tracked.into()].map(Argument::Int);
             wire.message(format_args!("/OK"), ok);
             wire.message(format_args!("/T"), [Argument::Float(self.seconds)]);
-            wire.message(
-                format_args!("/Root/Pos"),
-                placed("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]),
-            );
+            let root = placed("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+            wire.message(format_args!("/Root/Pos"), root);
         }
         let pose = sensor_from_head.map(|pose| self.view.pose(pose));
         let pose = pose.map(|pose| (pose.translation.vector, pose.rotation.coords));
@@ -157,10 +155,7 @@ impl Vmc {
 /// Rotation of an eye in its head, x, y, z, w: gaze of 0…1 to the subject's left and up, 30° at full weight as in Live Link.
 fn eye_turn(gaze: [f32; 2]) -> [f32; 4] {
     let [yaw, pitch] = gaze.map(|share| -0.5 * share * core::f32::consts::FRAC_PI_6);
-    let ((sy, cy), (sx, cx)) = (
-        num_traits::Float::sin_cos(yaw),
-        num_traits::Float::sin_cos(pitch),
-    );
+    let ((sy, cy), (sx, cx)) = (yaw.sin_cos(), pitch.sin_cos());
     [cy * sx, sy * cx, -sy * sx, cy * cx]
 }
 
@@ -185,8 +180,7 @@ impl Output for Vmc {
     }
 
     fn tally(&self) -> Tally {
-        let not_numbers = self.face.weights.not_numbers();
-        self.wire.to.tally("vmc", not_numbers)
+        self.wire.to.tally("vmc", self.face.weights.not_numbers)
     }
 }
 

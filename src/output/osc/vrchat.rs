@@ -189,8 +189,7 @@ impl Output for VrChat {
     }
 
     fn tally(&self) -> Tally {
-        let not_numbers = self.face.weights.not_numbers();
-        self.wire.to.tally("vrchat", not_numbers)
+        self.wire.to.tally("vrchat", self.face.weights.not_numbers)
     }
 }
 

@@ -24,6 +24,7 @@ pub type Targets = Box<[Box<dyn Datagrams>]>;
 const LONGEST_PREFIX: usize = 64;
 
 /// The receivers, and what was sent to them.
+#[derive(Default)]
 pub(in crate::output) struct Sender {
     targets: Targets,
     sent: u64,
@@ -35,8 +36,7 @@ impl From<Targets> for Sender {
     fn from(targets: Targets) -> Self {
         Self {
             targets,
-            sent: 0,
-            dropped: 0,
+            ..Self::default()
         }
     }
 }

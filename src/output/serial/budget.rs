@@ -56,18 +56,14 @@ pub(super) fn plan(
         let rate_hz = (left / frame as f32).clamp(0.0, FRAMES_HZ);
         let enough = rate_hz >= min_rate_hz && frame <= longest;
         let least = (0..wanted.len()).max_by_key(|&at| (rank(wanted[at]), at));
-        match least {
-            Some(least) if !enough && wanted.len() > 1 => {
-                wanted.remove(least);
-            }
-            _ => {
-                return Plan {
-                    units: wanted,
-                    rate_hz,
-                    frame_bytes: frame,
-                };
-            }
-        }
+        let Some(least) = least.filter(|_| !enough && wanted.len() > 1) else {
+            return Plan {
+                units: wanted,
+                rate_hz,
+                frame_bytes: frame,
+            };
+        };
+        wanted.remove(least);
     }
 }
 

@@ -1,4 +1,4 @@
-//! The thread between the pipeline and a serial port.
+//! The serial line as an output: an encoder, and the thread between it and a port.
 //!
 //! `/dev/ttyUSB0` may be another adapter tomorrow. So when a port is first opened, the system's stable name for that device
 //! (a link in `/dev/serial/by-id`) is looked up, and from then on only that is opened.
@@ -11,11 +11,12 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::budget;
+use super::budget::{self, Plan};
+use super::encoder::Encoder;
 use super::line::Line;
 use super::settings::{Settings, Style};
-use crate::output::OutputError;
-use crate::output::limits::BackOff;
+use crate::output::limits::{self, BackOff};
+use crate::output::{Output, OutputError, Report, Tally};
 
 /// Interval at which the names of the units are repeated.
 const HEADER_PERIOD: Duration = Duration::from_secs(budget::HEADER_PERIOD_S as u64);
@@ -34,14 +35,14 @@ const STUCK_AT_THE_END: Duration = Duration::from_millis(200);
 
 /// What the pipeline and the thread share.
 #[derive(Default)]
-pub(super) struct Shared {
+struct Shared {
     waiting: Mutex<Waiting>,
     /// Wakes the thread.
     changed: Condvar,
     /// Frames written.
-    pub(super) sent: AtomicU64,
+    sent: AtomicU64,
     /// Frames replaced by a newer one before the port accepted them, and gestures without room.
-    pub(super) dropped: AtomicU64,
+    dropped: AtomicU64,
 }
 
 #[derive(Default)]
@@ -59,7 +60,7 @@ impl Shared {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(super) fn put(&self, line: &Line) {
+    fn put(&self, line: &Line) {
         let mut waiting = self.lock();
         if !waiting.line.bytes().is_empty() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -71,20 +72,11 @@ impl Shared {
 
     /// A gesture's line, which no newer frame replaces; without room it is dropped and counted, and repeated in time.
     #[cfg(feature = "wires")]
-    pub(super) fn put_switch(&self, write: impl FnOnce(&mut Line) -> std::fmt::Result) {
+    fn put_switch(&self, write: impl FnOnce(&mut Line) -> std::fmt::Result) {
         if !self.lock().switches.all_or_nothing(write) {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
         self.changed.notify_one();
-    }
-
-    pub(super) fn stop(&self) {
-        self.lock().stop = true;
-        self.changed.notify_one();
-    }
-
-    pub(super) fn is_open(&self) -> bool {
-        self.lock().is_open
     }
 
     /// Waits at most `time`, or until told to stop; returns whether it was.
@@ -113,7 +105,7 @@ impl Shared {
 }
 
 /// Starts the thread.
-pub(super) fn feed(
+fn feed(
     settings: &Settings,
     header: Line,
     shared: Arc<Shared>,
@@ -259,6 +251,105 @@ impl Writer<'_> {
         }
         std::thread::sleep(Duration::from_secs_f32(line_s).saturating_sub(start.elapsed()));
         Ok(())
+    }
+}
+
+/// A sender of weights, one face at a time.
+pub struct Serial {
+    encoder: Encoder,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Serial {
+    /// Starts feeding the port. `units` are the names in the order of the weights.
+    ///
+    /// # Errors
+    /// If an unknown unit is requested, the names do not fit a line, or no thread can be started. Not if the port is absent.
+    pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let (encoder, plan) = Encoder::planned(settings, units)?;
+        tell(settings, units, &plan);
+        let shared = Arc::<Shared>::default();
+        let thread = feed(settings, encoder.header(), Arc::clone(&shared))?;
+        Ok(Self {
+            encoder,
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// Output names of the units sent.
+    #[must_use]
+    pub fn units(&self) -> &[String] {
+        self.encoder.units()
+    }
+}
+
+/// Logs what the line cannot carry.
+fn tell(settings: &Settings, units: &[&str], plan: &Plan) {
+    let Settings { port, baud, .. } = settings;
+    let wanted = |unit: &str| {
+        settings.units.is_empty() || settings.units.iter().any(|listed| listed == unit)
+    };
+    let left_out: Vec<&str> = (0..units.len())
+        .filter(|unit| wanted(units[*unit]) && !plan.units.contains(unit))
+        .map(|unit| settings.view.name(units[unit]))
+        .collect();
+    if !left_out.is_empty() {
+        tracing::warn!(
+            "serial port {port} carries {} of {} units at {baud} bit/s, omitting {}",
+            plan.units.len(),
+            plan.units.len() + left_out.len(),
+            left_out.join(" ")
+        );
+    }
+    if plan.rate_hz < budget::FRAMES_HZ {
+        tracing::warn!(
+            "serial port {port} carries {:.1} frames per second of up to {} bytes at {baud} bit/s, always the newest; the sensor delivers {}",
+            plan.rate_hz,
+            plan.frame_bytes,
+            budget::FRAMES_HZ
+        );
+    }
+}
+
+impl Output for Serial {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        if let Some(line) = self.encoder.encode(report) {
+            self.shared.put(line);
+        }
+        Ok(())
+    }
+
+    #[cfg(feature = "wires")]
+    fn switch(&mut self, switch: &crate::output::gesture::Switch<'_>) {
+        if crate::output::gesture::ENABLED {
+            let shared = &self.shared;
+            shared.put_switch(|line| super::encoder::switch(self.encoder.style, switch, line));
+        }
+    }
+
+    fn tally(&self) -> Tally {
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        Tally {
+            sent: of(&self.shared.sent),
+            dropped: of(&self.shared.dropped),
+            connected: self.shared.lock().is_open,
+            not_numbers: self.encoder.face.weights.not_numbers,
+            ..Tally::of("serial")
+        }
+    }
+}
+
+impl Drop for Serial {
+    /// Sends neutral and absent, as far as the port accepts it within half a second.
+    fn drop(&mut self) {
+        self.shared.put(self.encoder.neutral());
+        self.shared.lock().stop = true;
+        self.shared.changed.notify_one();
+        if let Some(thread) = self.thread.take() {
+            limits::wait_for(thread);
+        }
     }
 }
 

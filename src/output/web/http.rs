@@ -52,10 +52,8 @@ impl<'a> Request<'a> {
     /// # Errors
     /// 400 if there are several.
     pub(super) fn header(&self, name: &str) -> Result<Option<&'a str>, u16> {
-        let mut all = self
-            .headers
-            .iter()
-            .filter(|header| header.name.eq_ignore_ascii_case(name));
+        let is_it = |header: &&httparse::Header| header.name.eq_ignore_ascii_case(name);
+        let mut all = self.headers.iter().filter(is_it);
         let value = all.next().map(|header| std::str::from_utf8(header.value));
         if all.next().is_some() {
             return Err(400);
@@ -117,14 +115,9 @@ pub(super) fn frame(bytes: &[u8]) -> Option<(Sent, usize)> {
     let sent = match first & 0x0f {
         0 | 1 | 2 | 10 => Sent::Other,
         9 => {
-            let mask = &bytes[at..at + 4];
-            Sent::Ping(
-                masked
-                    .iter()
-                    .zip(mask.iter().cycle())
-                    .map(|(byte, mask)| byte ^ mask)
-                    .collect(),
-            )
+            let mask = bytes[at..at + 4].iter().cycle();
+            let plain = masked.iter().zip(mask).map(|(byte, mask)| byte ^ mask);
+            Sent::Ping(plain.collect())
         }
         _ => Sent::Close,
     };

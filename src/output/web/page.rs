@@ -25,10 +25,9 @@ use super::server::{Answer, PLAIN, Service, address, serve};
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
 use crate::expression::unit_words;
-use crate::output::board::{Front, Weight};
+use crate::output::board::{Board, Front, Weight};
 use crate::output::features::{PageSettings, password};
 use crate::output::gesture::Gesture;
-use crate::output::worker::Board;
 use crate::output::{Command, OutputError, identity};
 
 const PAGE: &str = include_str!("page.html");
@@ -275,7 +274,7 @@ pub fn open(
     let password = password(&settings.password_file)?;
     if password.as_ref().is_some_and(|word| !is_password(word)) {
         let problem = "its first line is not 8 to 64 printable ASCII characters";
-        let problem = std::io::Error::new(std::io::ErrorKind::InvalidData, problem);
+        let problem = std::io::Error::other(problem);
         let path = settings.password_file.clone();
         return Err(OutputError::Password(path, problem));
     }

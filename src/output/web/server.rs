@@ -16,8 +16,8 @@ use nix::poll::{PollFd, PollFlags, poll};
 
 use super::http::{REQUEST, Request, Sent, frame, header};
 use crate::base::capacity::WEB_CONNECTIONS as SLOTS;
+use crate::output::board::{Bell, Board, Shared, count};
 use crate::output::limits::BackOff;
-use crate::output::worker::{Bell, Board, Shared, count};
 use crate::output::{Command, OutputError};
 
 /// Event streams at once: the places left answer requests.
@@ -343,13 +343,10 @@ impl<S: Service> Server<S> {
             if !self.service.next_message(board, &mut self.body) {
                 return;
             }
+            let shared = &self.shared;
             for place in pages(&mut self.places) {
                 let sent = place.send(1, self.body.as_bytes());
-                count(if sent {
-                    &self.shared.sent
-                } else {
-                    &self.shared.dropped
-                });
+                count(if sent { &shared.sent } else { &shared.dropped });
             }
         }
     }

@@ -14,9 +14,8 @@ use super::http::Request;
 use super::server::{Answer, Service, address, serve};
 use crate::base::json::Quoted;
 use crate::output::OutputError;
-use crate::output::board::{Front, Weight};
+use crate::output::board::{Board, Front, Shot, Weight};
 use crate::output::features::WebSocketSettings;
-use crate::output::worker::{Board, Shot};
 
 /// Bytes of a message, with room for the longest names.
 const MESSAGE: usize = 4096;

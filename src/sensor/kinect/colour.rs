@@ -123,12 +123,9 @@ fn demosaic<const N: usize>(
     rows[0].load(bayer, 0);
     rows[2].load(bayer, 1);
     for row in 0..HEIGHT {
-        let next = if row + 1 < HEIGHT {
-            row + 1
-        } else {
-            HEIGHT - 2
-        };
-        rows[(row + 1) % 3].load(bayer, next);
+        let next = row + 1;
+        let shown = if next < HEIGHT { next } else { HEIGHT - 2 };
+        rows[next % 3].load(bayer, shown);
         let [above, here, below] = [row + 2, row, row + 1].map(|row| &rows[row % 3]);
         if row % 2 == 0 {
             demosaic_row::<N, true>(above, here, below, &mut pairs, put);

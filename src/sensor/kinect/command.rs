@@ -97,22 +97,12 @@ pub enum BadReply {
     /// Answers another command.
     #[error("it replies to command 0x{0:02x}")]
     Command(u16),
-    /// Answers another question.
-    #[error("it carries tag {found}, expected {expected}")]
-    Tag {
-        /// Tag sent.
-        expected: u16,
-        /// Tag found.
-        found: u16,
-    },
-    /// Not as long as its header says, or too short for one or for what was asked for.
-    #[error("it has {found} bytes, expected {expected}")]
-    Length {
-        /// Bytes that it should have.
-        expected: usize,
-        /// Bytes there.
-        found: usize,
-    },
+    /// Answers another question: the tag found and the one sent.
+    #[error("it carries tag {0}, expected {1}")]
+    Tag(u16, u16),
+    /// Not as long as its header says, or too short for one or for what was asked for: bytes found and expected.
+    #[error("it has {0} bytes, expected {1}")]
+    Length(usize, usize),
 }
 
 fn word(bytes: &[u8], at: usize) -> u16 {
@@ -140,10 +130,7 @@ pub fn emit_command(command: Command, tag: u16, words: &[u16], out: &mut Vec<u8>
 /// It is not that reply.
 pub fn parse_reply(bytes: &[u8], command: Command, tag: u16) -> Result<&[u8], BadReply> {
     if bytes.len() < HEADER {
-        return Err(BadReply::Length {
-            expected: HEADER,
-            found: bytes.len(),
-        });
+        return Err(BadReply::Length(bytes.len(), HEADER));
     }
     let body = &bytes[HEADER..];
     if bytes[..2] != FROM_CAMERA {
@@ -153,17 +140,11 @@ pub fn parse_reply(bytes: &[u8], command: Command, tag: u16) -> Result<&[u8], Ba
         return Err(BadReply::Command(word(bytes, 4)));
     }
     if word(bytes, 6) != tag {
-        return Err(BadReply::Tag {
-            expected: tag,
-            found: word(bytes, 6),
-        });
+        return Err(BadReply::Tag(word(bytes, 6), tag));
     }
     let expected = HEADER + usize::from(word(bytes, 2)) * 2;
     if bytes.len() != expected {
-        return Err(BadReply::Length {
-            expected,
-            found: bytes.len(),
-        });
+        return Err(BadReply::Length(bytes.len(), expected));
     }
     Ok(body)
 }
@@ -212,15 +193,9 @@ mod tests {
             parse_reply(&reply, Command::SetParameter, 0x1267).unwrap_err()
         };
         assert!(matches!(check(0, 0), BadReply::Magic(_)));
-        assert!(matches!(
-            check(2, 2),
-            BadReply::Length {
-                expected: 12,
-                found: 10
-            }
-        ));
+        assert!(matches!(check(2, 2), BadReply::Length(10, 12)));
         assert!(matches!(check(4, 2), BadReply::Command(2)));
-        assert!(matches!(check(6, 0), BadReply::Tag { .. }));
+        assert!(matches!(check(6, 0), BadReply::Tag(..)));
     }
 
     #[test]

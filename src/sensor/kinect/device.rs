@@ -153,18 +153,11 @@ pub enum DeviceError {
         "the Kinect is connected at {0}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port on the computer itself, with a good cable"
     )]
     Slow(&'static str),
-    /// The chosen alternate setting lacks an isochronous endpoint.
+    /// The model's alternate setting in force (the last number) lacks an isochronous endpoint.
     #[error(
-        "the {model} has no isochronous endpoint 0x{endpoint:02x} in alternate setting {alternate}; unplug it, wait a second and plug it in again"
+        "the {0} has no isochronous endpoint 0x{1:02x} in alternate setting {2}; unplug it, wait a second and plug it in again"
     )]
-    NoEndpoint {
-        /// The model found.
-        model: Model,
-        /// Endpoint that is missing.
-        endpoint: u8,
-        /// Alternate setting in force.
-        alternate: u8,
-    },
+    NoEndpoint(Model, u8, u8),
     /// The kernel offers no USB to programs.
     #[error(
         "no USB devices visible to programs (/dev/bus/usb is missing); load the kernel's USB driver or, in a container, pass /dev/bus/usb through"

@@ -28,7 +28,6 @@ use super::stream::{Assembler, Tally};
 use super::unpack::unpack_depth;
 
 mod exchange;
-mod motion;
 
 defaults! {
     /// What can be chosen.
@@ -79,18 +78,11 @@ pub enum KinectError {
         "the Kinect's reply to command 0x{0:02x} is wrong: {1}; unplug it and plug it in again"
     )]
     BadReply(u16, BadReply),
-    /// The camera answered with an error.
+    /// The camera answered a command, for a register or block, with an error: its status.
     #[error(
-        "the Kinect refused command 0x{command:02x} for 0x{register:03x} with status {status}; unplug it and plug it in again"
+        "the Kinect refused command 0x{0:02x} for 0x{1:03x} with status {2}; unplug it and plug it in again"
     )]
-    Refused {
-        /// Number of the command.
-        command: u16,
-        /// Register or block.
-        register: u16,
-        /// Its status.
-        status: u16,
-    },
+    Refused(u16, u16, u16),
     /// The calibration is not a Kinect's.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
@@ -176,16 +168,6 @@ impl<S: PacketSource> Kinect<S> {
         Ok(kinect)
     }
 
-    /// Which sensor it is.
-    pub fn model(&self) -> Model {
-        self.source.model()
-    }
-
-    /// Serial of the unit.
-    pub fn serial(&self) -> &str {
-        self.source.serial()
-    }
-
     /// Calibration of this unit.
     pub const fn registration(&self) -> &Registration {
         &self.registration
@@ -213,7 +195,7 @@ impl<S: PacketSource> Kinect<S> {
     fn switch_on(&mut self) -> Result<(), KinectError> {
         self.set(register::COLOUR_STREAM, 0)?;
         self.set(register::DEPTH_STREAM, 0)?;
-        if self.model() == Model::Windows1517 {
+        if self.source.model() == Model::Windows1517 {
             let (gain, companion) = if self.settings.near_mode {
                 (0x07, 0)
             } else {

@@ -248,16 +248,14 @@ fn stream<S: PacketSource>(
     pictures: &mut u64,
 ) -> Result<(), KinectError> {
     let mut inner = shared.lock();
-    inner.status.sensor = Some((kinect.model(), kinect.serial().to_owned()));
+    let source = &kinect.source;
+    inner.status.sensor = Some((source.model(), source.serial().to_owned()));
     inner.status.openings += 1;
     inner.registration = kinect.registration().clone();
     drop(inner);
     let result = deliver(shared, &mut kinect, *pictures);
-    let light = if result.is_ok() {
-        Light::Off
-    } else {
-        Light::Red
-    };
+    let failed = result.is_err();
+    let light = if failed { Light::Red } else { Light::Off };
     if let Err(problem) = kinect.set_light(light) {
         tracing::debug!("LED: {problem}");
     }
@@ -294,7 +292,7 @@ fn deliver<S: PacketSource>(
     former: u64,
 ) -> Result<(), KinectError> {
     kinect.start()?;
-    let (model, serial) = (kinect.model(), kinect.serial());
+    let (model, serial) = (kinect.source.model(), kinect.source.serial());
     tracing::info!("streaming from {model}, serial {serial}");
     let mut shown = None;
     loop {

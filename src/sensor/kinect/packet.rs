@@ -46,17 +46,6 @@ pub struct Header {
     pub ticks: u32,
 }
 
-/// Why bytes are not a packet of a stream.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NotAPacket {
-    /// No room for a header.
-    #[error("{0} bytes, a packet has at least 12")]
-    Short(usize),
-    /// Wrong magic or flag: not the start of a packet, or not of this stream.
-    #[error("no packet header of this stream")]
-    Damaged,
-}
-
 const fn stream_nibble(stream: Stream) -> u8 {
     match stream {
         Stream::Depth => 0x70,
@@ -65,30 +54,24 @@ const fn stream_nibble(stream: Stream) -> u8 {
 }
 
 impl Header {
-    /// Reads the header of a packet that came on `stream`; the payload follows at byte [`HEADER`].
-    ///
-    /// # Errors
-    /// Too short, or not a header of that stream.
-    pub fn parse(bytes: &[u8], stream: Stream) -> Result<Self, NotAPacket> {
-        let Some(header) = bytes.first_chunk::<HEADER>() else {
-            return Err(NotAPacket::Short(bytes.len()));
-        };
-        let [m0, m1, _, flag, _, sequence, _, _, ticks @ ..] = *header;
+    /// Reads the header of a packet that came on `stream`; the payload follows at byte [`HEADER`]. `None` if it is too short for
+    /// one, or begins with another magic or a flag that is none of this stream.
+    #[must_use]
+    pub fn parse(bytes: &[u8], stream: Stream) -> Option<Self> {
+        let [m0, m1, _, flag, _, sequence, _, _, ticks @ ..] = *bytes.first_chunk::<HEADER>()?;
         let place = match flag ^ stream_nibble(stream) {
             1 => Place::First,
             2 => Place::Middle,
             5 => Place::Last,
-            _ => return Err(NotAPacket::Damaged),
+            _ => return None,
         };
-        if [m0, m1] != MAGIC {
-            return Err(NotAPacket::Damaged);
-        }
-        Ok(Self {
+        let header = Self {
             stream,
             place,
             sequence,
             ticks: u32::from_le_bytes(ticks),
-        })
+        };
+        ([m0, m1] == MAGIC).then_some(header)
     }
 
     /// The header of a packet whose payload has `payload` bytes.
@@ -120,15 +103,9 @@ mod tests {
         // 0x0478 is what old captures show in the last depth packet.
         let bytes = [b'R', b'B', 0, 0x75, 0, 0xfe, 4, 0x78, 1, 2, 3, 4];
         assert_eq!(header.emit(1132), bytes);
-        assert_eq!(Header::parse(&bytes, Stream::Depth), Ok(header));
-        assert_eq!(
-            Header::parse(&bytes, Stream::Colour),
-            Err(NotAPacket::Damaged)
-        );
-        assert_eq!(
-            Header::parse(&bytes[..11], Stream::Depth),
-            Err(NotAPacket::Short(11))
-        );
+        assert_eq!(Header::parse(&bytes, Stream::Depth), Some(header));
+        assert_eq!(Header::parse(&bytes, Stream::Colour), None);
+        assert_eq!(Header::parse(&bytes[..11], Stream::Depth), None);
     }
 
     #[test]
@@ -144,13 +121,13 @@ mod tests {
             };
             assert_eq!(
                 Header::parse(&header.emit(random.usize(..3000)), stream),
-                Ok(header)
+                Some(header)
             );
             let mut noise = [0; 16];
             random.fill(&mut noise);
             let noise = &noise[..random.usize(..=16)];
-            if let Ok(header) = Header::parse(noise, stream) {
-                assert_eq!(Header::parse(&header.emit(0), stream), Ok(header));
+            if let Some(header) = Header::parse(noise, stream) {
+                assert_eq!(Header::parse(&header.emit(0), stream), Some(header));
             }
         }
     }

@@ -115,7 +115,7 @@ impl Recording {
     /// Frames skipped so far because a file of theirs is damaged or missing.
     #[must_use]
     pub fn skipped(&self) -> u64 {
-        self.skipped.count()
+        self.skipped.0
     }
 
     /// Plays on from the depth picture of this number, as [`crate::sensor::Frame::index`] counts.

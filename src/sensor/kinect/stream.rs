@@ -9,7 +9,7 @@
 //! lost packets longer than 255 is counted modulo 256; damage inside the payload is visible only if the bus reports it.
 
 use super::device::Stream;
-use super::packet::{HEADER, Header, NotAPacket, Place};
+use super::packet::{HEADER, Header, Place};
 use super::unpack::PACKED_DEPTH;
 use crate::base::capacity::PIXELS;
 #[cfg(not(feature = "std"))]
@@ -149,16 +149,14 @@ impl Assembler {
         if bytes.is_empty() {
             return None;
         }
-        let header = match Header::parse(bytes, self.stream) {
-            Ok(header) => header,
-            Err(problem) => {
-                match problem {
-                    NotAPacket::Short(_) => self.tally.wrong_length += 1,
-                    NotAPacket::Damaged => self.tally.damaged += 1,
-                }
-                self.unreadable = self.unreadable.saturating_add(1);
-                return None;
+        let Some(header) = Header::parse(bytes, self.stream) else {
+            if bytes.len() < HEADER {
+                self.tally.wrong_length += 1;
+            } else {
+                self.tally.damaged += 1;
             }
+            self.unreadable = self.unreadable.saturating_add(1);
+            return None;
         };
         if self.previous == Some(header) {
             self.tally.repeated += 1;

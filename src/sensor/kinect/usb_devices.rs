@@ -12,11 +12,6 @@ use rusb::{Context, Device, DeviceHandle, Speed, UsbContext};
 
 use super::device::{DeviceError, Model, Stream};
 
-mod meaning;
-
-use meaning::opening;
-pub(super) use meaning::plain;
-
 const MOTOR: u16 = 0x02b0;
 const AUDIO: [u16; 4] = [0x02ad, 0x02be, 0x02c3, 0x02bb];
 /// The hub of the later models.
@@ -297,14 +292,8 @@ impl Bus {
         let (bus, address) = (device.bus_number(), device.address());
         let handle = claimed(device).map_err(|problem| opening(problem, bus, address))?;
         let alternate = fit(device, model)?;
-        if alternate != 0 {
-            handle
-                .set_alternate_setting(0, alternate)
-                .map_err(|_| DeviceError::NoEndpoint {
-                    model,
-                    endpoint: Stream::Depth.endpoint(),
-                    alternate: 0,
-                })?;
+        if alternate != 0 && handle.set_alternate_setting(0, alternate).is_err() {
+            return Err(DeviceError::NoEndpoint(model, Stream::Depth.endpoint(), 0));
         }
         Ok(handle)
     }
@@ -332,11 +321,11 @@ fn fit(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
         .filter(|setting| (Stream::BOTH.iter()).all(|stream| carries(setting, *stream)))
         .map(|setting| setting.setting_number())
         .min_by_key(|&setting| (setting != usual, setting))
-        .ok_or(DeviceError::NoEndpoint {
+        .ok_or(DeviceError::NoEndpoint(
             model,
-            endpoint: Stream::Depth.endpoint(),
-            alternate: usual,
-        })
+            Stream::Depth.endpoint(),
+            usual,
+        ))
 }
 
 /// Bus and ports, which name the socket a unit without a readable serial sits in.
@@ -372,3 +361,23 @@ const fn speed(speed: Speed) -> &'static str {
 
 /// Longest a request on endpoint 0 or a bulk message may take.
 pub(super) const REQUEST: Duration = Duration::from_millis(500);
+
+/// What a failure to open or claim means.
+fn opening(problem: rusb::Error, bus: u8, address: u8) -> DeviceError {
+    match problem {
+        rusb::Error::Access => DeviceError::Access(bus, address),
+        rusb::Error::Busy => DeviceError::Busy(bus, address),
+        rusb::Error::NotFound => DeviceError::NotConfigured(bus, address),
+        other => plain(other),
+    }
+}
+
+/// What a failed transfer means.
+pub(super) fn plain(problem: rusb::Error) -> DeviceError {
+    match problem {
+        rusb::Error::NoDevice => DeviceError::Gone,
+        rusb::Error::Pipe => DeviceError::Stall,
+        rusb::Error::Timeout => DeviceError::TimedOut,
+        other => DeviceError::Other(other.to_string()),
+    }
+}

@@ -28,23 +28,17 @@ pub enum Part {
 }
 
 impl Part {
+    /// All, by their numbers.
+    pub const ALL: [Self; 6] = [
+        Self::Skin,
+        Self::MouthSocket,
+        Self::Gums,
+        Self::Teeth,
+        Self::Eye,
+        Self::EyeSocket,
+    ];
     /// Number of parts.
-    pub const COUNT: usize = 6;
-
-    /// Part of a stored number.
-    #[must_use]
-    pub fn from_index(index: u8) -> Option<Self> {
-        [
-            Self::Skin,
-            Self::MouthSocket,
-            Self::Gums,
-            Self::Teeth,
-            Self::Eye,
-            Self::EyeSocket,
-        ]
-        .get(usize::from(index))
-        .copied()
-    }
+    pub const COUNT: usize = Self::ALL.len();
 }
 
 /// Differences to the neutral of the vertices that an expression moves.
@@ -224,11 +218,8 @@ impl HeadAsset {
     /// The 68 points on a deformed mesh.
     #[must_use]
     pub fn landmarks_on(&self, vertices: &[Point]) -> [Point; LANDMARKS] {
-        std::array::from_fn(|k| {
-            self.landmarks
-                .get(k)
-                .map_or(Point::origin(), |site| site.on(vertices))
-        })
+        let on = |k: usize| Some(self.landmarks.get(k)?.on(vertices));
+        std::array::from_fn(|k| on(k).unwrap_or_default())
     }
 }
 

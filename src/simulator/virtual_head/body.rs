@@ -132,21 +132,11 @@ impl Shape {
     /// The room: a wall at `wall` metres, and in front of it a chair's back and furniture if there are.
     pub(crate) fn room(wall: f32, chair: bool, furniture: bool, seed: u64) -> Self {
         let mut shape = Self::default();
-        shape.panel(
-            [0.0, 0.0, wall],
-            [wall * 0.9, wall * 0.7],
-            [90, 70],
-            [150.0, 155.0, 160.0],
-            seed,
-        );
+        let (half, paint) = ([wall * 0.9, wall * 0.7], [150.0, 155.0, 160.0]);
+        shape.panel([0.0, 0.0, wall], half, [90, 70], paint, seed);
         if chair {
-            shape.panel(
-                [0.05, 0.42, 1.15],
-                [0.23, 0.30],
-                [12, 16],
-                [70.0, 60.0, 90.0],
-                seed + 9,
-            );
+            let (half, cloth) = ([0.23, 0.30], [70.0, 60.0, 90.0]);
+            shape.panel([0.05, 0.42, 1.15], half, [12, 16], cloth, seed + 9);
         }
         if furniture {
             shape.furniture();

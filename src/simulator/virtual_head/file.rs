@@ -34,16 +34,9 @@ pub enum HeadFileError {
         "expected a head file beginning with MIENHEAD version {VERSION}, found another kind of file; make one with mien-studio"
     )]
     NotAHead,
-    /// Damaged.
-    #[error(
-        "head file damaged: expected checksum {expected:08x}, found {found:08x}; fetch or make it again"
-    )]
-    Checksum {
-        /// In the file.
-        expected: u32,
-        /// Of the file.
-        found: u32,
-    },
+    /// Damaged: the checksum in the file, and that of the file.
+    #[error("head file damaged: expected checksum {0:08x}, found {1:08x}; fetch or make it again")]
+    Checksum(u32, u32),
     /// Cut short, or with something behind its end.
     #[error("head file has the wrong length at {0}; fetch or make it again")]
     Length(&'static str),
@@ -79,10 +72,8 @@ const MOST: i32 = 255;
 const BYTE: RangeInclusive<i32> = 0..=255;
 
 fn rough(difference: i32, steps: [i32; ROUGH - 1]) -> usize {
-    steps
-        .iter()
-        .filter(|&&step| difference.abs() > step)
-        .count()
+    let size = difference.abs();
+    steps.iter().filter(|&&step| size > step).count()
 }
 
 /// What the neighbours before and above say of a pixel's channel (LOCO-I; Weinberger, Seroussi & Sapiro 2000), and how
@@ -90,12 +81,8 @@ fn rough(difference: i32, steps: [i32; ROUGH - 1]) -> usize {
 fn predicted(rgb: &[i32], width: usize, at: usize, channel: usize) -> (i32, usize) {
     let (row, col) = (at / width, at % width);
     let value = |at: usize| {
-        let green = rgb[3 * at + 1];
-        if channel == 1 {
-            green
-        } else {
-            rgb[3 * at + channel] - green
-        }
+        let (value, green) = (rgb[3 * at + channel], rgb[3 * at + 1]);
+        if channel == 1 { green } else { value - green }
     };
     let left = if col > 0 { value(at - 1) } else { 0 };
     let above = if row > 0 { value(at - width) } else { left };
@@ -106,10 +93,8 @@ fn predicted(rgb: &[i32], width: usize, at: usize, channel: usize) -> (i32, usiz
     };
     let left = if col > 0 { left } else { above };
     let guess = (left + above - corner).clamp(left.min(above), left.max(above));
-    (
-        guess,
-        rough((left - corner).abs() + (above - corner).abs(), [2, 6, 16]),
-    )
+    let around = (left - corner).abs() + (above - corner).abs();
+    (guess, rough(around, [2, 6, 16]))
 }
 
 /// Order of the channels: green first, since the others lean on it.
@@ -228,7 +213,8 @@ impl<C: Coder> File<C> {
             }
             first = corners[0].cast_signed();
             kind = self.next(context::PART, *part as i32, kind, BYTE)?;
-            *part = Part::from_index(kind as u8).ok_or(HeadFileError::Value(self.what))?;
+            let known = Part::ALL.get(kind as usize).copied();
+            *part = known.ok_or(HeadFileError::Value(self.what))?;
         }
         asset.triangles = triangles.into();
         asset.parts = parts.into();
@@ -338,7 +324,7 @@ fn checked(bytes: &[u8]) -> Result<&[u8], HeadFileError> {
     }
     let (expected, found) = (word(12), crc32(body));
     if expected != found {
-        return Err(HeadFileError::Checksum { expected, found });
+        return Err(HeadFileError::Checksum(expected, found));
     }
     Ok(body)
 }
@@ -415,8 +401,7 @@ mod tests {
             }
             // The checksum says so; with a checksum to match, the counts and indices must.
             assert!(
-                bad == bytes
-                    || matches!(HeadAsset::parse(&bad), Err(HeadFileError::Checksum { .. }))
+                bad == bytes || matches!(HeadAsset::parse(&bad), Err(HeadFileError::Checksum(..)))
             );
             let sum = crc32(&bad[HEADER..]);
             bad[12..16].copy_from_slice(&sum.to_le_bytes());

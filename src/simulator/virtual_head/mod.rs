@@ -100,13 +100,8 @@ impl Simulator {
     pub fn new(asset: HeadAsset, scene: Scene, seed: u64) -> Self {
         let camera = crate::sensor::kinect::geometry::nominal();
         let light = Light::default();
-        let room = Shape::room(
-            WALL_M,
-            scene == Scene::Empty,
-            scene == Scene::Furnished,
-            seed,
-        );
-        let mut painter = ShapePainter::new(room);
+        let [chair, furniture] = [Scene::Empty, Scene::Furnished].map(|with| scene == with);
+        let mut painter = ShapePainter::new(Shape::room(WALL_M, chair, furniture, seed));
         let mut depth = DepthBuffer::new(WIDTH, HEIGHT);
         let mut canvas = Canvas::new(WIDTH, HEIGHT);
         painter.draw_depth(|p| camera.depth_pixel(p), &mut depth);
@@ -379,8 +374,9 @@ impl Simulator {
 
 /// The lens's softness: a 3 × 3 binomial over the window, through `scratch`.
 fn blur(rgb: &mut [[u8; 3]], window: Window, scratch: &mut [[u8; 3]]) {
-    let (left, right) = (window.left.max(1), window.right.min(WIDTH - 1));
-    let (top, bottom) = (window.top.max(1), window.bottom.min(HEIGHT - 1));
+    let Window(first, [right, bottom]) = window;
+    let [left, top] = first.map(|at| at.max(1));
+    let (right, bottom) = (right.min(WIDTH - 1), bottom.min(HEIGHT - 1));
     if left >= right || top >= bottom {
         return;
     }

@@ -76,6 +76,12 @@ pub(super) fn blurred(tile: &[f32]) -> Vec<f32> {
     (0..SIDE * SIDE).map(sum).collect()
 }
 
+/// A row of a picture.
+pub(super) fn line<T>(picture: &[T], row: usize) -> &[T; WIDTH] {
+    let rest = &picture[row * WIDTH..];
+    rest.first_chunk().expect("a row of the picture")
+}
+
 /// The depth camera's errors.
 pub(crate) struct DepthReading {
     /// Raw value = `raw_far` + `raw_per_inverse` / z.
@@ -106,13 +112,8 @@ impl DepthReading {
         let [o1, o2, o3, o4] = [1, 2, 3, 4].map(|k| (hash(seed, k) as usize) % SIDE);
         let mut dark = [false; WIDTH];
         for row in 0..HEIGHT {
-            let line = |row: usize| {
-                inverse[row * WIDTH..]
-                    .first_chunk::<WIDTH>()
-                    .expect("a row of the picture")
-            };
             let rows = [row.saturating_sub(1), row, (row + 1).min(HEIGHT - 1)];
-            let [above, here, below] = rows.map(line);
+            let [above, here, below] = rows.map(|row| line(inverse, row));
             self.shade(here, &mut dark);
             let jitter = Tiles::row(&tiles.white, row + o1);
             let wobble = Tiles::row(&tiles.smooth, row + o2);
@@ -128,12 +129,10 @@ impl DepthReading {
                 if slope > GRAZING_SLOPE {
                     // An edge: the window sees one side or the other.
                     let n = jitter[(col + o1) % SIDE];
-                    let source = if n > 0.7 {
-                        after
-                    } else if n < -0.7 {
-                        before
-                    } else {
-                        col
+                    let source = match n {
+                        n if n > 0.7 => after,
+                        n if n < -0.7 => before,
+                        _ => col,
                     };
                     value = here[source];
                     lit &= !dark[source];
@@ -177,9 +176,7 @@ pub(crate) fn expose(
     let [o5, o6] = [5, 6].map(|k| (hash(seed, k) as usize) % SIDE);
     for row in 0..HEIGHT {
         let noise = Tiles::row(&tiles.white, row + o5);
-        let colours = rgb[row * WIDTH..(row + 1) * WIDTH]
-            .first_chunk::<WIDTH>()
-            .expect("a row");
+        let colours = line(rgb, row);
         let out = &mut bayer[row * WIDTH..(row + 1) * WIDTH];
         let (even, odd) = if row % 2 == 0 { (1, 0) } else { (2, 1) };
         for (pair, col) in out.chunks_exact_mut(2).zip((0..WIDTH).step_by(2)) {

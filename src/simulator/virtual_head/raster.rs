@@ -54,35 +54,19 @@ pub(crate) fn sum_normals(
     }
 }
 
-/// Part of a picture that was drawn to: columns and rows, upper ends exclusive.
+/// Part of a picture that was drawn to: column and row of its first pixel, and one past those of its last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Window {
-    pub(crate) left: usize,
-    pub(crate) top: usize,
-    pub(crate) right: usize,
-    pub(crate) bottom: usize,
-}
+pub(crate) struct Window(pub(crate) [usize; 2], pub(crate) [usize; 2]);
 
 impl Window {
-    pub(crate) const NOTHING: Self = Self {
-        left: usize::MAX,
-        top: usize::MAX,
-        right: 0,
-        bottom: 0,
-    };
-
-    pub(crate) const ALL: Self = Self {
-        left: 0,
-        top: 0,
-        right: usize::MAX,
-        bottom: usize::MAX,
-    };
+    pub(crate) const NOTHING: Self = Self([usize::MAX; 2], [0; 2]);
+    pub(crate) const ALL: Self = Self([0; 2], [usize::MAX; 2]);
 
     pub(crate) fn include(&mut self, other: Self) {
-        self.left = self.left.min(other.left);
-        self.top = self.top.min(other.top);
-        self.right = self.right.max(other.right);
-        self.bottom = self.bottom.max(other.bottom);
+        for k in 0..2 {
+            self.0[k] = self.0[k].min(other.0[k]);
+            self.1[k] = self.1[k].max(other.1[k]);
+        }
     }
 }
 
@@ -169,12 +153,7 @@ impl DepthBuffer {
                 }
             }
         }
-        Window {
-            left,
-            top,
-            right,
-            bottom,
-        }
+        Window([left, top], [right, bottom])
     }
 }
 

@@ -21,7 +21,7 @@
 use super::appearance::Stuff;
 use super::noise::{
     BLANK_COLUMNS, DISPARITY_SIGMA, DepthReading, FARTHEST_RAW, GRAZING_SLOPE, GRAZING_SPAN,
-    NEAREST_RAW, SIDE, Tiles, blurred,
+    NEAREST_RAW, SIDE, Tiles, blurred, line,
 };
 use super::random::{hash, uniform};
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
@@ -158,9 +158,8 @@ impl RealReading {
         let step = STEP_RAW / -reading.raw_per_inverse;
         for row in 0..HEIGHT {
             let start = row * WIDTH;
-            let line = inverse[start..].first_chunk::<WIDTH>().expect("a row");
             let dark = self.dark[start..].first_chunk_mut().expect("a row");
-            reading.shade(line, dark);
+            reading.shade(line(inverse, row), dark);
             for col in 0..WIDTH {
                 let here = start + col;
                 let right = if col + 1 < WIDTH { here + 1 } else { here };

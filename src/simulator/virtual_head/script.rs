@@ -77,10 +77,8 @@ impl Scene {
     /// Scene of a name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        Self::NAMES
-            .iter()
-            .find(|(known, _)| *known == name)
-            .map(|&(_, scene)| scene)
+        let found = Self::NAMES.iter().find(|(known, _)| *known == name);
+        found.map(|&(_, scene)| scene)
     }
 
     /// How many people come up in it.
@@ -184,20 +182,13 @@ fn placed(angles: [f32; 3], [x, y, z]: [f32; 3]) -> Rigid {
 
 /// Where somebody stands who looks over the shoulder from behind, turned away by about 40°.
 pub(crate) fn bystander(seed: u64, t: f32) -> Rigid {
-    let side = if uniform(seed, 0x91) < 0.0 {
-        -1.0f32
-    } else {
-        1.0
-    };
+    let side = 1f32.copysign(uniform(seed, 0x91));
     let sway = |channel, period| wander(seed, channel, t, period);
     let yaw = side * 40.0 + 12.0 * sway(0x92, 3.3);
     let turn = rotation_from_yaw_pitch_roll(yaw.to_radians(), 0.05, 0.0);
-    let [x, y, z] = [
-        side * (0.34 + 0.04 * sway(0x93, 4.1)),
-        -0.12,
-        1.35 + 0.1 * sway(0x94, 5.3),
-    ];
-    Rigid::from_parts(nalgebra::Translation3::new(x, y, z), turn)
+    let x = side * (0.34 + 0.04 * sway(0x93, 4.1));
+    let z = 1.35 + 0.1 * sway(0x94, 5.3);
+    Rigid::from_parts(nalgebra::Translation3::new(x, -0.12, z), turn)
 }
 
 /// How the hand comes up in [`Scene::Hand`]: every so many seconds, for so long in turn.

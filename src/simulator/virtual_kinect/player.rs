@@ -2,7 +2,6 @@
 
 use core::time::Duration;
 
-use super::view::View;
 use crate::sensor::kinect::device::{Received, Stream};
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::sensor::kinect::packet::LONGEST;
@@ -70,10 +69,8 @@ impl<D: View> Player<D> {
         if self.began.is_none() && on != [true; 2] {
             return true;
         }
-        let total = self
-            .cutters
-            .each_ref()
-            .map(|cutter| cutter.layout.packets());
+        let cutters = self.cutters.each_ref();
+        let total = cutters.map(|cutter| cutter.layout.packets());
         loop {
             if self.began.is_none() && !self.next_frame() {
                 return false;
@@ -113,5 +110,17 @@ impl<D: View> Player<D> {
             let slips = now.saturating_sub(next) > SLIP;
             self.began = Some(if slips { now } else { next });
         }
+    }
+}
+
+/// What a virtual Kinect sees. Closures do: `FnMut(&mut KinectFrame) -> bool`.
+pub trait View {
+    /// Draws depth, Bayer and both stamps of the next frame; false when the scene has ended.
+    fn draw(&mut self, frame: &mut KinectFrame) -> bool;
+}
+
+impl<F: FnMut(&mut KinectFrame) -> bool> View for F {
+    fn draw(&mut self, frame: &mut KinectFrame) -> bool {
+        self(frame)
     }
 }

@@ -1,11 +1,13 @@
-//! Commands and their replies, bounded in time and tries; calibration, registers and image sensor on top of them.
+//! Commands and their replies, bounded in time and tries; calibration, registers and image sensor on top of them. LED and
+//! tilt: of the motor device, or through the audio device of the later models.
 
 use core::time::Duration;
 
 use super::{Kinect, KinectError};
 use crate::sensor::kinect::calibration::{Block, parse_block, parse_fixed};
 use crate::sensor::kinect::command::{self, BadReply, Command, image_sensor};
-use crate::sensor::kinect::device::{DeviceError, PacketSource, Request};
+use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Request};
+use crate::sensor::kinect::motor::{self, Light, audio};
 use crate::sensor::kinect::registration::Registration;
 
 /// Between two looks for a reply.
@@ -18,7 +20,7 @@ impl<S: PacketSource> Kinect<S> {
     pub(super) fn read_calibration(&mut self) -> Result<(), KinectError> {
         let mut registration = Registration::default();
         // The camera's own driver asks in this order: padding, optics, registration, shift.
-        let model = self.model();
+        let model = self.source.model();
         self.algorithm_block(Block::Padding, &mut registration)?;
         registration.zero_plane = self.exchange(Command::FixedParameters, &[0; 5], |body| {
             Ok(parse_fixed(body, model))
@@ -102,7 +104,7 @@ impl<S: PacketSource> Kinect<S> {
                     Err(problem) => {
                         failure = KinectError::BadReply(command as u16, problem);
                         // The reply to an older question: ours may still come.
-                        if !matches!(problem, BadReply::Tag { .. } | BadReply::Command(_)) {
+                        if !matches!(problem, BadReply::Tag(..) | BadReply::Command(_)) {
                             return Err(failure);
                         }
                     }
@@ -142,10 +144,7 @@ impl<S: PacketSource> Kinect<S> {
 }
 
 fn short(body: &[u8], expected: usize) -> BadReply {
-    BadReply::Length {
-        expected: command::HEADER + expected,
-        found: command::HEADER + body.len(),
-    }
+    BadReply::Length(command::HEADER + body.len(), command::HEADER + expected)
 }
 
 /// Status word and the rest of a reply's body.
@@ -160,9 +159,45 @@ fn refused_unless_zero(command: Command, register: u16, status: u16) -> Result<(
     if status == 0 {
         return Ok(());
     }
-    Err(KinectError::Refused {
-        command: command as u16,
-        register,
-        status,
-    })
+    Err(KinectError::Refused(command as u16, register, status))
+}
+
+impl<S: PacketSource> Kinect<S> {
+    /// Sets the LED.
+    ///
+    /// # Errors
+    /// This Kinect has no reachable motor device; the pictures go on.
+    pub fn set_light(&mut self, light: Light) -> Result<(), DeviceError> {
+        let value = light.values().0;
+        self.move_or_tell(motor::SET_LIGHT, value, |tag| audio::light(tag, light))
+    }
+
+    /// Tilts to `degrees` above the horizon, limited to ±31. Not more often than once a second.
+    ///
+    /// # Errors
+    /// This Kinect has no reachable motor device; the pictures go on.
+    pub fn tilt(&mut self, degrees: f32) -> Result<(), DeviceError> {
+        let value = motor::tilt_value(degrees);
+        self.move_or_tell(motor::SET_TILT, value, |tag| audio::tilt(tag, degrees))
+    }
+
+    /// Sends the motor device a request, or the audio device the `message` that does the same.
+    fn move_or_tell(
+        &mut self,
+        request: u8,
+        value: u16,
+        message: impl FnOnce(u32) -> Vec<u8>,
+    ) -> Result<(), DeviceError> {
+        if self.source.model() == Model::Xbox1414 {
+            self.source.request(Request::Motor(request, value))?;
+            return Ok(());
+        }
+        self.audio_tag = self.audio_tag.wrapping_add(1);
+        let message = message(self.audio_tag);
+        self.source.request(Request::Audio(&message))?;
+        let mut answer = [0; 512];
+        let n = self.source.request(Request::AudioAnswer(&mut answer))?;
+        let is_done = audio::is_done(&answer[..n.min(answer.len())], self.audio_tag);
+        is_done.then_some(()).ok_or(DeviceError::TimedOut)
+    }
 }

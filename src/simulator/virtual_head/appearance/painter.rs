@@ -93,11 +93,8 @@ impl OutfitPainter {
                     let [x, y] = [0, 1].map(|k| mix(knots.map(|knot| knot.weave[k]), u, v));
                     let fine = grain(x, y);
                     let gain = 1.0 + contrast * fine;
-                    let share = if kept {
-                        1.0
-                    } else {
-                        cover * (1.0 + 0.4 * fine)
-                    };
+                    let part = cover * (1.0 + 0.4 * fine);
+                    let share = if kept { 1.0 } else { part };
                     for (k, level) in rgb[index].iter_mut().enumerate() {
                         let behind = f32::from(*level);
                         let own = mix(lit.map(|lit| lit[k]), u, v) * gain;

@@ -33,10 +33,8 @@ impl Outfit {
     fn shelf(&mut self, chance: impl Fn(u64) -> f32, level: u64, [left, right]: [f32; 2], z: f32) {
         let foot = -0.75 + 0.42 * level as f32 + 0.32;
         let wood = Cloth::new(Stuff::Matt, [92.0, 70.0, 50.0], 0.0);
-        self.board(
-            [left, foot, right, -0.75 + 0.42 * level as f32 + 0.35, z],
-            &wood,
-        );
+        let below = -0.75 + 0.42 * level as f32 + 0.35;
+        self.board([left, foot, right, below, z], &wood);
         let mut x = left;
         let mut k = 0;
         while x < right - 0.08 {

@@ -350,11 +350,8 @@ impl Outfit {
 
     /// A chair's back up to the shoulders, and a headrest.
     fn chair(&mut self, look: &Look) {
-        let cloth = Cloth::new(
-            Stuff::Dark,
-            Self::thing_colour(look, 80).map(|c| 0.6 * c),
-            1.0,
-        );
+        let colour = Self::thing_colour(look, 80).map(|c| 0.6 * c);
+        let cloth = Cloth::new(Stuff::Dark, colour, 1.0);
         let back = 0.275 + 0.03 * share(look.seed, 85);
         self.ball([0.0, 0.52, back], [0.25, 0.34, 0.05], &cloth);
         self.ball([0.0, -0.01, back], [0.15, 0.085, 0.04], &cloth);
