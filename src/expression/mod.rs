@@ -159,10 +159,11 @@ impl Expression {
         self.learners.ranges()
     }
 
-    /// Deviations of all inputs of the readings from rest in the last frame, in units of the inner-eye-corner distance.
+    /// Deviations of all inputs of the readings from rest in the last frame, in units of the inner-eye-corner distance, as they
+    /// were seen: with what strays and what the head's turn does.
     #[must_use]
     pub fn departures(&self) -> Option<&[f64; INPUTS]> {
-        Some(&self.together.as_ref()?.departures)
+        Some(&self.together.as_ref()?.raw)
     }
 
     /// The range of each column's unit, in the order of [`Self::unit_names`].

@@ -54,8 +54,8 @@ pub(super) struct Together {
     half_life_s: f64,
     /// The last frame's: the head's rotation, how far each input is from its rest, and what of that is expression or glance.
     rotation: Vector3<f64>,
-    raw: [f64; INPUTS],
-    pub(super) departures: [f64; INPUTS],
+    pub(super) raw: [f64; INPUTS],
+    departures: [f64; INPUTS],
     read: [f64; UNITS],
     gaze: Option<Gaze>,
     /// Whether the eyes were seen open in the last frame.

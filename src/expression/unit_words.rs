@@ -38,11 +38,12 @@ const fn unit(
 
 /// Every unit that has a column: code, FACS, plain, ARKit, what the face does.
 #[rustfmt::skip]
-pub const ALL: [UnitWords; 24] = [
+pub const ALL: [UnitWords; 25] = [
     unit("AU1", "inner brow raiser", "inner brow up", "browInnerUp", "the inner end of the brow rises"),
     unit("AU2", "outer brow raiser", "outer brow up", "browOuterUp", "the outer half of the brow rises"),
     unit("AU4", "brow lowerer", "brow down", "browDown", "the brow lowers and draws together"),
     unit("AU5", "upper lid raiser", "eye wide", "eyeWide", "the upper lid rises above its rest"),
+    unit("AU6", "cheek raiser", "cheek up", "cheekSquint", "the cheek rises and narrows the eye"),
     unit("AU9", "nose wrinkler", "nose wrinkle", "noseSneer", "the nostril is drawn up, the nose wrinkles"),
     unit("AU10", "upper lip raiser", "upper lip up", "mouthUpperUp", "the upper lip rises"),
     unit("AU12", "lip corner puller", "smile", "mouthSmile", "the corner of the mouth moves up and out"),
@@ -69,7 +70,7 @@ pub const ALL: [UnitWords; 24] = [
 pub const REGIONS: [(&str, &[u32]); 5] = [
     ("Brows", &[1, 2, 4]),
     ("Eyes", &[5, 43, 61, 62, 63, 64]),
-    ("Nose and cheeks", &[9, 34]),
+    ("Nose and cheeks", &[6, 9, 34]),
     ("Mouth", &[12, 15, 14, 20, 18, 22, 25, 28, 10, 17]),
     ("Jaw", &[26, 29, 30]),
 ];

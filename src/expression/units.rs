@@ -405,7 +405,7 @@ mod tests {
     fn the_shipped_table_names_the_contracts_units() {
         let units = Units::shipped();
         let expected = "AU25 AU20 AU18 AU30L AU30R AU29 AU22 AU28 AU2L AU4L AU2R AU4R AU5L AU43L AU5R AU43R AU9L AU9R AU26 AU17 AU12L AU12R AU1L AU1R AU10L AU10R AU34L AU34R";
-        let further = " AU14L AU14R AU15L AU15R AU61 AU62 AU63 AU64";
+        let further = " AU6L AU6R AU14L AU14R AU15L AU15R AU61 AU62 AU63 AU64";
         assert_eq!(
             units.columns(false).join(" "),
             expected.to_owned() + further

@@ -191,7 +191,7 @@ mod tests {
         let columns = shipped.columns(false);
         let units: Vec<&str> = columns.iter().map(|unit| unit.as_str()).collect();
         let sent = |derived| Parameter::of_arkit(derived, &units).len();
-        assert_eq!((sent(false), sent(true)), (39, 52));
+        assert_eq!((sent(false), sent(true)), (41, 52));
         for unit in shipped.columns(false) {
             let reached = Parameter::of_rig("arkit", &[unit.as_str()]);
             assert!(!reached.is_empty() || unit == "AU25", "{unit}");
