@@ -30,6 +30,7 @@ ARKIT = {
     "jawLeft": "AU30L", "jawRight": "AU30R", "eyeBlinkLeft": "AU43L", "eyeBlinkRight": "AU43R",
     "mouthUpperUpLeft": "AU10L", "mouthUpperUpRight": "AU10R", "mouthSmileLeft": "AU12L", "mouthSmileRight": "AU12R",
     "mouthShrugLower": "AU17", "mouthDimpleLeft": "AU14L", "mouthDimpleRight": "AU14R",
+    "cheekSquintLeft": "AU6L", "cheekSquintRight": "AU6R",
     "mouthFrownLeft": "AU15L", "mouthFrownRight": "AU15R", "eyeLookOutLeft": "AU61", "eyeLookInRight": "AU61",
     "eyeLookInLeft": "AU62", "eyeLookOutRight": "AU62", "eyeLookUpLeft": "AU63", "eyeLookUpRight": "AU63",
     "eyeLookDownLeft": "AU64", "eyeLookDownRight": "AU64",
@@ -41,7 +42,6 @@ ARKIT["cheekPuff"] = lambda w: max(w["AU34L"], w["AU34R"])
 for side in "LR":
     name = {"L": "Left", "R": "Right"}[side]
     ARKIT |= {
-        "cheekSquint" + name: lambda w, s=side: 0.7 * w["AU12" + s] + 0.3 * w["AU9" + s],
         "eyeSquint" + name: lambda w, s=side: 0.3 * w["AU12" + s] + 0.4 * w["AU9" + s] + 0.3 * w["AU4" + s],
         "mouth" + name: lambda w, s=side: 0.4 * w["AU30" + s],
         "mouthLowerDown" + name: lambda w, s=side: 0.5 * w["AU25"] - 0.5 * w["AU26"] + 0.3 * w["AU9" + s],
