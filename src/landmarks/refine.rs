@@ -21,10 +21,7 @@ pub fn inputs(
 ) -> Inputs {
     let mut inputs = Inputs::new();
     let [x, y, z] = [turn.x, turn.y, turn.z];
-    let seen = places(head).map(|place| {
-        relief::height(depth, camera, sensor_from_face, &(place * size))
-            .map_or(f32::NAN, |height| height / size + place.z)
-    });
+    let seen = nearer(head, size, depth, camera, sensor_from_face);
     let all = shape
         .iter()
         .copied()
@@ -33,4 +30,18 @@ pub fn inputs(
     // Capacity is that of the most modes.
     inputs.extend(all.take(MAX_INPUTS));
     inputs
+}
+
+/// How much nearer the surface is than each of the places on a face, at the model's size; NaN where depth shows nothing.
+pub fn nearer(
+    head: &[Point; LANDMARKS],
+    size: f32,
+    depth: &[u16; PIXELS],
+    camera: &Camera,
+    sensor_from_face: &SensorFromFace,
+) -> impl Iterator<Item = f32> {
+    places(head).map(move |place| {
+        relief::height(depth, camera, sensor_from_face, &(place * size))
+            .map_or(f32::NAN, |height| height / size + place.z)
+    })
 }

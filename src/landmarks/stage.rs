@@ -88,7 +88,7 @@ impl LandmarkStage {
     ) -> Option<&Landmarks> {
         match self {
             Self::Cascade(fitter) => fitter.fit(luma, depth, camera, pose, at),
-            Self::Paper(fitter) => fitter.fit(luma, camera, pose, at),
+            Self::Paper(fitter) => fitter.fit(luma, depth, camera, pose),
         }
     }
 

@@ -4,7 +4,8 @@
 //! appearance is `A0 + Σ λ_i A_i`. The fit ([`solver`]) minimises the difference between the image inside the shape and the
 //! appearance (Matthews and Baker, *Active appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time
 //! combined 2D+3D active appearance models*, CVPR 2004), starting from the depth pose and regularised by it. 2D and 3D share
-//! their shape parameters.
+//! their shape parameters. How a face sits in its head is a constant of the person: after the first frames the picture moves the
+//! face little from there. How far the lips stand out, and the cheeks, is read from depth: no frontal picture shows it.
 //!
 //! Works in the head window ([`super::window`]), window pixels, radians, standard deviations; grey values are compared
 //! relative to their surroundings ([`grey`]). One step costs pixels x parameters x modes ≈ 6 M operations; some scratch is
@@ -18,21 +19,31 @@ mod solver;
 pub mod warp;
 
 pub use model::{MOST_APPEARANCE_MODES, MOST_HEAD_MODES, PaperAam};
-pub use solver::{AamFit, Solver};
+pub use solver::{AamFit, Expected, Solver};
 #[cfg(feature = "studio")]
 pub(crate) use {grey::normalised, solver::sample};
 
 use super::points::{Landmarks, empty_landmarks};
+use super::refine;
 use super::view::View;
 use super::window::{Placement, Region, WINDOW, sensor_picture};
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::defaults;
+use crate::base::frames::{HeadFromFace, SensorFromHead};
+use crate::base::geometry::Vector;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::time::Timestamp;
-use crate::face_model::ModelError;
+use crate::face_model::refinement::{CHEEKS, PLACES, place_of};
+use crate::face_model::scheme::{INNER_EYE_CORNERS, LOWER_LIP, UPPER_LIP};
+use crate::face_model::{ModelError, VIEW_PARAMETERS};
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
+
+/// Spread of a known person's face about where it usually is, as a share of a stranger's; frames that the mean is taken over.
+const KNOWN_SPREAD: f32 = 0.125;
+const USUAL_FRAMES: u16 = 600;
+/// How far a puff moves a cheek, metres.
+const PUFF_M: f32 = 0.01;
 
 defaults! {
     /// Settings of the method.
@@ -54,6 +65,9 @@ pub struct PaperAamFitter {
     window: Vec<f32>,
     /// The last frame's fit, and the view of its depth pose.
     last: Option<(AamFit, View)>,
+    /// How far this person's face usually is from the depth pose, and over how many frames that was seen.
+    usual: [f32; VIEW_PARAMETERS],
+    seen: u16,
     landmarks: Landmarks,
 }
 
@@ -68,6 +82,8 @@ impl PaperAamFitter {
             solver: Solver::new(PaperAam::parse(bytes)?),
             window: vec![0.0; WINDOW * WINDOW],
             last: None,
+            usual: [0.0; VIEW_PARAMETERS],
+            seen: 0,
             landmarks: empty_landmarks(),
         })
     }
@@ -75,15 +91,16 @@ impl PaperAamFitter {
     /// Forgets the person: the next frame starts cold.
     pub fn reset(&mut self) {
         self.last = None;
+        (self.usual, self.seen) = ([0.0; VIEW_PARAMETERS], 0);
     }
 
     /// Fits one frame; `None` if there is no face to be found at the pose.
     pub fn fit(
         &mut self,
         luma: &[u8; PIXELS],
+        depth: &[u16; PIXELS],
         camera: &Camera,
         pose: &HeadPose,
-        _at: Timestamp,
     ) -> Option<&Landmarks> {
         let Some(placement) = Placement::of_pose(camera, &pose.sensor_from_head) else {
             self.last = None;
@@ -92,17 +109,18 @@ impl PaperAamFitter {
         placement.resample(&sensor_picture(luma), &Region::WHOLE, &mut self.window);
         let start = placement.start;
         let believed = |fit: &AamFit| fit.confidence >= self.settings.min_confidence;
+        let expected = self.expected(&start);
         let warm = self.last.take().map(|(last, depth)| {
             let first = self.solver.warm(&last, &depth, &start);
             self.solver
-                .run(&self.window, first, &start, self.settings.warm_steps)
+                .run(&self.window, first, expected, self.settings.warm_steps)
         });
         let fit = match warm {
             Some(fit) if believed(&fit) => fit,
             _ => {
-                let first = self.solver.cold(&start);
+                let first = self.solver.cold(&expected.view);
                 self.solver
-                    .run(&self.window, first, &start, self.settings.cold_steps)
+                    .run(&self.window, first, expected, self.settings.cold_steps)
             }
         };
         if !believed(&fit) {
@@ -112,9 +130,60 @@ impl PaperAamFitter {
             self.landmarks.pixels[i] = placement.picture_pixel(fit.shape[i]);
         }
         self.landmarks.head = self.solver.head(&fit);
+        self.stand_out(&fit, &start, depth, camera, &pose.sensor_from_head);
         self.landmarks.point_confidence = fit.point_confidence;
         self.landmarks.confidence = fit.confidence;
         self.last = Some((fit, start));
         Some(&self.landmarks)
+    }
+
+    /// Where depth expects the face.
+    fn expected(&self, depth: &View) -> Expected {
+        let known = f32::from(self.seen);
+        Expected {
+            view: depth.moved(&self.usual),
+            spread: KNOWN_SPREAD.hypot((1.0 + known).recip()),
+        }
+    }
+
+    /// Learns how the face sits in the head; lips and cheeks stand out as far as depth shows them to.
+    fn stand_out(
+        &mut self,
+        fit: &AamFit,
+        start: &View,
+        depth: &[u16; PIXELS],
+        camera: &Camera,
+        sensor_from_head: &SensorFromHead,
+    ) {
+        let off = fit.view.step_from(start);
+        self.seen = (self.seen + 1).min(USUAL_FRAMES);
+        for (usual, off) in self.usual.iter_mut().zip(off) {
+            *usual += (off - *usual) / f32::from(self.seen);
+        }
+        let back = start.rotation.inverse();
+        let [x, y] = [0, 1].map(|k| (fit.view.shift[k] - start.shift[k]) / start.log_scale.exp());
+        let head_from_face =
+            HeadFromFace::from_parts(back * Vector::new(x, y, 0.0), back * fit.view.rotation);
+        let size = (fit.view.log_scale - start.log_scale).exp();
+        let head = &mut self.landmarks.head;
+        let face = *sensor_from_head * head_from_face;
+        let nearer: heapless::Vec<f32, PLACES> =
+            refine::nearer(head, size, depth, camera, &face).collect();
+        for &i in INNER_EYE_CORNERS.iter().chain(&UPPER_LIP).chain(&LOWER_LIP) {
+            let by = nearer[place_of(i)];
+            head[i].z -= if by.is_finite() { by } else { 0.0 };
+        }
+        let cheeks = &nearer[PLACES - CHEEKS.len()..];
+        for (side, puff) in self.landmarks.cheeks.iter_mut().enumerate() {
+            let seen = cheeks
+                .iter()
+                .skip(side)
+                .step_by(2)
+                .filter(|by| by.is_finite());
+            let (sum, count) = seen.fold((0.0, 0.0), |(sum, n), by| (sum + by, n + 1.0));
+            if count > 0.0 {
+                *puff = sum / count / PUFF_M;
+            }
+        }
     }
 }

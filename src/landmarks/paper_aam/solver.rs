@@ -2,11 +2,11 @@
 //!
 //! ```text
 //!   Σ_x [A0(x) + Σ λ_i A_i(x) − I(W(x; p))]² / u              image against the model's appearance, equation (2)
-//! + |view − view of the depth pose|² / spread²                 prior from the head pose
+//! + |view − view expected by depth|² / spread²                 prior from the head pose
 //! + Σ (λ_i / d_i)² + Σ p_k²                                    priors of appearance and shape
 //! ```
 //!
-//! with u the variance of a grey value times [`PIXELS_PER_OBSERVATION`] and spread = [`POSE_SPREAD`]. The 2D shape that the
+//! with u the variance of a grey value times [`PIXELS_PER_OBSERVATION`] and spread that of [`Expected`]. The 2D shape that the
 //! warp W follows is the projection of the 3D shape, P_view(S0 + Σ p_k d_k S_k): 2D and 3D share their parameters, as
 //! in the paper, no unknowns are added, and the reprojection error, the paper's second term, is zero instead of small.
 //! (With separate 2D bases, tied to the 3D ones, it cannot be made small: a test below has the figures.)
@@ -31,7 +31,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Errors of neighbouring pixels are correlated: this many count as one observation.
 const PIXELS_PER_OBSERVATION: f32 = 18.0;
-/// Spread of the depth pose, in units of the view ([`UNITS`]): scale 7 %, 0.1 rad, 7 window pixels.
+/// Spread of a stranger's face about its depth pose, in units of the view ([`UNITS`]): scale 7 %, 0.1 rad, 7 window pixels.
 const POSE_SPREAD: [f32; VIEW_PARAMETERS] = [1.4, 1.0, 1.0, 1.0, 1.4, 1.4];
 /// A step that moves the points less than this, window pixels, ends the fit.
 const SETTLED_PX: f32 = 0.1;
@@ -57,6 +57,21 @@ pub struct AamFit {
     pub confidence: f32,
     /// 0…1 per landmark.
     pub point_confidence: [f32; LANDMARKS],
+}
+
+/// Where depth expects the face.
+#[derive(Clone, Copy, Debug)]
+pub struct Expected {
+    /// There.
+    pub view: View,
+    /// Its spread as a share of a stranger's.
+    pub spread: f32,
+}
+
+impl From<View> for Expected {
+    fn from(view: View) -> Self {
+        Self { view, spread: 1.0 }
+    }
 }
 
 /// The model and its scratch.
@@ -222,18 +237,25 @@ impl Solver {
         self.head(fit).map(|p| project(&p))
     }
 
-    /// At most `steps` iterations from `fit`; `depth` is the view of the depth pose. A cold start uses a blurred window first.
+    /// At most `steps` iterations from `fit`. A cold start uses a blurred window first.
     #[must_use]
-    pub fn run(&mut self, window: &[f32], mut fit: AamFit, depth: &View, steps: usize) -> AamFit {
+    pub fn run(
+        &mut self,
+        window: &[f32],
+        mut fit: AamFit,
+        expected: impl Into<Expected>,
+        steps: usize,
+    ) -> AamFit {
+        let expected = expected.into();
         let [other, spare] = &mut self.spare;
         grey::normalised(window, &mut self.plane, other, spare);
         if !fit.residual.is_finite() {
             let fine = self.plane.clone();
             grey::blur(&mut self.plane, spare, COARSE);
-            self.descend_to_rest(&mut fit, depth, steps);
+            self.descend_to_rest(&mut fit, &expected, steps);
             self.plane = fine;
         }
-        self.descend_to_rest(&mut fit, depth, steps);
+        self.descend_to_rest(&mut fit, &expected, steps);
         if self.look(&mut fit).is_some() {
             self.believe(&mut fit);
         } else {
@@ -243,13 +265,13 @@ impl Solver {
     }
 
     /// Iterates until convergence.
-    fn descend_to_rest(&mut self, fit: &mut AamFit, depth: &View, steps: usize) {
+    fn descend_to_rest(&mut self, fit: &mut AamFit, expected: &Expected, steps: usize) {
         self.slope();
         for _ in 0..steps {
             let Some(factor) = self.look(fit) else {
                 return;
             };
-            if self.step(factor, fit, depth) < SETTLED_PX {
+            if self.step(factor, fit, expected) < SETTLED_PX {
                 return;
             }
         }
@@ -350,7 +372,7 @@ impl Solver {
     }
 
     /// One Gauss–Newton step of view and shape with the appearance integrated out (M); the largest motion of a point.
-    fn step(&mut self, factor: f32, fit: &mut AamFit, depth: &View) -> f32 {
+    fn step(&mut self, factor: f32, fit: &mut AamFit, expected: &Expected) -> f32 {
         self.descend(factor, fit);
         let by_pixel = self.slopes.transpose();
         let mut normal = &self.slopes * &by_pixel;
@@ -365,7 +387,7 @@ impl Solver {
         let unit = noise * PIXELS_PER_OBSERVATION;
         normal /= unit;
         right /= unit;
-        self.move_by(normal, right, fit, depth).unwrap_or(0.0)
+        self.move_by(normal, right, fit, expected).unwrap_or(0.0)
     }
 
     /// Solves for a step, with the priors of pose and people; the largest motion of a point.
@@ -374,12 +396,12 @@ impl Solver {
         mut normal: DMatrix<f32>,
         mut right: DVector<f32>,
         fit: &mut AamFit,
-        depth: &View,
+        expected: &Expected,
     ) -> Option<f32> {
-        let off = fit.view.step_from(depth);
+        let off = fit.view.step_from(&expected.view);
         for k in 0..right.len() {
             let (prior, off) = if k < VIEW_PARAMETERS {
-                (POSE_SPREAD[k].powi(-2), off[k])
+                ((POSE_SPREAD[k] * expected.spread).powi(-2), off[k])
             } else {
                 (1.0, fit.head[k - VIEW_PARAMETERS])
             };
@@ -407,6 +429,7 @@ impl Solver {
     /// Projects view and shape to the points.
     #[cfg(all(test, feature = "studio"))]
     pub(crate) fn fit_points(&self, points: &Shape2, fit: &mut AamFit, depth: &View) {
+        let expected = Expected::from(*depth);
         for _ in 0..20 {
             let motions = self.motions(fit);
             let size = self.slopes.nrows();
@@ -421,7 +444,7 @@ impl Solver {
                 }
             }
             if !self
-                .move_by(normal, right, fit, depth)
+                .move_by(normal, right, fit, &expected)
                 .is_some_and(|moved| moved > 0.01)
             {
                 break;

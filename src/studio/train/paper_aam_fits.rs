@@ -73,7 +73,7 @@ pub(super) fn fits(
         let (window, points, start) = cut(picture, &view);
         let first = solver.cold(&start);
         let started = first.shape;
-        let fit = solver.run(&window, first, &start, 20);
+        let fit = solver.run(&window, first, start, 20);
         let eyes = OUTER_EYE_CORNERS.map(|i| points[i]);
         let size = (eyes[0][0] - eyes[1][0]).hypot(eyes[0][1] - eyes[1][1]);
         let off = |shape: &Shape2| {

@@ -179,7 +179,7 @@ fn a_planted_face_is_found_from_beside_it_and_nothing_where_there_is_none() {
         let depth = truth.moved(&[0.4, 0.3, -0.3, 0.3, 0.6, -0.6]);
         let first = solver.cold(&depth);
         let start = apart(&first.shape, &face.shape);
-        let fit = solver.run(&window, first, &depth, 30);
+        let fit = solver.run(&window, first, depth, 30);
         let end = apart(&fit.shape, &face.shape);
         assert!(
             start > 2.0 && end < 0.15 * start,
@@ -189,7 +189,7 @@ fn a_planted_face_is_found_from_beside_it_and_nothing_where_there_is_none() {
             let off = fit.head[k] - face.head[k];
             assert!(off.abs() < 0.3, "case {case}: mode {k} off by {off}");
         }
-        let nothing = solver.run(&vec![90.0; WINDOW * WINDOW], solver.cold(&depth), &depth, 5);
+        let nothing = solver.run(&vec![90.0; WINDOW * WINDOW], solver.cold(&depth), depth, 5);
         assert!(fit.confidence > 0.9 && nothing.confidence < 0.1);
     }
 }
