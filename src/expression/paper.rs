@@ -2,9 +2,10 @@
 //! merging to three nodes.
 //!
 //! Method: Jiang Na et al., sections 2.3 to 2.6; the parts are in `compensate`, `samples`, `one_way`, `two_way`. Added
-//! where the paper says nothing: the population's range fades into the literal estimate during the first seconds of
-//! presence (after that the estimate is literal), nodes move to a new estimate with a time constant of a second (two
-//! consecutive estimates can differ by a whole range), and weights decay with a half-life if one is set.
+//! where the paper says nothing: the population's range fades into the estimate during the first seconds of presence, an
+//! interval narrower than the population's is not trusted, because more will be shown (only its rest is), nodes move to a new
+//! estimate with a time constant of a second (two consecutive estimates can differ by a whole range), and weights decay with a
+//! half-life if one is set.
 //! Memory: about 16 bytes per sample. Cost: three pushes a frame; the estimate runs twice a second, which is enough.
 //! Degenerate: a set without width, or with fewer than three distinct values, keeps the previous estimate.
 
@@ -116,7 +117,8 @@ impl PaperLearner {
             return;
         };
         let share = (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0);
-        let target = Range::of_prior(&self.prior, self.kind).towards(estimate, share);
+        let prior = Range::of_prior(&self.prior, self.kind);
+        let target = prior.towards(estimate.as_wide_as(&prior), share);
         self.range = self.range.towards(target, 1.0 - (-dt / GLIDE_S).exp());
     }
 
@@ -124,12 +126,7 @@ impl PaperLearner {
     #[must_use]
     pub fn literal(&self) -> Option<Range> {
         if self.kind == Kind::TwoWay {
-            let nodes = two_way::nodes(&self.samples)?;
-            return Some(Range {
-                low: nodes.g_min,
-                rest: nodes.g_rest,
-                high: nodes.g_max,
-            });
+            return two_way::range(&self.samples, self.settings.scan);
         }
         let (samples, scan) = (self.samples.samples(), self.settings.scan);
         let (mut low, mut high) = one_way::interval(samples, scan)?;
@@ -155,18 +152,11 @@ impl PaperLearner {
         if !self.moves {
             return 0.0;
         }
-        let Range { low, rest, high } = self.range;
+        let Range { low, high, .. } = self.range;
         match self.kind {
             Kind::Rising => one_way::weight_rising(g, low, high).max(0.0),
             Kind::Falling => -one_way::weight_falling(g, low, high).max(0.0),
-            Kind::TwoWay => two_way::weight(
-                g,
-                two_way::Nodes {
-                    g_min: low,
-                    g_rest: rest,
-                    g_max: high,
-                },
-            ),
+            Kind::TwoWay => two_way::weight(g, &self.range),
         }
     }
 

@@ -42,6 +42,16 @@ impl Range {
         }
     }
 
+    /// No narrower on either side than another: less of it was shown so far.
+    #[must_use]
+    pub fn as_wide_as(self, other: &Self) -> Self {
+        Self {
+            low: self.low.min(self.rest - (other.rest - other.low)),
+            rest: self.rest,
+            high: self.high.max(self.rest + (other.high - other.rest)),
+        }
+    }
+
     /// Signed weight: positive above rest, negative below; 0 on a side without a unit; beyond ±1 is exaggerated.
     #[must_use]
     pub fn weight(&self, g: f64, kind: Kind, dead_zone: f64) -> f64 {
@@ -81,13 +91,10 @@ mod tests {
 
     #[test]
     fn without_a_dead_zone_it_is_equation_9() {
-        let nodes = two_way::Nodes {
-            g_min: 1.0,
-            g_rest: 2.0,
-            g_max: 6.0,
-        };
         for g in [-1.0, 0.5, 1.0, 1.7, 2.0, 2.1, 5.0, 7.0] {
-            assert!((RANGE.weight(g, Kind::TwoWay, 0.0) - two_way::weight(g, nodes)).abs() < 1e-12);
+            assert!(
+                (RANGE.weight(g, Kind::TwoWay, 0.0) - two_way::weight(g, &RANGE)).abs() < 1e-12
+            );
         }
     }
 

@@ -93,6 +93,11 @@ impl<const N: usize> SampleSet<N> {
         self.samples.retain(|sample| sample.weight >= FORGOTTEN);
     }
 
+    /// Drops what is outside.
+    pub fn keep(&mut self, values: core::ops::RangeInclusive<f64>) {
+        self.samples.retain(|sample| values.contains(&sample.value));
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.samples.clear();
