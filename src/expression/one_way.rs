@@ -68,6 +68,7 @@ fn outermost(
 
 /// (g_min, g_max) from ascending samples; `None` without a width.
 #[must_use]
+#[inline(never)]
 pub fn interval(samples: &[Sample], scan: Scan) -> Option<(f64, f64)> {
     let (first, last) = (samples.first()?, samples.last()?);
     let width = last.value - first.value;

@@ -44,9 +44,6 @@ pub struct PaperLearner {
     prior: Prior,
     kind: Kind,
     samples: SampleSet<PAPER_SAMPLES>,
-    /// The first value, and whether another one came.
-    first: Option<f64>,
-    moves: bool,
     estimate: Option<Range>,
     range: Range,
     seconds: f64,
@@ -63,8 +60,6 @@ impl PaperLearner {
             prior,
             kind,
             samples: SampleSet::default(),
-            first: None,
-            moves: false,
             estimate: None,
             range: Range::of_prior(&prior, kind),
             seconds: 0.0,
@@ -90,7 +85,6 @@ impl PaperLearner {
             return;
         }
         self.seconds += dt;
-        self.moves |= *self.first.get_or_insert(g) != g;
         self.samples.push(Sample {
             value: g,
             weight: omega,
@@ -145,18 +139,15 @@ impl PaperLearner {
         self.range
     }
 
-    /// Signed weight by equation (8) or (9); an invalid one-way weight (below 0) is 0, and so is one of a measure that has never
-    /// moved: the landmarks do not tell it.
+    /// Signed weight by equation (8) or (9); an invalid one-way weight (below 0) is 0.
     #[must_use]
     pub fn weight(&self, g: f64) -> f64 {
-        if !self.moves {
-            return 0.0;
-        }
         let Range { low, high, .. } = self.range;
         match self.kind {
             Kind::Rising => one_way::weight_rising(g, low, high).max(0.0),
             Kind::Falling => -one_way::weight_falling(g, low, high).max(0.0),
             Kind::TwoWay => two_way::weight(g, &self.range),
+            Kind::Unseen => 0.0,
         }
     }
 

@@ -15,19 +15,21 @@ pub enum Kind {
     Falling,
     /// Two-way: one unit each way.
     TwoWay,
+    /// No unit: the method cannot tell it.
+    Unseen,
 }
 
 impl Kind {
     /// Is there a unit above rest?
     #[must_use]
     pub const fn rises(self) -> bool {
-        !matches!(self, Self::Falling)
+        matches!(self, Self::Rising | Self::TwoWay)
     }
 
     /// Is there a unit below rest?
     #[must_use]
     pub const fn falls(self) -> bool {
-        !matches!(self, Self::Rising)
+        matches!(self, Self::Falling | Self::TwoWay)
     }
 }
 

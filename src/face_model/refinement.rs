@@ -23,7 +23,7 @@ use super::sizes::MAX_MODES;
 const FIRST_PLACES: [usize; 3] = [7, 8, 9];
 const FROM: usize = 17;
 /// Places of the cheeks: landmarks they lie between, and the share of the second.
-pub(crate) const CHEEKS: [(usize, usize, f32); 6] = [
+const CHEEKS: [(usize, usize, f32); 6] = [
     (31, 2, 0.5),
     (35, 14, 0.5),
     (48, 4, 0.5),
@@ -59,7 +59,7 @@ pub struct Refinement {
     pub weights: Vec<f32>,
 }
 
-/// Number of a landmark's place, of 7 to 9 and of 17 on; those of the cheeks come last, right and left in turn.
+/// Number of a landmark's place, of 7 to 9 and of 17 on.
 pub(crate) const fn place_of(landmark: usize) -> usize {
     if landmark < FROM {
         landmark - FIRST_PLACES[0]

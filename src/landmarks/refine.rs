@@ -4,7 +4,7 @@ use super::relief;
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::{Point, Vector};
-use crate::face_model::refinement::{Inputs, MAX_INPUTS, places};
+use crate::face_model::refinement::{Inputs, MAX_INPUTS, PLACES, places};
 use crate::sensor::camera::Camera;
 
 /// Gathers the inputs: `shape` the fitted coefficients (as many as modes), `turn` the head's rotation vector relative to the
@@ -39,9 +39,10 @@ pub fn nearer(
     depth: &[u16; PIXELS],
     camera: &Camera,
     sensor_from_face: &SensorFromFace,
-) -> impl Iterator<Item = f32> {
-    places(head).map(move |place| {
+) -> heapless::Vec<f32, PLACES> {
+    let nearer = places(head).map(|place| {
         relief::height(depth, camera, sensor_from_face, &(place * size))
             .map_or(f32::NAN, |height| height / size + place.z)
-    })
+    });
+    nearer.collect()
 }

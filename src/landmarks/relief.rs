@@ -25,6 +25,7 @@ const LEAST: usize = 8;
 
 /// Height −z (towards the camera) of the surface at `place` of the head frame.
 #[must_use]
+#[inline(never)]
 pub fn height(
     depth: &[u16; PIXELS],
     camera: &Camera,

@@ -10,7 +10,6 @@ use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
 use mien::base::frames::SensorFromFace;
 use mien::base::geometry::Rigid;
 use mien::base::time::Timestamp;
-use mien::expression::units::Kind;
 use mien::expression::{Expression, Measure, Method, Settings, Units};
 use mien::landmarks::Landmarks;
 
@@ -70,8 +69,8 @@ fn signed(expression: &Expression, units: &Units, paper: bool) -> [f64; LEARNT_M
                 0.0
             }
         };
-        let up = next(kind != Kind::Falling);
-        up - next(kind != Kind::Rising)
+        let up = next(kind.rises());
+        up - next(kind.falls())
     })
 }
 
@@ -149,11 +148,8 @@ impl Table {
                     for m in 0..LEARNT_MEASURES {
                         // What the method does not have a unit for is not asked of it.
                         let kind = units.rows[m].kind(paper);
-                        let truth = match kind {
-                            Kind::Rising => truth[m].max(0.0),
-                            Kind::Falling => truth[m].min(0.0),
-                            Kind::TwoWay => truth[m],
-                        };
+                        let end = |there: bool| if there { f64::INFINITY } else { 0.0 };
+                        let truth = truth[m].clamp(-end(kind.falls()), end(kind.rises()));
                         scores[m].add(truth, found[m]);
                     }
                 }

@@ -171,16 +171,13 @@ impl Scene {
         for m in 0..LEARNT_MEASURES {
             let kind = self.units.rows[m].kind(self.paper);
             let mut next = |there: bool| if there { *columns.next().unwrap() } else { 0.0 };
-            let up = next(kind != Kind::Falling);
-            let found = f64::from(up - next(kind != Kind::Rising));
+            let up = next(kind.rises());
+            let found = f64::from(up - next(kind.falls()));
             if m >= ACTED {
                 continue;
             }
-            let truth = match kind {
-                Kind::Rising => truth[m].max(0.0),
-                Kind::Falling => truth[m].min(0.0),
-                Kind::TwoWay => truth[m],
-            };
+            let end = |there: bool| if there { f64::INFINITY } else { 0.0 };
+            let truth = truth[m].clamp(-end(kind.falls()), end(kind.rises()));
             let k = usize::from(self.units.rows[m].prior.kind == Kind::TwoWay);
             self.figures.error[k] += (found - truth).abs();
             self.figures.count[k] += 1.0;
@@ -445,7 +442,8 @@ fn the_default_is_better_than_the_paper_in_every_case() {
         let [ours, papers] = &figures;
         lines.push(line(name, &figures));
         println!("{}", lines[lines.len() - 1]);
-        for (k, what) in [(0, "one-way"), (1, "two-way"), (3, "jump")] {
+        // Both learners' ranges glide: which jumps less is not promised, only held to the table.
+        for (k, what) in [(0, "one-way"), (1, "two-way")] {
             if ours[k] >= papers[k] {
                 worse.push(format!("{name}: {what}: {figures:?}"));
             }

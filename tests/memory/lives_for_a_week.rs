@@ -206,19 +206,15 @@ const REFERENCE: usize = 3;
 
 /// Error of the weights against what is acted.
 fn error(units: &Units, expression: &Expression, truth: &[f64; LEARNT_MEASURES]) -> f64 {
-    use mien::expression::units::Kind;
     let mut columns = expression.weights().units().iter();
     let mut sum = 0.0;
     for (row, truth) in units.rows.iter().zip(truth).take(ACTED) {
         let kind = row.kind(false);
         let mut next = |there: bool| if there { *columns.next().unwrap() } else { 0.0 };
-        let up = next(kind != Kind::Falling);
-        let found = f64::from(up - next(kind != Kind::Rising));
-        let truth = match kind {
-            Kind::Rising => truth.max(0.0),
-            Kind::Falling => truth.min(0.0),
-            Kind::TwoWay => *truth,
-        };
+        let up = next(kind.rises());
+        let found = f64::from(up - next(kind.falls()));
+        let end = |there: bool| if there { f64::INFINITY } else { 0.0 };
+        let truth = truth.clamp(-end(kind.falls()), end(kind.rises()));
         sum += (found - truth).abs();
     }
     sum / ACTED as f64

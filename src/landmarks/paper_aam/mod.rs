@@ -5,7 +5,7 @@
 //! appearance (Matthews and Baker, *Active appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time
 //! combined 2D+3D active appearance models*, CVPR 2004), starting from the depth pose and regularised by it. 2D and 3D share
 //! their shape parameters. How a face sits in its head is a constant of the person: after the first frames the picture moves the
-//! face little from there. How far the lips stand out, and the cheeks, is read from depth: no frontal picture shows it.
+//! face little from there. How far the lips stand out is read from depth: no frontal picture shows it.
 //!
 //! Works in the head window ([`super::window`]), window pixels, radians, standard deviations; grey values are compared
 //! relative to their surroundings ([`grey`]). One step costs pixels x parameters x modes ≈ 6 M operations; some scratch is
@@ -33,7 +33,7 @@ use crate::base::frames::{HeadFromFace, SensorFromHead};
 use crate::base::geometry::Vector;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::face_model::refinement::{CHEEKS, PLACES, place_of};
+use crate::face_model::refinement::place_of;
 use crate::face_model::scheme::{INNER_EYE_CORNERS, LOWER_LIP, UPPER_LIP};
 use crate::face_model::{ModelError, VIEW_PARAMETERS};
 use crate::pose::HeadPose;
@@ -42,8 +42,8 @@ use crate::sensor::camera::Camera;
 /// Spread of a known person's face about where it usually is, as a share of a stranger's; frames that the mean is taken over.
 const KNOWN_SPREAD: f32 = 0.125;
 const USUAL_FRAMES: u16 = 600;
-/// How far a puff moves a cheek, metres.
-const PUFF_M: f32 = 0.01;
+/// Least confidence of a frame that teaches it: who walks in is blurred.
+const TEACHING_CONFIDENCE: f32 = 0.8;
 
 defaults! {
     /// Settings of the method.
@@ -146,7 +146,7 @@ impl PaperAamFitter {
         }
     }
 
-    /// Learns how the face sits in the head; lips and cheeks stand out as far as depth shows them to.
+    /// Learns how the face sits in the head; the lips stand out as far as depth shows them to.
     fn stand_out(
         &mut self,
         fit: &AamFit,
@@ -156,9 +156,11 @@ impl PaperAamFitter {
         sensor_from_head: &SensorFromHead,
     ) {
         let off = fit.view.step_from(start);
-        self.seen = (self.seen + 1).min(USUAL_FRAMES);
-        for (usual, off) in self.usual.iter_mut().zip(off) {
-            *usual += (off - *usual) / f32::from(self.seen);
+        if fit.confidence >= TEACHING_CONFIDENCE {
+            self.seen = (self.seen + 1).min(USUAL_FRAMES);
+            for (usual, off) in self.usual.iter_mut().zip(off) {
+                *usual += (off - *usual) / f32::from(self.seen);
+            }
         }
         let back = start.rotation.inverse();
         let [x, y] = [0, 1].map(|k| (fit.view.shift[k] - start.shift[k]) / start.log_scale.exp());
@@ -167,22 +169,15 @@ impl PaperAamFitter {
         let size = (fit.view.log_scale - start.log_scale).exp();
         let head = &mut self.landmarks.head;
         let face = *sensor_from_head * head_from_face;
-        let nearer: heapless::Vec<f32, PLACES> =
-            refine::nearer(head, size, depth, camera, &face).collect();
-        for &i in INNER_EYE_CORNERS.iter().chain(&UPPER_LIP).chain(&LOWER_LIP) {
-            let by = nearer[place_of(i)];
-            head[i].z -= if by.is_finite() { by } else { 0.0 };
-        }
-        let cheeks = &nearer[PLACES - CHEEKS.len()..];
-        for (side, puff) in self.landmarks.cheeks.iter_mut().enumerate() {
-            let seen = cheeks
-                .iter()
-                .skip(side)
-                .step_by(2)
-                .filter(|by| by.is_finite());
-            let (sum, count) = seen.fold((0.0, 0.0), |(sum, n), by| (sum + by, n + 1.0));
-            if count > 0.0 {
-                *puff = sum / count / PUFF_M;
+        let nearer = refine::nearer(head, size, depth, camera, &face);
+        // Each as a whole: their points' distances stay the picture's.
+        for points in [INNER_EYE_CORNERS.as_slice(), &UPPER_LIP, &LOWER_LIP] {
+            let seen = points.iter().map(|&i| nearer[place_of(i)]);
+            let (sum, count) = seen
+                .filter(|by| by.is_finite())
+                .fold((0.0, 0.0_f32), |(sum, count), by| (sum + by, count + 1.0));
+            for &i in points {
+                head[i].z -= sum / count.max(1.0);
             }
         }
     }

@@ -231,7 +231,7 @@ mod tests {
                 coverage: 1.0,
                 proven: true,
             };
-            let Some(found) = fitter.fit(&frame.luma, &camera, &pose, frame.at) else {
+            let Some(found) = fitter.fit(&frame.luma, &frame.depth, &camera, &pose) else {
                 continue;
             };
             let both = [

@@ -1,5 +1,7 @@
 //! Priors of each measure from the ICT head: rest over random identities, and how far each expression at full weight moves it.
-//! `config/units.toml` has the rounded numbers.
+//! `config/units.toml` has the rounded numbers, with `rest_sd` widened by a fifth, at the brows to 0.08, and anatomical sizes
+//! (16, 8, 6, -, 1.7 and 6 mm) over w = 37 mm for mouth_width.down, lip_shift, lip_thrust.up, lip_protrusion.down, lid.up and part
+//! of brow.up.
 //!
 //! Identities are drawn as neutral + Σ c_n mode_n, c_n ~ N(0, 1). Units: the inner-eye-corner distance w, of the neutral.
 

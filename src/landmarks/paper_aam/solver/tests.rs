@@ -216,7 +216,7 @@ fn every_step_lowers_the_whole_cost() {
             .sum();
         let people: f32 = fit.head.iter().map(|p| p * p).sum();
         costs.push(left / unit + f64::from(pose + people));
-        solver.step(factor, &mut fit, &depth);
+        solver.step(factor, &mut fit, &depth.into());
     }
     for pair in costs.windows(2) {
         assert!(pair[1] < pair[0] * 1.01 + 0.1, "{costs:?}");
