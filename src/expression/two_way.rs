@@ -6,7 +6,7 @@
 //!
 //! The paper assumes enough samples, most of them near rest, and few exaggerated. Where that does not hold yet, our reading:
 //! what the scan of section 2.5 drops is an outlier here too, and of the three the heaviest is rest. If it is an outer one, that
-//! side was not shown. Both off, a stranger's weights are at fault by a third more at rest (docs/paper.md).
+//! side was not shown. docs/paper.md has the figures without.
 //! Units: those of the measure. No state; N² steps on a copy of the set, so twice a second is enough.
 //! Degenerate: fewer than three distinct samples give no nodes.
 //! Limitation: the nodes jump when the order of the last merges changes. The robust method avoids it.
