@@ -24,6 +24,11 @@ const FACE_ABOVE_M: f32 = -0.06;
 const FACE_BELOW_M: f32 = 0.06;
 const FACE_BEHIND_M: f32 = 0.06;
 const FACE_BESIDE_M: f32 = 0.08;
+/// Whether a place of the head frame is one of the face.
+fn is_face(p: &Point) -> bool {
+    (FACE_ABOVE_M..FACE_BELOW_M).contains(&p.y) && p.z < FACE_BEHIND_M && p.x.abs() < FACE_BESIDE_M
+}
+
 /// Fewer points of the face, behind a hand or from the side, are joined by the rest of the head.
 const LEAST_FACE: usize = 150;
 /// Share of the face's pairs that is kept, nearest first, and the largest distance of a pair, metres: what is farther is a hand.
@@ -106,12 +111,7 @@ impl Tracker for PaperTracker {
             max_distance_m: PAIRED_M,
             ..to_frame
         };
-        let is_face = |p: &&Point| {
-            let q = start * **p;
-            (FACE_ABOVE_M..FACE_BELOW_M).contains(&q.y)
-                && q.z < FACE_BEHIND_M
-                && q.x.abs() < FACE_BESIDE_M
-        };
+        let is_face = |p: &&Point| is_face(&(start * **p));
         let face: Vec<Point> = cloud.iter().filter(is_face).copied().collect();
         let seen = if face.len() < LEAST_FACE {
             cloud

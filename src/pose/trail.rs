@@ -201,9 +201,7 @@ pub(super) trait Tracker: Send {
     /// What was learned of the head's size and shape.
     fn shape(&self) -> &HeadShape;
     /// Frames from which the shape was learned.
-    fn learned_frames(&self) -> u64 {
-        0
-    }
+    fn learned_frames(&self) -> u64;
     /// Whether a search continues in the next frame.
     fn is_searching(&self) -> bool {
         false

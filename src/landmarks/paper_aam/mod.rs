@@ -130,6 +130,7 @@ impl PaperAamFitter {
             self.landmarks.pixels[i] = placement.picture_pixel(fit.shape[i]);
         }
         self.landmarks.head = self.solver.head(&fit);
+        self.learn_usual(&fit, &start);
         self.stand_out(&fit, &start, depth, camera, &pose.sensor_from_head);
         self.landmarks.point_confidence = fit.point_confidence;
         self.landmarks.confidence = fit.confidence;
@@ -146,7 +147,18 @@ impl PaperAamFitter {
         }
     }
 
-    /// Learns how the face sits in the head; the lips stand out as far as depth shows them to.
+    /// Learns how the face sits in the head.
+    fn learn_usual(&mut self, fit: &AamFit, start: &View) {
+        if fit.confidence < TEACHING_CONFIDENCE {
+            return;
+        }
+        self.seen = (self.seen + 1).min(USUAL_FRAMES);
+        for (usual, off) in self.usual.iter_mut().zip(fit.view.step_from(start)) {
+            *usual += (off - *usual) / f32::from(self.seen);
+        }
+    }
+
+    /// The lips stand out as far as depth shows them to.
     fn stand_out(
         &mut self,
         fit: &AamFit,
@@ -155,13 +167,6 @@ impl PaperAamFitter {
         camera: &Camera,
         sensor_from_head: &SensorFromHead,
     ) {
-        let off = fit.view.step_from(start);
-        if fit.confidence >= TEACHING_CONFIDENCE {
-            self.seen = (self.seen + 1).min(USUAL_FRAMES);
-            for (usual, off) in self.usual.iter_mut().zip(off) {
-                *usual += (off - *usual) / f32::from(self.seen);
-            }
-        }
         let back = start.rotation.inverse();
         let [x, y] = [0, 1].map(|k| (fit.view.shift[k] - start.shift[k]) / start.log_scale.exp());
         let head_from_face =
