@@ -97,7 +97,7 @@ pub(crate) fn around(
     let (columns, rows) = (span(0, WIDTH), span(1, HEIGHT));
     // Raw values grow with the distance.
     let near = camera.raw_from_m(low[2]).max(0.0) as u16;
-    let far = (camera.raw_from_m(high[2]) as u16).min(NO_DEPTH - 1);
+    let end = (camera.raw_from_m(high[2]) as u16).min(NO_DEPTH - 1) + 1;
     let middle = (sensor_from_head.translation.vector.z).max(NEAREST_M);
     let same = camera.raw_from_m(middle * (1.0 + SAME_SURFACE)) - camera.raw_from_m(middle);
     let area = (columns.len() * rows.len()) as f32 * FILLED;
@@ -106,7 +106,7 @@ pub(crate) fn around(
     let mut rect: Option<PixelRect> = None;
     for top in rows.step_by(block) {
         for left in columns.clone().step_by(block) {
-            let sum = block_at(depth, (left, top), block, near..=far, same as u16);
+            let sum = block_at(depth, (left, top), block, near..end, same as u16);
             let Some(point) = sum.point(camera, block) else {
                 continue;
             };
@@ -156,27 +156,29 @@ fn block_at(
     depth: &[u16; PIXELS],
     (left, top): (usize, usize),
     block: usize,
-    range: core::ops::RangeInclusive<u16>,
+    range: core::ops::Range<u16>,
     same: u16,
 ) -> Block {
     let mut sum = Block::default();
     let (right, bottom) = ((left + block).min(WIDTH), (top + block).min(HEIGHT));
-    let rows = || (top..bottom).map(|row| (row, &depth[row * WIDTH + left..row * WIDTH + right]));
-    let middle = depth[(top + bottom) / 2 * WIDTH + (left + right) / 2];
-    let seed = if range.contains(&middle) {
-        middle
-    } else {
-        let all = rows().flat_map(|(_, readings)| readings.iter().copied());
-        match all.filter(|raw| range.contains(raw)).min() {
-            Some(nearest) => nearest,
-            None => return sum,
+    let line = |row: usize| &depth[row * WIDTH + left..row * WIDTH + right];
+    let mut seed = depth[(top + bottom) / 2 * WIDTH + (left + right) / 2];
+    if !range.contains(&seed) {
+        seed = NO_DEPTH;
+        for row in top..bottom {
+            for &raw in line(row).iter().filter(|raw| range.contains(raw)) {
+                seed = seed.min(raw);
+            }
         }
-    };
-    let like =
-        seed.saturating_sub(same).max(*range.start())..=seed.saturating_add(same).min(*range.end());
-    for (row, readings) in rows() {
-        for (col, &raw) in (left..).zip(readings) {
-            if like.contains(&raw) {
+        if seed == NO_DEPTH {
+            return sum;
+        }
+    }
+    let least = seed.saturating_sub(same).max(range.start);
+    let most = seed.saturating_add(same).min(range.end - 1);
+    for row in top..bottom {
+        for (col, &raw) in (left..).zip(line(row)) {
+            if least <= raw && raw <= most {
                 sum.add(raw, col, row);
             }
         }

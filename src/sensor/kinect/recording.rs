@@ -33,6 +33,7 @@ use super::picture_clock::timestamp_from_ticks;
 use super::registration::Registration;
 use crate::base::bounded_read;
 use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::base::vectors::wide;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 use crate::sensor::picture_file::{Damage, PictureFile, Skipped};
@@ -155,12 +156,15 @@ impl Recording {
         if pixels.channels != 1 || !pixels.wide {
             return Err(Damage::Kind("grey of 16 bit, as raw depth is"));
         }
-        let mut largest = 0;
         // fakenect copies memory: not the format's byte order.
-        for (raw, bytes) in frame.depth.iter_mut().zip(pixels.body.as_chunks().0) {
-            *raw = u16::from_le_bytes(*bytes);
-            largest = largest.max(*raw);
-        }
+        let largest = wide(|| {
+            let mut largest = 0;
+            for (raw, bytes) in frame.depth.iter_mut().zip(pixels.body.as_chunks().0) {
+                *raw = u16::from_le_bytes(*bytes);
+                largest = largest.max(*raw);
+            }
+            largest
+        });
         if largest > NO_DEPTH {
             return Err(Damage::Value(largest));
         }

@@ -5,11 +5,13 @@
 //! Reads 422 kB, writes 614 kB per picture, allocates nothing. Cost: 0.1 ms per picture.
 
 use crate::base::capacity::PIXELS;
+use crate::base::vectors::wide;
 
 /// Bytes of a packed depth picture.
 pub const PACKED_DEPTH: usize = PIXELS * 11 / 8;
 
 /// Four pixels of 11 bits, the first one in the highest, as four of 16 bits.
+#[inline(always)]
 fn drawn_apart(packed: u64) -> [u16; 4] {
     const EACH: u64 = 0x7ff << 32 | 0x7ff;
     // The first two in the lower half of the word, the other two in the upper; then each half alike.
@@ -18,30 +20,47 @@ fn drawn_apart(packed: u64) -> [u16; 4] {
     [0, 16, 32, 48].map(|shift| (quarters >> shift) as u16)
 }
 
+/// Pixels that go through one loop and then the next: only so do both become vector instructions. 32 groups of eight.
+const BATCH: usize = 256;
+
 /// Unpacks a depth picture.
-// As for luma: inlined, the pictures could overlap for all the compiler knows.
-#[inline(never)]
 pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
-    let (groups, _) = packed.as_chunks::<11>();
-    for (bytes, pixels) in groups.iter().zip(depth.as_chunks_mut::<8>().0) {
-        // Two words that overlap: the upper 44 bits of one, the lower 44 of the other.
-        let word = |from: usize| {
-            let word = bytes[from..].first_chunk();
-            word.map_or(0, |word| u64::from_be_bytes(*word))
-        };
-        let (first, second) = pixels.split_at_mut(4);
-        first.copy_from_slice(&drawn_apart(word(0) >> 20));
-        second.copy_from_slice(&drawn_apart(word(3)));
-    }
+    wide(|| {
+        let batches = packed.as_chunks::<{ BATCH * 11 / 8 }>().0.iter();
+        for (bytes, pixels) in batches.zip(depth.as_chunks_mut::<BATCH>().0) {
+            let mut words = [0u64; BATCH / 4];
+            let groups = bytes.as_chunks::<11>().0.iter();
+            for (pair, bytes) in words.as_chunks_mut::<2>().0.iter_mut().zip(groups) {
+                // Two words that overlap: the upper 44 bits of one, the lower 44 of the other.
+                let word = |from: usize| {
+                    let word = bytes[from..].first_chunk();
+                    word.map_or(0, |word| u64::from_be_bytes(*word))
+                };
+                *pair = [word(0) >> 20, word(3)];
+            }
+            for (four, word) in pixels.as_chunks_mut::<4>().0.iter_mut().zip(words) {
+                *four = drawn_apart(word);
+            }
+        }
+    });
+}
+
+/// Four pixels as the lower 44 bits of a word, the first one in the highest.
+fn drawn_together(pixels: [u16; 4]) -> u64 {
+    const EACH: u64 = 0x7ff << 32 | 0x7ff;
+    // One load: the first pixel in the lowest bits.
+    let quarters = bytemuck::cast::<_, u64>(pixels.map(u16::to_le)).to_le();
+    let halves = (quarters & EACH) << 11 | quarters >> 16 & EACH;
+    (halves & 0x3f_ffff) << 22 | halves >> 32
 }
 
 /// Packs a depth picture; values are taken modulo 2048.
 pub fn pack_depth(depth: &[u16; PIXELS], packed: &mut [u8; PACKED_DEPTH]) {
-    let (groups, _) = depth.as_chunks::<8>();
+    let groups = depth.as_chunks::<4>().0.as_chunks::<2>().0;
     for (pixels, bytes) in groups.iter().zip(packed.as_chunks_mut::<11>().0) {
-        let join = |word, &pixel| word << 11 | u128::from(pixel) & 0x7ff;
-        let word = pixels.iter().fold(0u128, join);
-        bytes.copy_from_slice(&word.to_be_bytes()[5..]);
+        let [first, second] = pixels.map(drawn_together);
+        bytes[..8].copy_from_slice(&(first << 20 | second >> 24).to_be_bytes());
+        bytes[8..].copy_from_slice(&second.to_be_bytes()[5..]);
     }
 }
 
