@@ -6,7 +6,7 @@
 //! configuration changes or the run ends.
 //!
 //! Somebody speaks while their mouth opens and closes again and again: at least [`REVERSALS`] turns of at least [`REVERSAL`]
-//! within [`SPEECH_S`], the last of them less than [`QUIET_S`] ago.
+//! and a [`SHARE`] of the opening within [`SPEECH_S`], the last of them less than [`QUIET_S`] ago.
 //!
 //! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
 
@@ -22,6 +22,7 @@ pub const ENABLED: bool = cfg!(any(test, feature = "wires"));
 /// Turns of the mouth that make speech, how far each goes, and within how long.
 const REVERSALS: usize = 4;
 const REVERSAL: f32 = 0.08;
+const SHARE: f32 = 0.2;
 const SPEECH_S: f64 = 1.2;
 const QUIET_S: f64 = 0.4;
 /// The state of every gesture is repeated at this interval, for receivers that missed a change.
@@ -189,12 +190,14 @@ impl Speech {
         } else {
             opening - self.extreme
         };
-        if back > REVERSAL {
+        // A mouth held wide open trembles more than a closed one.
+        let least = REVERSAL.max(SHARE * opening.max(self.extreme));
+        if back > least {
             self.opens = !self.opens;
             self.turns.rotate_right(1);
             self.turns[0] = Some(at);
         }
-        if !(0.0..=REVERSAL).contains(&back) {
+        if !(0.0..=least).contains(&back) {
             self.extreme = opening;
         }
         let within =
@@ -546,6 +549,16 @@ mod tests {
             (3.2..3.4).contains(soon) && (6.4..7.0).contains(late),
             "{soon} {late}"
         );
+    }
+
+    #[test]
+    fn a_mouth_held_open_may_tremble_without_speaking() {
+        let mut speech = Speech::default();
+        for frame in 0..90_u64 {
+            let s = frame as f32 / 30.0;
+            let opening = 1.2 + 0.1 * (s * 8.0 * core::f32::consts::PI).sin();
+            assert!(!speech.hear(opening, Timestamp::from_us(frame * 33_333)));
+        }
     }
 
     #[test]
