@@ -3,9 +3,6 @@
 //! Numbers have a fixed number of decimals, so that equal values give equal bytes. A missing or non-finite value is an empty
 //! field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
 
-#[cfg(feature = "studio")]
-pub mod read;
-
 use core::fmt::Write as _;
 #[cfg(feature = "std")]
 use std::io::Write;

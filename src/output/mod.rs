@@ -24,8 +24,6 @@ pub mod live_link;
 #[cfg(feature = "wires")]
 pub mod mqtt;
 pub mod osc;
-#[cfg(feature = "studio")]
-pub mod received;
 mod report;
 pub mod serial;
 mod view;

@@ -24,8 +24,6 @@ pub mod faceosc;
 mod listener;
 pub(crate) mod packet;
 pub(super) mod parameters;
-#[cfg(feature = "studio")]
-mod receive;
 #[cfg(feature = "std")]
 pub(super) mod udp;
 pub mod vmc;
@@ -49,8 +47,6 @@ use commands::Request;
 #[cfg(feature = "std")]
 use listener::Listener;
 use packet::Argument;
-#[cfg(feature = "studio")]
-pub use receive::Receiver;
 #[cfg(feature = "wires")]
 pub(super) use wire::Sender;
 use wire::Wire;

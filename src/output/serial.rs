@@ -28,14 +28,10 @@ mod encoder;
 mod line;
 #[cfg(feature = "std")]
 mod port;
-#[cfg(feature = "studio")]
-mod receive;
 mod settings;
 
 pub use encoder::Encoder;
 pub use line::Line;
 #[cfg(feature = "std")]
 pub use port::Serial;
-#[cfg(feature = "studio")]
-pub use receive::Receiver;
 pub use settings::{Settings, Style};

@@ -111,7 +111,7 @@ pub(super) const DEPTH: usize = 3;
 
 /// Passes every message of a datagram to `take`, which says whether it is accepted; counts of those accepted and refused. What
 /// cannot be separated, or is nested too deep, is one refused. Time tags are not waited for.
-pub(super) fn messages(datagram: &[u8], take: &mut dyn FnMut(&[u8]) -> bool) -> [u64; 2] {
+pub(crate) fn messages(datagram: &[u8], take: &mut dyn FnMut(&[u8]) -> bool) -> [u64; 2] {
     let mut counts = [0; 2];
     elements(
         datagram,
@@ -159,7 +159,7 @@ fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
 }
 
 /// Hands every argument of a message to `take`; the address, or `None` if it is malformed or `take` refuses one.
-pub(super) fn parse<'a>(
+pub(crate) fn parse<'a>(
     message: &'a [u8],
     mut take: impl FnMut(Argument<'a>) -> Option<()>,
 ) -> Option<&'a str> {

@@ -38,15 +38,6 @@ fn append(mut payload: Payload, line: &mut Line) -> bool {
     line.put(&stuffed[..=length]).is_ok()
 }
 
-/// Removes the stuffing; the closing zero is already removed.
-#[cfg(feature = "studio")]
-pub(super) fn unstuffed(frame: &[u8]) -> Option<Vec<u8>> {
-    let mut out = vec![0; frame.len()];
-    let report = cobs::decode(frame, &mut out).ok()?;
-    out.truncate(report.frame_size());
-    Some(out)
-}
-
 /// Bytes of a pose on the wire.
 pub(super) const POSE_BYTES: usize = 22;
 /// Largest payload, bytes: the receive buffer minus the checksum, the stuffing's code byte and the zero.
@@ -83,18 +74,6 @@ pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
         )) << 3
         | (report.user.unwrap_or(0) as u8 & 3) << 4
         | u8::from(state == TrackingState::Posed) << 6
-}
-
-/// The state in [`flags`]. A lost face is sent as held while it fades.
-#[cfg(feature = "studio")]
-pub(super) fn state(flags: u8) -> TrackingState {
-    match flags & 0b100_1101 {
-        1 => TrackingState::Tracking,
-        4 => TrackingState::Warming,
-        8 => TrackingState::Held,
-        0b100_1000 => TrackingState::Posed,
-        _ => TrackingState::Absent,
-    }
 }
 
 /// Number, state and weights (0…1).

@@ -414,7 +414,6 @@ fn rigid([x, y, z, qx, qy, qz, qw]: [f32; 7]) -> Rigid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::received::Listener;
     use std::net::UdpSocket;
 
     #[test]

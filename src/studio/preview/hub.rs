@@ -14,7 +14,6 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::sample::{Sample, UnitRange, ranges_json};
-use crate::output::received::Listener;
 
 /// Events of a live source that wait for pages at most: some ten seconds of four users.
 const LIVE_LINES: usize = 1200;
@@ -192,17 +191,17 @@ impl Hub {
         let after = next + lines.len() as u64;
         (lines, after)
     }
-}
 
-impl Listener for Hub {
-    fn schema(&self, names: &[String]) {
+    /// The names of the units, in the order of the weights, when they change.
+    pub fn schema(&self, names: &[String]) {
         if let Some(onward) = &self.lock().onward {
             let _ = onward.try_send(Passed::Units(names.to_vec()));
         }
         self.fact("schema", "schema", &json!(names).to_string());
     }
 
-    fn sample(&self, sample: &Sample) {
+    /// A user at a frame.
+    pub fn sample(&self, sample: &Sample) {
         let line = format!("data: {}\n\n", sample.json());
         let mut state = self.lock();
         if let Some(onward) = &state.onward {
@@ -212,17 +211,20 @@ impl Listener for Hub {
         self.push(&mut state, line.into());
     }
 
-    fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]) {
+    /// A user's ranges, in schema order; `None` where nothing was received.
+    pub fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]) {
         let json = ranges_json(slot, ranges);
         self.fact("ranges", &format!("ranges {slot}"), &json);
     }
 
-    fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool) {
+    /// A gesture is on or off, of a person or of whoever counts; told again and again.
+    pub fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool) {
         let json = json!({"name": name, "u": slot, "on": is_on}).to_string();
         self.fact("gesture", &format!("gesture {name} {slot:?}"), &json);
     }
 
-    fn count(&self, taken: u64, refused: u64) {
+    /// Counts messages, lines or frames accepted and refused.
+    pub fn count(&self, taken: u64, refused: u64) {
         self.received.fetch_add(taken, Ordering::Relaxed);
         self.refused.fetch_add(refused, Ordering::Relaxed);
     }

@@ -3,8 +3,7 @@
 //! ```text
 //! OSC │ serial │ CSV │ recording, sensor + pipeline ─► hub ─► server-sent events ─► page (WebGL 2, morphs on the GPU)
 //!
-//! osc, serial, table, sensor   the sources
-//! received                     from the receivers of wires to the hub
+//! osc, serial, table, sensor   the sources, and the parsers of what they send
 //! sample                       one user at one frame, as JSON
 //! hub                          between one source and any number of pages
 //! http                         what a page asks and gets
@@ -40,7 +39,6 @@ use crate::appliance::service;
 use crate::appliance::source::{self, Missing, SourceName};
 use crate::expression::unit_words;
 use crate::output::Command;
-use crate::output::received::Listener;
 use crate::pipeline::Pipeline;
 use crate::studio::fault::Fault;
 use crate::studio::heads::default_head;

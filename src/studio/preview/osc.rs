@@ -1,9 +1,16 @@
-//! Receives the native OSC schema ([`crate::output::osc`]) over UDP.
+//! Receives the native OSC schema that [`crate::output::osc`] sends, over UDP.
+//!
+//! Any prefix is accepted: `…/<user>/frame` is what counts. Input is untrusted: a message that is malformed or unknown, has
+//! other arguments, names an impossible slot or unit, or contains a non-finite number is counted and otherwise ignored.
+//! Weights without names (style `vector`) wait for the schema, which is sent every five seconds.
 
 use std::net::UdpSocket;
 
 use super::hub::Hub;
-use crate::output::osc::Receiver;
+use super::sample::{Sample, UnitRange};
+use crate::base::capacity::USERS;
+use crate::output::is_name;
+use crate::output::osc::packet::{Argument as Value, messages, parse};
 
 /// Longest datagram there is.
 const LARGEST: usize = 65_536;
@@ -27,5 +34,351 @@ pub fn listen(socket: &UdpSocket, hub: &Hub) {
                 std::thread::sleep(std::time::Duration::from_millis(100));
             }
         }
+    }
+}
+
+/// Units a schema may name.
+const MOST_UNITS: usize = 256;
+
+/// The state of the stream so far.
+#[derive(Default)]
+pub struct Receiver {
+    units: Vec<String>,
+    /// Whether the units are a schema's, which alone says what a vector means.
+    named: bool,
+    users: [User; USERS],
+}
+
+#[derive(Default)]
+struct User {
+    sample: Sample,
+    ranges: Vec<Option<UnitRange>>,
+    /// What the present datagram changed.
+    changed: [bool; 2],
+}
+
+impl Receiver {
+    /// Takes one datagram and tells what it says.
+    pub fn take(&mut self, datagram: &[u8], hub: &Hub) {
+        let units = self.units.clone();
+        let [taken, refused] = messages(datagram, &mut |one| self.message(one, hub).is_some());
+        hub.count(taken, refused);
+        if units != self.units {
+            hub.schema(&self.units);
+        }
+        for (slot, user) in self.users.iter_mut().enumerate() {
+            let [sample, ranges] = std::mem::take(&mut user.changed);
+            if sample {
+                user.sample.weights.resize(self.units.len(), 0.0);
+                hub.sample(&user.sample);
+            }
+            if ranges {
+                user.ranges.resize(self.units.len(), None);
+                hub.ranges(slot, &user.ranges);
+            }
+        }
+    }
+
+    fn message(&mut self, bytes: &[u8], hub: &Hub) -> Option<()> {
+        let mut values = Vec::new();
+        let address = parse(bytes, |value| {
+            values.push(match value {
+                Value::Bool(truth) => Value::Int(truth.into()),
+                other => other,
+            });
+            Some(())
+        })?;
+        let words: Vec<&str> = address.strip_prefix('/')?.split('/').collect();
+        match (&words[..], &values[..]) {
+            ([.., "schema"], [Value::Int(_), names @ ..]) => {
+                let names: Option<Vec<String>> = names
+                    .iter()
+                    .map(|name| match name {
+                        Value::Text(name) if is_name(name) => Some((*name).to_owned()),
+                        _ => None,
+                    })
+                    .collect();
+                self.rename(names.filter(|names| names.len() <= MOST_UNITS)?);
+                self.named = true;
+                return Some(());
+            }
+            (["mien", "gesture", name, user @ ..], [Value::Int(is_on)]) if is_name(name) => {
+                let user = match user {
+                    [] => None,
+                    [word] => Some(slot(word)?),
+                    _ => return None,
+                };
+                hub.gesture(name, user, *is_on != 0);
+                return Some(());
+            }
+            ([.., "alive"], [Value::Int(_), Value::Text(_), Value::Float(_)]) => return Some(()),
+            _ => {}
+        }
+        // The slot is the last word but one or two.
+        let at = words.len().checked_sub(2)?;
+        if let Some(slot) = slot(words[at]) {
+            return self.fact(slot, words[at + 1], &values);
+        }
+        let slot = slot(words[at.checked_sub(1)?])?;
+        self.unit(slot, words[at], words[at + 1], &values)
+    }
+
+    /// What is said of a user as a whole.
+    fn fact(&mut self, slot: usize, what: &str, values: &[Value]) -> Option<()> {
+        let named = self.named;
+        let count = self.units.len();
+        let user = &mut self.users[slot];
+        match (what, values) {
+            (
+                "frame",
+                &[
+                    Value::Int(number),
+                    Value::Int(ms),
+                    Value::Int(state @ 0..=5),
+                    Value::Float(confidence),
+                    ref more @ ..,
+                ],
+            ) if confidence.is_finite() => {
+                let latency = match more {
+                    [Value::Float(ms), ..] if ms.is_finite() && *ms > 0.0 => Some(*ms),
+                    _ => None,
+                };
+                let number = u64::try_from(number).ok()?;
+                let weights = std::mem::take(&mut user.sample.weights);
+                user.sample = Sample {
+                    user: Some(slot),
+                    number,
+                    seconds: f64::from(ms) * 1e-3,
+                    state: state as u8,
+                    confidence,
+                    latency_ms: latency,
+                    weights,
+                    ..Sample::default()
+                };
+            }
+            ("au", values) if named && values.len() == count => {
+                user.sample.weights = floats(values)?;
+            }
+            // Until the schema comes.
+            ("au", values) if !named => return floats(values).map(drop),
+            ("pose", values) if values.len() == 7 => {
+                user.sample.pose = floats(values)?.try_into().ok();
+            }
+            ("present", [Value::Int(0..=1)]) => return Some(()),
+            _ => return None,
+        }
+        user.changed[0] = true;
+        Some(())
+    }
+
+    /// What is said of a unit of a user.
+    fn unit(&mut self, slot: usize, what: &str, name: &str, values: &[Value]) -> Option<()> {
+        let numbers = floats(values)?;
+        if !is_name(name) {
+            return None;
+        }
+        let unit = match self.units.iter().position(|unit| unit == name) {
+            Some(unit) => unit,
+            None if !self.named && what == "au" && self.units.len() < MOST_UNITS => {
+                self.units.push(name.to_owned());
+                self.units.len() - 1
+            }
+            None => return None,
+        };
+        let user = &mut self.users[slot];
+        match (what, &numbers[..]) {
+            ("au", &[weight]) => {
+                let weights = &mut user.sample.weights;
+                weights.resize(weights.len().max(unit + 1), 0.0);
+                weights[unit] = weight;
+                user.changed[0] = true;
+            }
+            ("range", &[low, rest, high, ref ready @ ..]) if ready.len() <= 1 => {
+                let ranges = &mut user.ranges;
+                ranges.resize(ranges.len().max(unit + 1), None);
+                ranges[unit] = Some(([low, rest, high], ready.first().copied()));
+                user.changed[1] = true;
+            }
+            _ => return None,
+        }
+        Some(())
+    }
+
+    /// Another schema: what was known under the old names moves to its new place.
+    fn rename(&mut self, names: Vec<String>) {
+        if names == self.units {
+            return;
+        }
+        for user in &mut self.users {
+            let old = |name: &String| self.units.iter().position(|unit| unit == name);
+            let weight = |name| user.sample.weights.get(old(name)?).copied();
+            let weights = names
+                .iter()
+                .map(|name| weight(name).unwrap_or(0.0))
+                .collect();
+            let range = |name| user.ranges.get(old(name)?).copied().flatten();
+            user.ranges = names.iter().map(range).collect();
+            user.sample.weights = weights;
+        }
+        self.units = names;
+    }
+}
+
+fn slot(word: &str) -> Option<usize> {
+    word.parse().ok().filter(|&slot| slot < USERS)
+}
+
+/// All values as finite floats.
+fn floats(values: &[Value]) -> Option<Vec<f32>> {
+    values
+        .iter()
+        .map(|value| match value {
+            Value::Float(number) if number.is_finite() => Some(*number),
+            _ => None,
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::Rigid;
+    use crate::base::time::Timestamp;
+    use crate::expression::UnitRange;
+    use crate::output::osc::{Osc, Settings};
+    use crate::output::{Output, Report, TrackingState};
+    use std::net::UdpSocket;
+    use std::time::Duration;
+
+    fn events(hub: &Hub) -> Vec<serde_json::Value> {
+        let mut next = 0;
+        let mut out = Vec::new();
+        loop {
+            let (lines, after) = hub.read(next, Duration::ZERO);
+            if lines.is_empty() {
+                return out;
+            }
+            for line in lines {
+                let json = line.split("data: ").nth(1).unwrap();
+                out.push(serde_json::from_str(json).unwrap());
+            }
+            next = after;
+        }
+    }
+
+    /// The datagrams of a sender that reports a face, and a receiver that has had them.
+    fn sent() -> (Vec<Vec<u8>>, Receiver, Hub) {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket
+            .set_read_timeout(Some(Duration::from_millis(200)))
+            .unwrap();
+        let settings = Settings {
+            targets: vec![socket.local_addr().unwrap().to_string()],
+            ranges: true,
+            ..Settings::default()
+        };
+        let mut osc = Osc::new(settings, &["AU25", "AU26"]).unwrap();
+        let pose = Rigid::translation(0.1, 0.0, 0.7);
+        let report = Report {
+            at: Timestamp::from_us(1_500_000),
+            user: Some(2),
+            state: TrackingState::Tracking,
+            confidence: 0.75,
+            sensor_from_face: Some(&pose),
+            weights: &[0.25, 0.5],
+            ranges: &[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]].map(|[low, rest, high]| UnitRange {
+                low,
+                rest,
+                high,
+                readiness: 0.75,
+                ..UnitRange::default()
+            }),
+            latency_us: 12_500,
+            ..Report::default()
+        };
+        osc.send(&report).unwrap();
+        let (hub, mut receiver) = (Hub::new(true), Receiver::default());
+        let mut all = Vec::new();
+        let mut bytes = [0; 2000];
+        while let Ok(length) = socket.recv(&mut bytes) {
+            receiver.take(&bytes[..length], &hub);
+            all.push(bytes[..length].to_vec());
+        }
+        (all, receiver, hub)
+    }
+
+    #[test]
+    fn what_our_sender_sends_arrives_whole() {
+        let (_, _, hub) = sent();
+        assert_eq!(hub.counts().refused, 0);
+        let events = events(&hub);
+        assert_eq!(events[0], serde_json::json!(["AU25", "AU26"]));
+        let last = events
+            .iter()
+            .rfind(|event| event["u"] == 2 && event["w"].is_array())
+            .unwrap();
+        assert_eq!(last["w"], serde_json::json!([0.25, 0.5]));
+        assert_eq!(last["p"], serde_json::json!([0.1, 0, 0.7, 0, 0, 0, 1]));
+        assert_eq!(
+            (&last["s"], &last["c"], &last["l"]),
+            (&2.into(), &0.75.into(), &12.5.into())
+        );
+        let ranges = events.iter().rfind(|event| event["r"].is_array()).unwrap();
+        assert_eq!(ranges["r"][1], serde_json::json!([1, 2, 3, 0.75]));
+    }
+
+    #[test]
+    fn a_head_without_a_face_keeps_its_pose_on_the_page() {
+        let (_, mut receiver, hub) = sent();
+        let refused = hub.counts().refused;
+        let mut bytes = b"/face/2/frame\0\0\0,iiif\0\0\0".to_vec();
+        bytes.extend([[0, 0, 0, 7], [0, 0, 6, 0], [0, 0, 0, 5], [0; 4]].concat());
+        receiver.take(&bytes, &hub);
+        assert_eq!(hub.counts().refused, refused);
+        assert_eq!(receiver.users[2].sample.state, TrackingState::Posed.code());
+        // A state that there is not.
+        *bytes.iter_mut().rfind(|byte| **byte == 5).unwrap() = 6;
+        receiver.take(&bytes, &hub);
+        assert_eq!(hub.counts().refused, refused + 1);
+    }
+
+    #[test]
+    fn a_refused_message_takes_nothing_away() {
+        let (_, mut receiver, hub) = sent();
+        let before = receiver.users[2].sample.clone();
+        // A frame with a number below 0.
+        let mut bytes = b"/face/2/frame\0\0\0,iiif\0\0\0".to_vec();
+        bytes.extend([[0xff; 4], [0; 4], [0, 0, 0, 2], [0; 4]].concat());
+        receiver.take(&bytes, &hub);
+        assert_eq!(hub.counts().refused, 1);
+        assert_eq!(receiver.users[2].sample, before);
+    }
+
+    #[test]
+    fn garbage_changes_only_the_counter() {
+        let (datagrams, mut receiver, hub) = sent();
+        let before = events(&hub);
+        let refused = hub.counts().refused;
+        let mut random = fastrand::Rng::with_seed(11);
+        for k in 0..10_000 {
+            let length = random.usize(1..600);
+            let mut bytes: Vec<u8> = (0..length).map(|_| random.u8(..)).collect();
+            match k % 4 {
+                0 => bytes
+                    .splice(0..0, *b"#bundle\0\0\0\0\0\0\0\0\x01")
+                    .for_each(drop),
+                1 => bytes.splice(0..0, *b"/face/9/au\0\0,f\0\0").for_each(drop),
+                // A true datagram, the schema, cut short.
+                2 => {
+                    let whole = &datagrams[0];
+                    bytes = whole[..random.usize(17..whole.len())].to_vec();
+                    bytes.truncate(bytes.len() / 4 * 4 + 1);
+                }
+                _ => {}
+            }
+            receiver.take(&bytes, &hub);
+        }
+        assert_eq!(events(&hub), before);
+        assert!(hub.counts().refused >= refused + 10_000);
     }
 }

@@ -5,10 +5,38 @@
 
 use serde_json::{Value, json};
 
-pub use crate::output::received::{Sample, UnitRange};
-
 /// Weights are shown up to this: exaggerated expressions exceed 1.
 const MOST_WEIGHT: f32 = 4.0;
+
+/// One user at one frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// Slot; `None` if nobody is there.
+    pub user: Option<usize>,
+    /// Number of the frame.
+    pub number: u64,
+    /// Capture time.
+    pub seconds: f64,
+    /// Code of the state: 0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed.
+    pub state: u8,
+    /// 0…1.
+    pub confidence: f32,
+    /// From the frame's arrival to its being sent, if the source says so.
+    pub latency_ms: Option<f32>,
+    /// Whether learning is frozen.
+    pub frozen: bool,
+    /// `sensor_from_head`: position in metres and quaternion x y z w.
+    pub pose: Option<[f32; 7]>,
+    /// The head in depth pixels: first column and row, one past the last.
+    pub head_box: Option<[u16; 4]>,
+    /// Weights in schema order.
+    pub weights: Vec<f32>,
+    /// The 68 points, colour pixels; empty if not known.
+    pub points: Vec<[f32; 2]>,
+}
+
+/// Low, rest, high of the measure behind a unit, and how far they are this person's (0…1, if the source says so).
+pub type UnitRange = ([f32; 3], Option<f32>);
 
 /// A number with so many decimals, whole ones without any; `null` if it is none.
 fn number(value: impl Into<f64>, decimals: i32) -> Value {

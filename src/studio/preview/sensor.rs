@@ -13,7 +13,6 @@ use std::time::Instant;
 use super::hub::{Hub, Seen};
 use super::sample::{Sample, UnitRange};
 use crate::appliance::source::{Pacer, Source, SourceError};
-use crate::output::received::Listener;
 use crate::output::{Command, Report};
 use crate::pipeline::Pipeline;
 use crate::sensor::kinect::frame::KinectFrame;

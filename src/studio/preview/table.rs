@@ -1,4 +1,4 @@
-//! Plays the CSV of a run, or any table with the columns needed ([`crate::output::csv`]).
+//! Plays the CSV of a run ([`crate::output::csv`]), or any table with `time_us`, `user` and `w_…`: columns are found by name.
 //!
 //! Every row is sent as it is read and kept by the hub, so that the page can scrub back. Damaged rows are counted and skipped.
 //! From standard input (`-`) rows are shown as they arrive.
@@ -7,10 +7,11 @@ use std::io::{BufRead, Read};
 use std::path::Path;
 
 use super::hub::Hub;
-use crate::output::csv::read::Columns;
-use crate::output::received::Listener;
+use super::sample::Sample;
+use crate::base::capacity::{LANDMARKS, USERS};
 use crate::studio::fault::Fault;
 use crate::studio::text_files::decoded;
+use crate::users::TrackingState;
 
 /// Bytes of the longest line: a row has some 3 kB.
 const LINE: u64 = 1 << 16;
@@ -62,9 +63,170 @@ pub fn play(mut table: Columns, mut reader: Box<dyn BufRead + Send>, hub: &Hub) 
     }
 }
 
+/// Where things stand in a row.
+pub struct Columns {
+    cells: usize,
+    time: usize,
+    user: usize,
+    frame: Option<usize>,
+    state: Option<usize>,
+    confidence: Option<usize>,
+    /// Empty where not all of them are there.
+    pose: Vec<usize>,
+    points: Vec<usize>,
+    head_box: Vec<usize>,
+    units: Vec<(String, usize)>,
+    rows: u64,
+}
+
+impl Columns {
+    /// Finds the columns in the first line; `None` if those that are needed are missing.
+    #[must_use]
+    pub fn new(header: &str) -> Option<Self> {
+        let columns = cells(header.lines().next().unwrap_or_default());
+        let find = |name: &str| columns.iter().position(|column| *column == name);
+        let units = columns.iter().enumerate();
+        let units: Vec<(String, usize)> = units
+            .filter_map(|(at, name)| Some((name.strip_prefix("w_")?.to_owned(), at)))
+            .collect();
+        let (Some(time), Some(user), false) = (find("time_us"), find("user"), units.is_empty())
+        else {
+            return None;
+        };
+        let all = |names: &[String]| {
+            let found: Option<Vec<_>> = names.iter().map(|name| find(name)).collect();
+            found.unwrap_or_default()
+        };
+        let pose = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"].map(str::to_owned);
+        let points = (0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]);
+        Some(Self {
+            cells: columns.len(),
+            time,
+            user,
+            frame: find("frame"),
+            state: find("state"),
+            confidence: find("confidence"),
+            pose: all(&pose),
+            points: all(&points.collect::<Vec<_>>()),
+            head_box: all(&["head_x0", "head_y0", "head_x1", "head_y1"].map(str::to_owned)),
+            units,
+            rows: 0,
+        })
+    }
+
+    /// Names of the units in the order of the weights.
+    pub fn units(&self) -> impl Iterator<Item = &str> {
+        self.units.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// One row; `None` if it is damaged.
+    pub fn row(&mut self, line: &str) -> Option<Sample> {
+        let cells = cells(line);
+        if cells.len() != self.cells {
+            return None;
+        }
+        // Empty is absent; what is there must be a number.
+        let number = |at: usize| match cells[at] {
+            "" => Some(f32::NAN),
+            cell => cell.parse::<f32>().ok().filter(|value| value.is_finite()),
+        };
+        let several = |columns: &[usize]| {
+            columns
+                .iter()
+                .map(|&at| number(at))
+                .collect::<Option<Vec<f32>>>()
+        };
+        let micros: u64 = cells[self.time].parse().ok()?;
+        let user = match cells[self.user] {
+            "" => None,
+            cell => Some(cell.parse().ok().filter(|&slot: &usize| slot < USERS)?),
+        };
+        let state = match self.state.map(|at| cells[at]) {
+            None => u8::from(user.is_some()) * TrackingState::Tracking.code(),
+            Some(word) => state(word)?,
+        };
+        let columns: Vec<usize> = self.units.iter().map(|unit| unit.1).collect();
+        let mut weights = several(&columns)?;
+        if state == TrackingState::Posed.code() {
+            // No weights are not weights of 0.
+            weights.clear();
+        }
+        for weight in &mut weights {
+            *weight = if weight.is_nan() { 0.0 } else { *weight };
+        }
+        // All of a group of columns, if each has a number.
+        let whole = |columns: &[usize]| {
+            let is_whole = |values: &Vec<f32>| values.iter().all(|value| value.is_finite());
+            Some(Some(several(columns)?).filter(is_whole).unwrap_or_default())
+        };
+        let points = whole(&self.points)?;
+        let head_box: Option<[f32; 4]> = whole(&self.head_box)?.try_into().ok();
+        let is_there = |sides: &[f32; 4]| sides.iter().all(|side| (0.0..=65535.0).contains(side));
+        let head_box = head_box.filter(is_there);
+        self.rows += 1;
+        let frame = self.frame.and_then(|at| cells[at].parse().ok());
+        Some(Sample {
+            user,
+            number: frame.unwrap_or(self.rows - 1),
+            seconds: micros as f64 * 1e-6,
+            state,
+            confidence: self.confidence.map_or(Some(f32::NAN), number)?,
+            pose: whole(&self.pose)?.try_into().ok(),
+            head_box: head_box.map(|sides| sides.map(|side| side as u16)),
+            weights,
+            points: points.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
+            ..Sample::default()
+        })
+    }
+}
+
+fn state(word: &str) -> Option<u8> {
+    TrackingState::ALL
+        .iter()
+        .find(|state| state.name() == word)
+        .map(|state| state.code())
+}
+
+/// Cells of a line, trimmed.
+fn cells(line: &str) -> Vec<&str> {
+    line.split(',').map(str::trim).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rows_are_read_by_name_and_damaged_ones_are_none() {
+        let header = "w_AU26,user,time_us,state,other,w_AU25";
+        let mut table = Columns::new(header).unwrap();
+        assert!(table.units().eq(["AU26", "AU25"]));
+        let row = table.row("0.5,1,33333,tracking,x,0.25\n").unwrap();
+        assert_eq!((row.user, row.state, row.number), (Some(1), 2, 0));
+        assert_eq!(row.weights, [0.5, 0.25]);
+        let header = "w_AU26,user,time_us,state,head_x0,head_y0,head_x1,head_y1";
+        let mut boxed = Columns::new(header).unwrap();
+        let posed = boxed.row(",0,33333,posed,10,20,110,140").unwrap();
+        assert_eq!((posed.state, posed.head_box), (5, Some([10, 20, 110, 140])));
+        assert!(posed.weights.is_empty(), "no weights are not weights of 0");
+        let held = boxed.row("0.5,0,66666,held,,,,").unwrap();
+        assert_eq!((held.head_box, held.weights), (None, vec![0.5]));
+        let nobody = table.row(",,66666,absent,,\n").unwrap();
+        assert_eq!(
+            (nobody.user, nobody.state, nobody.weights),
+            (None, 0, vec![0.0; 2])
+        );
+        for bad in [
+            "0.5,1,33333,tracking,x",
+            "nan,1,33333,tracking,x,0",
+            "0.5,9,33333,tracking,x,0",
+            "0.5,1,-3,tracking,x,0",
+            "0.5,1,3,sleeping,x,0",
+        ] {
+            assert!(table.row(bad).is_none(), "{bad}");
+        }
+        assert!(Columns::new("a,b").is_none());
+    }
 
     #[test]
     fn another_kind_of_table_is_refused_with_its_first_line() {
