@@ -54,9 +54,9 @@ outputs! { s units
     "FaceOSC" faceosc: s.faceosc.enabled, &s.faceosc.targets => osc::faceosc::FaceOsc::new(s.faceosc.clone())?;
     "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => output::serial::Serial::new(&s.serial, units)?;
     "Art-Net" artnet "wires": s.network.artnet.enabled, &s.network.artnet.targets =>
-        output::lights::artnet::ArtNet::new(&s.network.artnet, &s.network.lights, units)?;
+        output::lights::artnet::open(&s.network.artnet, &s.network.lights, units)?;
     "sACN" sacn "wires": s.network.sacn.enabled, &s.network.sacn.targets =>
-        output::lights::sacn::Sacn::new(&s.network.sacn, &s.network.lights, &s.network.name, units)?;
+        output::lights::sacn::open(&s.network.sacn, &s.network.lights, &s.network.name, units)?;
     "Live Link" live_link "wires": s.network.live_link.enabled, &s.network.live_link.targets =>
         output::live_link::LiveLink::new(s.network.live_link.clone(), &s.network.name, units)?;
     "WebSocket" websocket "wires": s.network.websocket.enabled, &[] =>

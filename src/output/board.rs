@@ -59,19 +59,13 @@ impl Output for Front {
             let (known, weights) = &mut self.users[slot];
             *known = true;
             weights.observe(report);
-            let present = report.state.is_present();
-            let pose = report.sensor_from_face.filter(|_| present);
-            let pose = pose.map(|pose| {
-                let pose = self.view.pose(pose);
-                let (place, turn) = (pose.translation.vector, pose.rotation.coords);
-                [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
-            });
-            let pose = pose.filter(|pose| pose.iter().all(|number| number.is_finite()));
-            let confidence = if present { report.confidence } else { 0.0 };
             let shot = &mut board.users[slot];
             fill(shot, report, report.state, weights);
-            (shot.pose, shot.confidence, shot.frozen) =
-                (pose, unit_range(confidence), report.frozen);
+            shot.pose = self.view.pose_numbers(report);
+            if report.state.is_present() {
+                shot.confidence = unit_range(report.confidence);
+            }
+            shot.frozen = report.frozen;
         } else {
             for ((known, weights), shot) in self.users.iter_mut().zip(&mut board.users) {
                 if *known {

@@ -76,6 +76,7 @@ impl WireWeights {
 #[derive(Default)]
 pub(super) struct OneFace {
     pub(super) weights: WireWeights,
+    pub(super) view: View,
     user: Option<usize>,
     present: bool,
     /// Whether the user has made room for another.
@@ -84,12 +85,13 @@ pub(super) struct OneFace {
 
 impl OneFace {
     pub(super) fn new(units: &[&str], view: &View) -> Self {
-        Self::of(view.channels(units), view.loss)
+        Self::of(view.channels(units), view)
     }
 
-    pub(super) fn of(channels: Box<[Channel]>, policy: LossPolicy) -> Self {
+    pub(super) fn of(channels: Box<[Channel]>, view: &View) -> Self {
         Self {
-            weights: WireWeights::new(channels, policy),
+            weights: WireWeights::new(channels, view.loss),
+            view: view.clone(),
             ..Self::default()
         }
     }

@@ -1,15 +1,18 @@
-//! How often something may be tried or asked for: pauses that double, and an allowance that fills again. How long the end of
-//! an output may take, whose thread may still send the messages that report nobody, but no more.
+//! How often something may be tried or asked for: pauses that double, an address that is tried until it is free, and an
+//! allowance that fills again. How long the end of an output may take, whose thread may still send the messages that report nobody, but no more.
 
+use std::net::SocketAddr;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+
+use super::OutputError;
 
 /// Pauses before trying again, doubling from the first to the longest.
 pub(super) struct BackOff {
     first: Duration,
     longest: Duration,
     /// Pauses so far.
-    pub(super) tries: u32,
+    tries: u32,
 }
 
 impl BackOff {
@@ -31,6 +34,51 @@ impl BackOff {
     /// It has worked: the next pause is the first one again.
     pub(super) fn reset(&mut self) {
         self.tries = 0;
+    }
+}
+
+/// First and longest pause before retrying an address that is in use.
+const IN_USE: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
+
+/// A socket that listens as soon as its address is free, or this machine's.
+pub(super) struct Listening<T> {
+    address: SocketAddr,
+    pub(super) socket: Option<T>,
+    again: Instant,
+    back_off: BackOff,
+}
+
+impl<T> Listening<T> {
+    /// At `address:port`; not tried yet.
+    ///
+    /// # Errors
+    /// If it is not an address with a port.
+    pub(super) fn at(address: &str) -> Result<Self, OutputError> {
+        let parsed = address.parse();
+        Ok(Self {
+            address: parsed.map_err(|_| OutputError::Listen(address.to_owned()))?,
+            socket: None,
+            again: Instant::now(),
+            back_off: BackOff::new(IN_USE),
+        })
+    }
+
+    /// Tries, if need be, when it is time to; `what` it is for is told if that fails.
+    pub(super) fn open(&mut self, what: &str, bind: fn(SocketAddr) -> std::io::Result<T>) {
+        if self.socket.is_some() || Instant::now() < self.again {
+            return;
+        }
+        let address = self.address;
+        let bound = bind(address).inspect_err(|error| {
+            // Not the first failure: before a reload the address is still this program's own for a moment.
+            if self.back_off.tries == 1 {
+                tracing::warn!(
+                    "cannot listen{what} at {address} ({error}), retrying until it is free"
+                );
+            }
+        });
+        self.socket = bound.ok();
+        self.again = Instant::now() + self.back_off.pause();
     }
 }
 

@@ -16,8 +16,7 @@
 use super::features::LiveLinkSettings;
 use super::osc::parameters::Parameter;
 use super::osc::{Sender, udp};
-use super::{OneFace, Output, OutputError, Report, Tally, View, identity};
-use crate::base::geometry::{Rigid, yaw_pitch_roll};
+use super::{OneFace, Output, OutputError, Report, Tally, identity};
 use crate::base::time::Timestamp;
 
 /// The shapes in their order; ARKit's names but for the first letter.
@@ -49,7 +48,6 @@ const LARGEST: usize = 1 + 4 + 36 + 4 + LONGEST + 16 + 1 + 4 * VALUES;
 pub struct LiveLink {
     to: Sender,
     face: OneFace,
-    view: View,
     device: String,
     subject: String,
     /// Shapes that are sent, with their index.
@@ -83,7 +81,6 @@ impl LiveLink {
         Ok(Self {
             to: udp::open(&settings.targets)?.into(),
             face: OneFace::new(units, &settings.view),
-            view: settings.view,
             device: as_text(identity::uuid(&name, "live-link")),
             subject,
             shapes: shapes.filter_map(place).collect(),
@@ -144,11 +141,7 @@ impl Output for LiveLink {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         if self.face.follow(report).is_some() {
             self.at = report.at;
-            let finite = |pose: &&Rigid| pose.to_homogeneous().iter().all(|n| n.is_finite());
-            if let Some(pose) = report.sensor_from_face.filter(finite) {
-                let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(pose).rotation);
-                self.turn = [yaw, pitch, roll];
-            }
+            self.turn = self.face.view.angles(report).unwrap_or(self.turn);
             self.send_frame(!self.face.weights.is_neutral());
         }
         Ok(())

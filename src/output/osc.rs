@@ -206,15 +206,8 @@ impl Osc {
                 wire.message(format_args!("/{slot}/au/{name}"), [Argument::Float(weight)]);
             }
         }
-        if let Some(pose) = report.sensor_from_face.filter(|_| present) {
-            let pose = self.view.pose(pose);
-            let place = pose.translation.vector;
-            // nalgebra keeps quaternions as x, y, z, w.
-            let turn = pose.rotation.coords;
-            let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w];
-            if numbers.iter().all(|number| number.is_finite()) {
-                wire.message(format_args!("/{slot}/pose"), numbers.map(Argument::Float));
-            }
+        if let Some(pose) = self.view.pose_numbers(report) {
+            wire.message(format_args!("/{slot}/pose"), pose.map(Argument::Float));
         }
         let changed = user.present != present;
         user.present = present;

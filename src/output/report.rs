@@ -48,6 +48,14 @@ pub struct Report<'a> {
     pub latency_us: u32,
 }
 
+impl Report<'_> {
+    /// The pose of a face that is present, whatever is handed in.
+    pub(super) fn pose(&self) -> Option<&Rigid> {
+        let present = self.state.is_present();
+        self.sensor_from_face.filter(|_| present)
+    }
+}
+
 /// Clamps to 0…1; non-finite values become 0.
 pub(super) fn unit_range(value: f32) -> f32 {
     if value.is_finite() {

@@ -4,6 +4,7 @@
 //! Mirroring swaps left and right and reflects the head pose, for a person who looks at their own avatar. The CSV is not
 //! affected.
 
+use super::report::Report;
 use crate::base::defaults;
 use crate::base::geometry::{Rigid, Rotation};
 use crate::base::prelude::*;
@@ -82,6 +83,24 @@ impl View {
                 gain: self.of(units[i]).map_or(1.0, |view| view.gain),
             })
             .collect()
+    }
+
+    /// The pose of a report in numbers: position, and rotation as x, y, z, w; `None` without one, or if any is not finite.
+    pub(super) fn pose_numbers(&self, report: &Report) -> Option<[f32; 7]> {
+        let pose = self.pose(report.pose()?);
+        // nalgebra keeps quaternions as x, y, z, w.
+        let (place, turn) = (pose.translation.vector, pose.rotation.coords);
+        let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w];
+        let all_finite = numbers.iter().all(|number| number.is_finite());
+        all_finite.then_some(numbers)
+    }
+
+    /// Yaw, pitch and roll of that pose, radians.
+    #[cfg(feature = "wires")]
+    pub(super) fn angles(&self, report: &Report) -> Option<[f32; 3]> {
+        self.pose_numbers(report)?;
+        let pose = self.pose(report.pose()?);
+        Some(crate::base::geometry::yaw_pitch_roll(&pose.rotation).into())
     }
 
     /// The pose, mirrored if configured.

@@ -9,7 +9,7 @@ use mien::base::time::Timestamp;
 use mien::output::osc::vmc::{self, Vmc};
 use mien::output::osc::vrchat::{self, VrChat};
 use mien::output::osc::{self, Osc, Style};
-use mien::output::serial::{self, Serial};
+use mien::output::serial::{self, Encoder, Serial};
 use mien::output::{self, Output, Report, TrackingState, UnitView, View};
 use rosc::{OscMessage, OscPacket, OscType};
 use serialport::{SerialPort, TTYPort};
@@ -343,7 +343,7 @@ fn a_slow_line_leaves_out_the_least_telling_units() {
             min_rate_hz,
             ..serial::Settings::default()
         };
-        Serial::new(&settings, &units).map(|serial| serial.units().to_vec())
+        Encoder::new(&settings, &units).map(|line| line.units().to_vec())
     };
     assert_eq!(sent(115_200, &[], 10.0).unwrap(), units);
     // 456 bytes a second: ten lines of 45 bytes, of which 30 are not weights.

@@ -174,7 +174,7 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings, SacnSettings,
         WebSocketSettings,
     };
-    use mien::output::lights::{artnet::ArtNet, sacn::Sacn};
+    use mien::output::lights::{artnet, sacn};
     use mien::output::live_link::LiveLink;
     use mien::output::{mqtt, web};
     use std::io::Write;
@@ -225,8 +225,8 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         ..MqttSettings::default()
     };
     let outputs: Vec<Box<dyn Output>> = vec![
-        Box::new(ArtNet::new(&artnet, &lights, &UNITS).unwrap()),
-        Box::new(Sacn::new(&sacn, &lights, "", &UNITS).unwrap()),
+        Box::new(artnet::open(&artnet, &lights, &UNITS).unwrap()),
+        Box::new(sacn::open(&sacn, &lights, "", &UNITS).unwrap()),
         Box::new(LiveLink::new(live_link, "", &UNITS).unwrap()),
         Box::new(web::websocket::open(&websocket, &UNITS, &["smile"]).unwrap()),
         Box::new(web::page::open(&phone, "", "", &UNITS, &[]).unwrap()),

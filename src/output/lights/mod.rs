@@ -16,11 +16,14 @@ pub mod sacn;
 use std::ops::RangeInclusive;
 
 use super::features::LightSettings;
-use super::{OneFace, OutputError, Report, TrackingState, View};
-use crate::base::geometry::{smoothstep, yaw_pitch_roll};
+use super::osc::Sender;
+use super::{OneFace, Output, OutputError, Report, Tally, TrackingState};
+use crate::base::geometry::smoothstep;
 
 /// Channels of a universe.
 pub const CHANNELS: usize = 512;
+/// Datagrams that end a stream.
+const LAST: usize = 3;
 /// Most universes.
 const UNIVERSES: usize = 16;
 /// Head angles at the ends of a channel's range, radians.
@@ -123,12 +126,100 @@ impl Driver {
     }
 }
 
+/// What differs between the protocols.
+struct Protocol {
+    /// The section of the configuration.
+    name: &'static str,
+    /// Universes, in numbers and words.
+    universes: RangeInclusive<u16>,
+    expected: &'static str,
+    /// Which byte of a datagram counts, and its first value.
+    number_at: usize,
+    first: u8,
+    /// Which byte has which value in the last datagrams, if a stream has an end.
+    end: Option<(usize, u8)>,
+}
+
+/// A sender.
+pub struct Lights {
+    protocol: Protocol,
+    desk: Desk,
+    /// One per universe, or one for all.
+    to: Box<[Sender]>,
+    number: u8,
+}
+
+impl Lights {
+    /// `header` is what stands before a universe's values; `open` opens the sockets for universes.
+    fn new(
+        protocol: Protocol,
+        settings: &LightSettings,
+        units: &[&str],
+        header: impl Fn(u16) -> Vec<u8>,
+        open: impl FnOnce(&[u16]) -> Result<Box<[Sender]>, OutputError>,
+    ) -> Result<Self, OutputError> {
+        let desk = Desk::new(settings, units, &protocol, header)?;
+        let universes: Vec<u16> = desk.universes.iter().map(|(number, _)| *number).collect();
+        Ok(Self {
+            to: open(&universes)?,
+            number: protocol.first,
+            desk,
+            protocol,
+        })
+    }
+
+    fn send_all(&mut self) {
+        for (at, (_, datagram)) in self.desk.universes.iter_mut().enumerate() {
+            datagram[self.protocol.number_at] = self.number;
+            let which = at.min(self.to.len() - 1);
+            self.to[which].send(datagram);
+        }
+        let next = self.number.checked_add(1);
+        self.number = next.unwrap_or(self.protocol.first);
+    }
+}
+
+impl Output for Lights {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        if self.desk.observe(report) {
+            self.send_all();
+        }
+        Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        let mut all = Tally::of(self.protocol.name);
+        all.not_numbers = self.desk.face.weights.not_numbers;
+        for one in self.to.iter().map(|one| one.tally(all.name, 0)) {
+            (all.sent, all.dropped) = (all.sent + one.sent, all.dropped + one.dropped);
+        }
+        all
+    }
+}
+
+impl Drop for Lights {
+    /// Nobody, then the end of the stream.
+    fn drop(&mut self) {
+        if !self.to.iter().any(Sender::is_used) {
+            return;
+        }
+        self.desk.neutral();
+        self.send_all();
+        if let Some((at, ended)) = self.protocol.end {
+            for (_, datagram) in &mut self.desk.universes {
+                datagram[at] = ended;
+            }
+            (0..LAST).for_each(|_| self.send_all());
+        }
+    }
+}
+
 /// The table with its current values.
 struct Desk {
     face: OneFace,
-    view: View,
     channels: Box<[Channel]>,
-    universes: Box<[(u16, [u8; CHANNELS])]>,
+    /// Numbers and datagrams, which end with the values.
+    universes: Box<[(u16, Vec<u8>)]>,
     /// Yaw, pitch and roll, 0…1.
     turn: [f32; 3],
 }
@@ -141,15 +232,14 @@ struct Channel {
 }
 
 impl Desk {
-    /// Of a protocol with these universes, in numbers and words.
     fn new(
         settings: &LightSettings,
         units: &[&str],
-        valid: RangeInclusive<u16>,
-        expected: &'static str,
+        protocol: &Protocol,
+        header: impl Fn(u16) -> Vec<u8>,
     ) -> Result<Self, OutputError> {
         let refuse = |row: &str, expected| OutputError::Channel(row.to_owned(), expected);
-        let mut universes: Vec<(u16, [u8; CHANNELS])> = Vec::new();
+        let mut universes: Vec<(u16, Vec<u8>)> = Vec::new();
         let mut taken: Vec<[bool; CHANNELS]> = Vec::new();
         let mut channels = Vec::new();
         for text in &settings.channels {
@@ -157,8 +247,8 @@ impl Desk {
             let (unit, row) = Row::read(text).ok_or_else(|| refuse(text, form))?;
             let driver = Driver::named(unit, units)
                 .ok_or_else(|| refuse(text, "a unit that is measured with these settings"))?;
-            if !valid.contains(&row.universe) {
-                return Err(refuse(text, expected));
+            if !protocol.universes.contains(&row.universe) {
+                return Err(refuse(text, protocol.expected));
             }
             let known = universes.iter().position(|known| known.0 == row.universe);
             let at = match known {
@@ -167,7 +257,9 @@ impl Desk {
                     return Err(refuse(text, "at most 16 universes"));
                 }
                 None => {
-                    universes.push((row.universe, [0; CHANNELS]));
+                    let mut datagram = header(row.universe);
+                    datagram.resize(datagram.len() + CHANNELS, 0);
+                    universes.push((row.universe, datagram));
                     taken.push([false; CHANNELS]);
                     universes.len() - 1
                 }
@@ -181,7 +273,6 @@ impl Desk {
         }
         let mut desk = Self {
             face: OneFace::new(units, &settings.view),
-            view: settings.view.clone(),
             channels: channels.into(),
             universes: universes.into(),
             turn: [0.5; 3],
@@ -196,9 +287,8 @@ impl Desk {
             return false;
         };
         let present = state.is_present();
-        if let Some(pose) = report.sensor_from_face.filter(|_| present) {
-            let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(pose).rotation);
-            self.turn = [yaw, pitch, roll].map(|angle| super::unit_range(0.5 + 0.5 * angle / TURN));
+        if let Some(angles) = self.face.view.angles(report) {
+            self.turn = angles.map(|angle| super::unit_range(0.5 + 0.5 * angle / TURN));
         }
         self.set(present, state != TrackingState::Absent);
         true
@@ -225,7 +315,9 @@ impl Desk {
             let value = row.value(weight).to_be_bytes();
             // Coarse and fine, or the lower byte alone.
             let bytes = &value[usize::from(!row.wide)..];
-            self.universes[*at].1[row.channel - 1..][..bytes.len()].copy_from_slice(bytes);
+            let datagram = &mut self.universes[*at].1;
+            let start = datagram.len() - CHANNELS + row.channel - 1;
+            datagram[start..][..bytes.len()].copy_from_slice(bytes);
         }
     }
 }
@@ -240,8 +332,15 @@ mod tests {
             channels: rows.iter().map(|&row| row.to_owned()).collect(),
             ..LightSettings::default()
         };
-        let expected = "an sACN universe, 1 to 63999";
-        Desk::new(&settings, &["AU26", "AU12L"], 1..=63_999, expected)
+        let protocol = Protocol {
+            name: "",
+            universes: 1..=63_999,
+            expected: "an sACN universe, 1 to 63999",
+            number_at: 0,
+            first: 0,
+            end: None,
+        };
+        Desk::new(&settings, &["AU26", "AU12L"], &protocol, |_| Vec::new())
     }
 
     #[test]
@@ -325,7 +424,7 @@ mod tests {
             ..Report::default()
         };
         assert!(desk.observe(&report));
-        let [one, two] = [0, 1].map(|at| desk.universes[at].1);
+        let [one, two] = [0, 1].map(|at| desk.universes[at].1.clone());
         // 0.5 of 255 and of 65535, 0.25 of 255, 100 to 20 percent halfway.
         assert_eq!(one[..6], [128, 128, 0, 64, 153, 255]);
         let yaw = f32::from(u16::from_be_bytes([one[6], one[7]])) / 65535.0;

@@ -1,8 +1,8 @@
 //! The thread that talks to the broker: connects, speaks, listens, and comes back.
 
-use std::io::{ErrorKind, Read, Write as _};
+use std::error::Error;
+use std::io::{self, ErrorKind, Read, Write as _};
 use std::os::fd::AsRawFd;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -30,61 +30,37 @@ const UNACKNOWLEDGED: Duration = Duration::from_secs(20);
 const READS: usize = 4;
 const REST: Duration = Duration::from_millis(10);
 
-/// Why a connection ended.
-#[derive(Debug, thiserror::Error)]
-enum End {
-    #[error("stopped")]
-    Stopped,
-    #[error(transparent)]
-    Lost(#[from] std::io::Error),
-    #[error("connection refused with code {0}; are mqtt.user and mqtt.password_file right?")]
-    Refused(u8),
-    #[error("the reply is not MQTT; is it a broker?")]
-    Nonsense,
-    #[error("no reply")]
-    Slow,
-}
-
 /// Runs until told to stop.
-pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
-    let mut watch = Watch::new(&talk.units, &talk.gestures);
-    let mut buffers = Buffers {
-        out: Vec::with_capacity(WAITING[1]),
-        heard: Box::new([0; LONGEST]),
-        draft: Draft {
-            topic: String::with_capacity(256),
-            payload: String::with_capacity(4096),
-        },
+pub(super) fn run(talk: &Talk, mut watch: Watch, shared: &Shared, mut bell: Bell) {
+    let mut out = Vec::with_capacity(WAITING[1]);
+    let mut heard = Box::new([0; LONGEST]);
+    let mut draft = Draft {
+        topic: String::with_capacity(256),
+        payload: String::with_capacity(4096),
     };
     let (mut back_off, mut told) = (BackOff::new(PAUSES), false);
     loop {
-        let end = match Stream::connect(&talk.broker, &talk.trust) {
-            Ok(stream) => {
-                let mut connection = Connection::new(stream, &talk, shared);
-                let end = connection.run(&mut bell, &mut watch, &mut buffers);
-                // What was not acknowledged goes first on the next connection.
-                if let Some((Some(change), ..)) = connection.asked
-                    && watch.queue.push_front(change).is_err()
-                {
-                    count(&shared.dropped);
-                }
-                if connection.settled {
-                    back_off.reset();
-                    told = false;
-                }
-                end
+        let end = Stream::connect(&talk.settings.broker, &talk.trust).and_then(|stream| {
+            let (watch, draft, out) = (&mut watch, &mut draft, &mut out);
+            let mut connection = Connection::new(stream, talk, shared, watch, draft, out);
+            let end = connection.run(&mut bell, &mut heard);
+            let (asked, settled) = (connection.asked, connection.settled);
+            // What was not acknowledged goes first on the next connection.
+            if let Some((Some(change), ..)) = asked
+                && watch.queue.push_front(change).is_err()
+            {
+                count(&shared.dropped);
             }
-            Err(error) => End::Lost(error),
-        };
+            if settled {
+                back_off.reset();
+                told = false;
+            }
+            end
+        });
         shared.connected.store(false, Ordering::Relaxed);
-        if matches!(end, End::Stopped) {
-            return;
-        }
-        if matches!(end, End::Nonsense | End::Refused(_)) {
-            count(&shared.refused);
-        }
+        let Err(end) = end else { return };
         if !std::mem::replace(&mut told, true) {
-            let broker = &talk.broker;
+            let broker = &talk.settings.broker;
             tracing::warn!("MQTT broker {broker}: {end}; retrying until it is back");
         }
         // Meanwhile what changes is kept.
@@ -102,25 +78,14 @@ pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
     }
 }
 
-/// Buffers, allocated once.
-struct Buffers {
-    out: Vec<u8>,
-    heard: Box<[u8; LONGEST]>,
-    draft: Draft,
-}
-
-impl Buffers {
-    /// Publishes the draft.
-    fn publish(&mut self, retain: bool, number: Option<u16>) {
-        let Draft { topic, payload } = &self.draft;
-        packet::publish(topic, payload.as_bytes(), retain, number, &mut self.out);
-    }
-}
-
 struct Connection<'a> {
     stream: Stream,
     talk: &'a Talk,
     shared: &'a Shared,
+    watch: &'a mut Watch,
+    draft: &'a mut Draft,
+    /// What is to be written.
+    out: &'a mut Vec<u8>,
     /// Whether the broker has accepted the connection.
     settled: bool,
     begun: Instant,
@@ -128,8 +93,8 @@ struct Connection<'a> {
     heard: Instant,
     wrote: Instant,
     pinged: Instant,
+    /// Bytes that were received but not understood yet.
     length: usize,
-    written: usize,
     /// The message waiting for its acknowledgement: the change in it, if it must come again; its number; since when.
     asked: Option<(Option<Change>, u16, Instant)>,
     number: u16,
@@ -141,19 +106,28 @@ struct Connection<'a> {
 }
 
 impl<'a> Connection<'a> {
-    fn new(stream: Stream, talk: &'a Talk, shared: &'a Shared) -> Self {
+    fn new(
+        stream: Stream,
+        talk: &'a Talk,
+        shared: &'a Shared,
+        watch: &'a mut Watch,
+        draft: &'a mut Draft,
+        out: &'a mut Vec<u8>,
+    ) -> Self {
         let now = Instant::now();
         Self {
             stream,
             talk,
             shared,
+            watch,
+            draft,
+            out,
             settled: false,
             begun: now,
             heard: now,
             wrote: now,
             pinged: now,
             length: 0,
-            written: 0,
             asked: None,
             number: 0,
             introduced: 0,
@@ -163,32 +137,25 @@ impl<'a> Connection<'a> {
         }
     }
 
-    fn run(&mut self, bell: &mut Bell, watch: &mut Watch, buffers: &mut Buffers) -> End {
-        buffers.out.clear();
-        let (talk, out) = (self.talk, &mut buffers.out);
+    /// Until told to stop (`Ok`), or the connection ends.
+    fn run(&mut self, bell: &mut Bell, heard: &mut [u8; LONGEST]) -> io::Result<()> {
+        self.out.clear();
+        let talk = self.talk;
         let will = [talk.presence.as_str(), "offline"];
-        let login = [&talk.user, &talk.password].map(|part| part.as_deref());
-        packet::connect(&talk.client, KEEP_ALIVE_S, will, login, out);
-        loop {
-            if let Err(end) = self.step(bell, watch, buffers) {
-                return end;
-            }
-            if self.shared.stop.load(Ordering::Relaxed) {
-                watch.look(self.shared);
-                self.goodbye(watch, buffers);
-                return End::Stopped;
-            }
+        let user = Some(talk.settings.user.as_str()).filter(|user| !user.is_empty());
+        let login = [user, talk.password.as_deref()];
+        packet::connect(&talk.client, KEEP_ALIVE_S, will, login, self.out);
+        while !self.shared.stop.load(Ordering::Relaxed) {
+            self.step(bell, heard)?;
         }
+        self.watch.look(self.shared);
+        self.goodbye();
+        Ok(())
     }
 
-    fn step(
-        &mut self,
-        bell: &mut Bell,
-        watch: &mut Watch,
-        buffers: &mut Buffers,
-    ) -> Result<(), End> {
-        let pending = self.written < buffers.out.len();
+    fn step(&mut self, bell: &mut Bell, heard: &mut [u8; LONGEST]) -> io::Result<()> {
         let mut flags = PollFlags::POLLIN;
+        let pending = !self.out.is_empty();
         flags.set(PollFlags::POLLOUT, self.stream.waits_to_write(pending));
         let mut asked = [
             PollFd::new(bell.fd(), PollFlags::POLLIN),
@@ -196,56 +163,56 @@ impl<'a> Connection<'a> {
         ];
         let _ = poll(&mut asked, 500);
         bell.answer();
-        watch.look(self.shared);
-        self.read(buffers)?;
+        self.watch.look(self.shared);
+        self.read(heard)?;
         let now = Instant::now();
         if self.settled {
-            self.speak(watch, buffers, now);
+            self.speak(now);
         }
-        self.write(&mut buffers.out)?;
+        self.write()?;
         let unacknowledged = self.asked.is_some_and(|(.., at)| now - at > UNACKNOWLEDGED);
-        let stuck = self.written < buffers.out.len() && now - self.wrote > PATIENCE;
+        let stuck = !self.out.is_empty() && now - self.wrote > PATIENCE;
         let late = !self.settled && now - self.begun > PATIENCE;
         if late || stuck || unacknowledged || now - self.heard > 2 * PATIENCE {
-            return Err(End::Slow);
+            return Err(io::Error::other("no reply"));
         }
         Ok(())
     }
 
-    fn write(&mut self, out: &mut Vec<u8>) -> Result<(), End> {
-        while self.written < out.len() {
-            match self.stream.write(&out[self.written..]) {
+    fn write(&mut self) -> io::Result<()> {
+        let mut written = 0;
+        while written < self.out.len() {
+            match self.stream.write(&self.out[written..]) {
                 Ok(more) => {
-                    self.written += more;
+                    written += more;
                     self.wrote = Instant::now();
                 }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => break,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(End::Lost(error)),
+                Err(error) => return Err(error),
             }
         }
-        out.drain(..self.written);
-        self.written = 0;
+        self.out.drain(..written);
         Ok(())
     }
 
-    fn read(&mut self, buffers: &mut Buffers) -> Result<(), End> {
+    fn read(&mut self, heard: &mut [u8; LONGEST]) -> io::Result<()> {
         for _ in 0..READS {
-            match self.stream.read(&mut buffers.heard[self.length..]) {
-                Ok(0) => return Err(End::Lost(ErrorKind::UnexpectedEof.into())),
+            match self.stream.read(&mut heard[self.length..]) {
+                Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
                 Ok(more) => self.length += more,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
                 Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-                Err(error) => return Err(End::Lost(error)),
+                Err(error) => return Err(error),
             }
             let mut used = 0;
             while let Some((told, more)) =
-                packet::read(&buffers.heard[used..self.length]).map_err(|Nonsense| End::Nonsense)?
+                packet::read(&heard[used..self.length]).map_err(|Nonsense| self.nonsense())?
             {
-                self.hear(&told, &mut buffers.out)?;
+                self.hear(&told)?;
                 used += more;
             }
-            buffers.heard.copy_within(used..self.length, 0);
+            heard.copy_within(used..self.length, 0);
             self.length -= used;
         }
         // A broker that talks without end waits: it takes neither the processor nor our turn to write.
@@ -253,22 +220,36 @@ impl<'a> Connection<'a> {
         Ok(())
     }
 
-    fn hear(&mut self, told: &Told, out: &mut Vec<u8>) -> Result<(), End> {
+    /// An answer that ends the connection.
+    fn refused(&self, why: impl Into<Box<dyn Error + Send + Sync>>) -> io::Error {
+        count(&self.shared.refused);
+        io::Error::other(why)
+    }
+
+    fn nonsense(&self) -> io::Error {
+        self.refused("the reply is not MQTT; is it a broker?")
+    }
+
+    fn hear(&mut self, told: &Told) -> io::Result<()> {
         self.heard = Instant::now();
         let talk = self.talk;
-        let broker = &talk.broker;
+        let broker = &talk.settings.broker;
         match *told {
             Told::Connected(0) if !self.settled => {
                 self.settled = true;
                 self.shared.connected.store(true, Ordering::Relaxed);
                 tracing::info!("connected to MQTT broker {broker}");
                 if let Some(topic) = &talk.commands {
-                    packet::subscribe(self.next_number(), topic, out);
+                    packet::subscribe(self.next_number(), topic, self.out);
                 }
             }
-            Told::Connected(code @ 1..) => return Err(End::Refused(code)),
-            Told::Connected(_) => return Err(End::Nonsense),
-            _ if !self.settled => return Err(End::Nonsense),
+            Told::Connected(code @ 1..) => {
+                return Err(self.refused(format!(
+                    "connection refused with code {code}; are mqtt.user and mqtt.password_file right?"
+                )));
+            }
+            Told::Connected(_) => return Err(self.nonsense()),
+            _ if !self.settled => return Err(self.nonsense()),
             Told::Acknowledged(number) => {
                 if self.asked.is_some_and(|(_, asked, _)| asked == number) {
                     self.asked = None;
@@ -287,9 +268,9 @@ impl<'a> Connection<'a> {
                 number,
             } => {
                 if let Some(number) = number
-                    && out.len() < WAITING[1] - LONGEST
+                    && self.out.len() < WAITING[1] - LONGEST
                 {
-                    packet::acknowledge(number, out);
+                    packet::acknowledge(number, self.out);
                 }
                 let wanted = !retained && talk.commands.is_some();
                 match talk.command(topic, payload) {
@@ -308,97 +289,100 @@ impl<'a> Connection<'a> {
         self.number
     }
 
+    /// Publishes the draft.
+    fn publish(&mut self, retain: bool, number: Option<u16>) {
+        let Draft { topic, payload } = &*self.draft;
+        packet::publish(topic, payload.as_bytes(), retain, number, self.out);
+    }
+
     /// Sends what is due.
-    fn speak(&mut self, watch: &mut Watch, buffers: &mut Buffers, now: Instant) {
+    fn speak(&mut self, now: Instant) {
         if self.asked.is_none() {
-            self.tell(watch, buffers, now);
+            self.tell(now);
         }
         if now >= self.health_due {
-            self.health_due = now + self.talk.health_each;
-            watch.health(self.shared, &self.talk.base, &mut buffers.draft);
-            buffers.publish(true, None);
+            self.health_due = now + Duration::from_secs_f32(self.talk.settings.health_s);
+            self.watch.health(self.shared, &self.talk.base, self.draft);
+            self.publish(true, None);
         }
-        if let Some(each) = self.talk.weights_each
-            && now >= self.weights_due
-            && self.send_weights(watch, buffers)
-        {
-            self.weights_due = (self.weights_due + each).max(now);
+        let rate_hz = self.talk.settings.rate_hz;
+        if rate_hz > 0.0 && now >= self.weights_due && self.send_weights() {
+            let next = self.weights_due + Duration::from_secs_f32(1.0 / rate_hz);
+            self.weights_due = next.max(now);
         }
         let quiet = Duration::from_secs(u64::from(KEEP_ALIVE_S)) / 2;
         // Also while weights go out: only this is answered, so only this tells whether somebody is there.
-        if now - self.heard.max(self.pinged) > quiet && buffers.out.is_empty() {
-            packet::ping(&mut buffers.out);
+        if now - self.heard.max(self.pinged) > quiet && self.out.is_empty() {
+            packet::ping(self.out);
             self.pinged = now;
         }
     }
 
     /// The next message that is acknowledged: online, the entities, the number of faces, then what has changed.
-    fn tell(&mut self, watch: &mut Watch, buffers: &mut Buffers, now: Instant) {
-        let draft = &mut buffers.draft;
+    fn tell(&mut self, now: Instant) {
         let entities = &self.talk.entities;
         let change = match self.introduced.checked_sub(1) {
             None => {
-                draft.about(&self.talk.base, format_args!("presence"));
-                draft.payload.push_str("online");
+                let presence = self.draft.about(&self.talk.base, format_args!("presence"));
+                presence.push_str("online");
                 None
             }
             Some(at) if at < entities.len() => {
-                draft.topic.clone_from(&entities[at].0);
-                draft.payload.clone_from(&entities[at].1);
+                self.draft.topic.clone_from(&entities[at].0);
+                self.draft.payload.clone_from(&entities[at].1);
                 None
             }
-            Some(at) if at == entities.len() => Some(watch.recall(self.shared)),
-            Some(_) => match watch.queue.pop_front() {
+            Some(at) if at == entities.len() => Some(self.watch.recall(self.shared)),
+            Some(_) => match self.watch.queue.pop_front() {
                 None => return,
                 change => change,
             },
         };
         if let Some(change) = change {
-            watch.write(change, &self.talk.base, draft);
+            self.watch.write(change, &self.talk.base, self.draft);
         }
         self.introduced = (self.introduced + 1).min(entities.len() + 2);
         let number = self.next_number();
         self.asked = Some((change, number, now));
-        buffers.publish(true, Some(number));
+        self.publish(true, Some(number));
     }
 
     /// Sends unread weights; whether there were any.
-    fn send_weights(&self, watch: &mut Watch, buffers: &mut Buffers) -> bool {
+    fn send_weights(&mut self) -> bool {
         let mut any = false;
         for slot in 0..USERS {
-            if !watch.has_weights(slot) {
+            if !self.watch.has_weights(slot) {
                 continue;
             }
             any = true;
-            if buffers.out.len() > WAITING[0] {
+            if self.out.len() > WAITING[0] {
                 count(&self.shared.dropped);
                 continue;
             }
-            watch.weights(slot, &self.talk.base, &mut buffers.draft);
-            buffers.publish(false, None);
+            self.watch.weights(slot, &self.talk.base, self.draft);
+            self.publish(false, None);
             count(&self.shared.sent);
         }
         any
     }
 
     /// Publishes that everybody and the box are gone, as far as the broker accepts it in a moment.
-    fn goodbye(&mut self, watch: &mut Watch, buffers: &mut Buffers) {
+    fn goodbye(&mut self) {
         if !self.settled {
             return;
         }
-        while let Some(change) = watch.queue.pop_front()
-            && buffers.out.len() <= WAITING[0]
+        while let Some(change) = self.watch.queue.pop_front()
+            && self.out.len() <= WAITING[0]
         {
-            watch.write(change, &self.talk.base, &mut buffers.draft);
+            self.watch.write(change, &self.talk.base, self.draft);
             let number = self.next_number();
-            buffers.publish(true, Some(number));
+            self.publish(true, Some(number));
         }
-        let draft = &mut buffers.draft;
-        draft.about(&self.talk.base, format_args!("presence"));
-        draft.payload.push_str("offline");
+        let presence = self.draft.about(&self.talk.base, format_args!("presence"));
+        presence.push_str("offline");
         let number = self.next_number();
-        buffers.publish(true, Some(number));
-        packet::disconnect(&mut buffers.out);
-        self.stream.finish(&buffers.out[self.written..]);
+        self.publish(true, Some(number));
+        packet::disconnect(self.out);
+        self.stream.finish(self.out);
     }
 }

@@ -24,6 +24,8 @@ mod stream;
 mod talk;
 mod watch;
 
+use std::sync::Arc;
+
 use super::board::Front;
 use super::features::MqttSettings;
 use super::{OutputError, identity};
@@ -39,8 +41,9 @@ pub fn open(
     units: &[&str],
     gestures: &[&str],
 ) -> Result<Front, OutputError> {
-    let talk = talk::Talk::new(settings, &identity::name(name), units, gestures)?;
-    let work = move |shared, bell| client::run(talk, &shared, bell);
+    let talk = talk::Talk::new(settings, &identity::name(name), gestures)?;
+    let watch = watch::Watch::new(&settings.view, units, gestures);
+    let work = move |shared: Arc<_>, bell| client::run(&talk, watch, &shared, bell);
     Front::start("mqtt", units, &settings.view, work)
 }
 

@@ -126,10 +126,7 @@ impl Write for Stream {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        match &mut self.tls {
-            None => Ok(()),
-            Some(tls) => rustls::Stream::new(&mut **tls, &mut self.socket).flush(),
-        }
+        Ok(())
     }
 }
 

@@ -1,38 +1,29 @@
 //! What is published, under which topics, and which commands are read; and what Home Assistant is told of the box (MQTT
 //! discovery): its entities, and where their values are.
 
-use std::time::Duration;
-
 use super::stream::{Trust, trust};
 use crate::output::features::{MqttSettings, password};
 use crate::output::{Command, OutputError};
 
 /// What is published, and to which broker.
 pub(super) struct Talk {
-    pub(super) broker: String,
+    pub(super) settings: MqttSettings,
     pub(super) trust: Trust,
     pub(super) client: String,
-    pub(super) user: Option<String>,
     pub(super) password: Option<String>,
     /// Prefix and name.
     pub(super) base: String,
     pub(super) presence: String,
-    /// Output names of the units.
-    pub(super) units: Box<[String]>,
-    pub(super) gestures: Box<[String]>,
     /// Topics and payloads for Home Assistant.
     pub(super) entities: Box<[(String, String)]>,
     /// Topic of the commands, if any are accepted.
     pub(super) commands: Option<String>,
-    pub(super) weights_each: Option<Duration>,
-    pub(super) health_each: Duration,
 }
 
 impl Talk {
     pub(super) fn new(
         settings: &MqttSettings,
         name: &str,
-        units: &[&str],
         gestures: &[&str],
     ) -> Result<Self, OutputError> {
         let base = format!("{}/{name}", settings.prefix);
@@ -40,20 +31,14 @@ impl Talk {
             .home_assistant
             .then(|| entities(&base, name, settings.commands, gestures));
         Ok(Self {
-            broker: settings.broker.clone(),
             trust: trust(settings)?,
             client: format!("mien-{name}"),
-            user: Some(settings.user.clone()).filter(|user| !user.is_empty()),
             password: password(&settings.password_file)?,
             presence: format!("{base}/presence"),
-            units: settings.view.names(units),
-            gestures: gestures.iter().map(|&name| name.to_owned()).collect(),
             entities: entities.unwrap_or_default(),
             commands: settings.commands.then(|| format!("{base}/cmd/+")),
             base,
-            weights_each: (settings.rate_hz > 0.0)
-                .then(|| Duration::from_secs_f32(1.0 / settings.rate_hz)),
-            health_each: Duration::from_secs_f32(settings.health_s),
+            settings: settings.clone(),
         })
     }
 

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
-use crate::output::TrackingState;
 use crate::output::board::{Board, Shared, Weight, count};
+use crate::output::{TrackingState, View};
 
 /// Changes that may wait for a broker.
 const QUEUE: usize = 64;
@@ -20,12 +20,16 @@ pub(super) enum Change {
     Faces(usize),
     /// Of a gesture, whether it is on.
     Gesture(usize, bool),
-    State {
-        slot: usize,
-        state: TrackingState,
-        changes: u32,
-        at_us: u64,
-    },
+    /// Of the user in a slot.
+    State(usize, Standing),
+}
+
+/// State of a user, how often it has changed, and when it was that last, µs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Standing {
+    state: TrackingState,
+    changes: u32,
+    at_us: u64,
 }
 
 /// A message being written; both are allocated once.
@@ -35,17 +39,13 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// Starts anew: the topic below `base`.
-    pub(super) fn about(&mut self, base: &str, topic: std::fmt::Arguments) {
+    /// Starts anew: the topic below `base`. The payload, to be written.
+    pub(super) fn about(&mut self, base: &str, topic: std::fmt::Arguments) -> &mut String {
         self.topic.clear();
         self.payload.clear();
         // A string takes everything.
         let _ = write!(self.topic, "{base}/{topic}");
-    }
-
-    /// Adds to the payload.
-    pub(super) fn say(&mut self, words: std::fmt::Arguments) {
-        let _ = self.payload.write_fmt(words);
+        &mut self.payload
     }
 }
 
@@ -57,8 +57,7 @@ pub(super) struct Watch {
     gestures: Box<[String]>,
     /// Gestures that are on, a bit each.
     on: u32,
-    states: [TrackingState; USERS],
-    changes: [u32; USERS],
+    users: [Standing; USERS],
     faces: usize,
     pub(super) queue: heapless::Deque<Change, QUEUE>,
     /// The newest frame and when it came.
@@ -69,18 +68,16 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    pub(super) fn new(units: &[String], gestures: &[String]) -> Self {
+    /// `units` are the names in the order of the weights, `gestures` those of the gestures.
+    pub(super) fn new(view: &View, units: &[&str], gestures: &[&str]) -> Self {
         let now = Instant::now();
+        let key = |unit: &&str| format!("{}:", Quoted(view.name(unit)));
         Self {
             board: Board::default(),
-            units: units
-                .iter()
-                .map(|unit| format!("{}:", Quoted(unit)))
-                .collect(),
-            gestures: gestures.into(),
+            units: units.iter().map(key).collect(),
+            gestures: gestures.iter().map(|&name| name.to_owned()).collect(),
             on: 0,
-            states: Default::default(),
-            changes: [0; USERS],
+            users: Default::default(),
             faces: 0,
             queue: heapless::Deque::new(),
             frame: (0, now),
@@ -91,29 +88,28 @@ impl Watch {
 
     /// Writes a change.
     pub(super) fn write(&self, change: Change, base: &str, draft: &mut Draft) {
-        match change {
-            Change::Faces(faces) => {
-                draft.about(base, format_args!("faces"));
-                draft.say(format_args!("{faces}"));
-            }
+        // A string takes everything.
+        let _ = match change {
+            Change::Faces(faces) => write!(draft.about(base, format_args!("faces")), "{faces}"),
             Change::Gesture(gesture, is_on) => {
-                draft.about(base, format_args!("gesture/{}", self.gestures[gesture]));
-                draft.say(format_args!("{}", if is_on { "ON" } else { "OFF" }));
+                let name = &self.gestures[gesture];
+                let payload = draft.about(base, format_args!("gesture/{name}"));
+                payload.write_str(if is_on { "ON" } else { "OFF" })
             }
-            Change::State {
-                slot,
-                state,
-                changes,
-                at_us,
-            } => {
-                draft.about(base, format_args!("{slot}/state"));
-                draft.say(format_args!(
+            Change::State(slot, standing) => {
+                let Standing {
+                    state,
+                    changes,
+                    at_us,
+                } = standing;
+                write!(
+                    draft.about(base, format_args!("{slot}/state")),
                     "{{\"state\":\"{}\",\"present\":{},\"changes\":{changes},\"time_us\":{at_us}}}",
                     state.name(),
                     state.is_present()
-                ));
+                )
             }
-        }
+        };
     }
 
     /// Queues a change; the oldest makes room.
@@ -126,21 +122,12 @@ impl Watch {
         let _ = self.queue.push_back(change);
     }
 
-    fn state(&self, slot: usize) -> Change {
-        Change::State {
-            slot,
-            state: self.states[slot],
-            changes: self.changes[slot],
-            at_us: self.board.users[slot].at_us,
-        }
-    }
-
     /// Queues everything again for a new connection: what the broker keeps of us may be older than what it missed. The number
     /// of faces comes first.
     pub(super) fn recall(&mut self, shared: &Shared) -> Change {
         for slot in 0..USERS {
-            if self.changes[slot] > 0 && !self.queue.is_full() {
-                self.push(self.state(slot), shared);
+            if self.users[slot].changes > 0 && !self.queue.is_full() {
+                self.push(Change::State(slot, self.users[slot]), shared);
             }
         }
         for gesture in 0..self.gestures.len() {
@@ -160,11 +147,13 @@ impl Watch {
             self.frame = (frame, Instant::now());
         }
         for slot in 0..USERS {
-            let state = self.board.users[slot].state;
-            if state != self.states[slot] {
-                self.states[slot] = state;
-                self.changes[slot] += 1;
-                self.push(self.state(slot), shared);
+            let (shot, user) = (&self.board.users[slot], &mut self.users[slot]);
+            user.at_us = shot.at_us;
+            if shot.state != user.state {
+                user.state = shot.state;
+                user.changes += 1;
+                let change = Change::State(slot, *user);
+                self.push(change, shared);
             }
         }
         let users = self.board.users.iter();
@@ -173,7 +162,7 @@ impl Watch {
         for gesture in (0..self.gestures.len()).filter(|gesture| changed >> gesture & 1 == 1) {
             self.push(Change::Gesture(gesture, on >> gesture & 1 == 1), shared);
         }
-        let present = self.states.iter().filter(|state| state.is_present());
+        let present = self.users.iter().filter(|user| user.state.is_present());
         let faces = present.count();
         if faces != self.faces {
             self.faces = faces;
@@ -188,8 +177,8 @@ impl Watch {
         let passed_s = (now - since).as_secs_f64().max(1e-3);
         self.told = (self.frame.0, now);
         let latencies = self.board.users.iter().map(|shot| shot.latency_us);
-        draft.about(base, format_args!("health"));
-        draft.say(format_args!(
+        let _ = write!(
+            draft.about(base, format_args!("health")),
             "{{\"sensor\":{},\"rate_hz\":{:.1},\"latency_ms\":{:.1},\"faces\":{},\"frames\":{},\"uptime_s\":{:.1},\"dropped\":{}}}",
             now - self.frame.1 < NO_FRAMES && self.frame.0 > 0,
             self.frame.0.saturating_sub(frames) as f64 / passed_s,
@@ -198,7 +187,7 @@ impl Watch {
             self.frame.0,
             (now - self.start).as_secs_f64(),
             shared.dropped.load(Ordering::Relaxed)
-        ));
+        );
     }
 
     /// Whether there are unread weights of a user, which are read with that: a lost face is told while it fades.
@@ -209,11 +198,11 @@ impl Watch {
     /// Writes the weights of a user.
     pub(super) fn weights(&self, slot: usize, base: &str, draft: &mut Draft) {
         let shot = &self.board.users[slot];
-        draft.about(base, format_args!("{slot}/weights"));
-        draft.say(format_args!("{{\"time_us\":{}", shot.at_us));
+        let payload = draft.about(base, format_args!("{slot}/weights"));
+        let _ = write!(payload, "{{\"time_us\":{}", shot.at_us);
         for (name, weight) in self.units.iter().zip(&shot.weights) {
-            draft.say(format_args!(",{name}{}", Weight(*weight)));
+            let _ = write!(payload, ",{name}{}", Weight(*weight));
         }
-        draft.say(format_args!("}}"));
+        payload.push('}');
     }
 }

@@ -61,7 +61,6 @@ struct Numbers {
 pub struct FaceOsc {
     wire: Wire,
     face: OneFace,
-    view: View,
     found: bool,
     repeat: Every,
     /// The last face seen, and when.
@@ -85,7 +84,6 @@ impl FaceOsc {
         Self {
             wire: Wire::new(targets, String::new()),
             face: OneFace::new(&[], &settings.view),
-            view: settings.view,
             found: false,
             repeat: Every::default(),
             last: None,
@@ -104,7 +102,7 @@ impl FaceOsc {
         let pixels = landmarks.pixels.iter();
         let mean_px = |axis: usize| pixels.clone().map(|pixel| pixel[axis]).sum::<f32>() / count;
         let mut x = mean_px(0);
-        if self.view.mirror {
+        if self.face.view.mirror {
             x = (WIDTH - 1) as f32 - x;
         }
         let corners = [39, 42].map(|i| landmarks.pixels[i]);
@@ -112,13 +110,17 @@ impl FaceOsc {
         // Turned away, the eyes come closer in the picture, not on the face.
         let across = sensor_from_head.rotation * (landmarks.head[42] - landmarks.head[39]);
         let scale = apart_px * UNIT_M / across.xy().norm();
-        let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(sensor_from_head).rotation);
+        let (yaw, pitch, roll) = yaw_pitch_roll(&self.face.view.pose(sensor_from_head).rotation);
         let mean = |group: &[usize]| {
             let sum: Vector = group.iter().map(|&i| landmarks.head[i].coords).sum();
             Point::from(sum / group.len() as f32)
         };
         let distance = |i: usize| {
-            let (_, from, to) = GESTURES[if self.view.mirror { MIRRORED[i] } else { i }];
+            let (_, from, to) = GESTURES[if self.face.view.mirror {
+                MIRRORED[i]
+            } else {
+                i
+            }];
             finite((mean(from) - mean(to)).norm() / UNIT_M)
         };
         Numbers {
@@ -155,7 +157,7 @@ impl Output for FaceOsc {
                 self.last = Some((self.measure(pose, landmarks), report.at));
             }
             _ => {
-                let hold_s = f64::from(self.view.loss.hold_s);
+                let hold_s = f64::from(self.face.view.loss.hold_s);
                 let is_held = |last: &(_, _)| report.at.seconds_since(last.1) <= hold_s;
                 self.last = self.last.filter(is_held);
             }

@@ -1,23 +1,22 @@
 //! The command port: reads datagrams, and who may send how often.
 
 use std::net::{IpAddr, SocketAddr, UdpSocket};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use super::commands::{Request, requests};
 use super::packet::LARGEST;
 use crate::output::OutputError;
-use crate::output::limits::{Allowance, BackOff};
+use crate::output::limits::{Allowance, Listening};
 
 /// Work allowed between two frames, in datagrams received; parsing one costs as much as [`READING`].
 const DATAGRAMS: usize = 64;
 const READING: usize = 8;
 /// Senders tracked by the rate limit.
 const SENDERS: usize = 8;
+/// What the socket is for, in words.
+const FOR: &str = " for OSC commands";
 /// Commands accepted from one datagram; further ones are refused.
 const REQUESTS: usize = 16;
-/// First and longest pause before retrying an address that is in use.
-const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
-
 /// The allowances of the senders; that of the one silent for longest is given to a newcomer.
 #[derive(Default)]
 struct Senders(heapless::Vec<(IpAddr, Allowance), SENDERS>);
@@ -40,12 +39,7 @@ impl Senders {
 
 /// The listening socket.
 pub(super) struct Listener {
-    /// `None` while the address is in use, or not this machine's.
-    socket: Option<UdpSocket>,
-    address: SocketAddr,
-    /// When to try again.
-    again: Instant,
-    back_off: BackOff,
+    at: Listening<UdpSocket>,
     /// Start of the addresses, as `/face`.
     prefix: String,
     waiting: heapless::Deque<(Request, SocketAddr), REQUESTS>,
@@ -62,13 +56,10 @@ impl Listener {
     /// # Errors
     /// If it is not an address with a port.
     pub(super) fn open(address: &str, prefix: &str) -> Result<Self, OutputError> {
-        let parsed = address.parse();
-        let address = parsed.map_err(|_| OutputError::Listen(address.to_owned()))?;
+        let mut at = Listening::at(address)?;
+        at.open(FOR, bind);
         Ok(Self {
-            socket: bind(address).ok(),
-            address,
-            again: Instant::now(),
-            back_off: BackOff::new(PAUSES),
+            at,
             prefix: prefix.to_owned(),
             waiting: heapless::Deque::new(),
             senders: Senders::default(),
@@ -80,26 +71,7 @@ impl Listener {
 
     /// Where it listens.
     pub(super) fn address(&self) -> Option<SocketAddr> {
-        self.socket.as_ref()?.local_addr().ok()
-    }
-
-    /// Tries again when it is time to: first when the first request is asked for, as whoever had the address before a
-    /// reload has left it then.
-    fn socket(&mut self) -> Option<&UdpSocket> {
-        let now = Instant::now();
-        if self.socket.is_none() && now >= self.again {
-            let address = self.address;
-            let bound = bind(address).inspect_err(|error| {
-                if self.back_off.tries == 0 {
-                    tracing::warn!(
-                        "cannot listen for OSC commands at {address} ({error}), retrying until it is free"
-                    );
-                }
-                self.again = now + self.back_off.pause();
-            });
-            self.socket = bound.ok();
-        }
-        self.socket.as_ref()
+        self.at.socket.as_ref()?.local_addr().ok()
     }
 
     /// Commands accepted and refused.
@@ -109,12 +81,13 @@ impl Listener {
 
     /// Sends a reply to the requester.
     pub(super) fn answer(&self, datagram: &[u8], to: SocketAddr) -> bool {
-        let socket = self.socket.as_ref();
+        let socket = self.at.socket.as_ref();
         socket.is_some_and(|socket| socket.send_to(datagram, to).is_ok())
     }
 
     /// The next request and its sender; `None` ends a round, after which the datagram limit is reset.
     pub(super) fn next_request(&mut self) -> Option<(Request, SocketAddr)> {
+        self.at.open(FOR, bind);
         // The system cuts longer datagrams, which are then malformed.
         let mut bytes = [0; LARGEST];
         loop {
@@ -123,7 +96,7 @@ impl Listener {
                 return Some(request);
             }
             let datagram = (self.done < DATAGRAMS)
-                .then(|| self.socket()?.recv_from(&mut bytes).ok())
+                .then(|| self.at.socket.as_ref()?.recv_from(&mut bytes).ok())
                 .flatten();
             let Some((length, from)) = datagram else {
                 self.done = 0;

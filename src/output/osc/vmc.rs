@@ -13,7 +13,6 @@ use super::packet::Argument;
 use super::parameters::Parameter;
 use super::wire::{Targets, Wire};
 use crate::base::defaults;
-use crate::base::geometry::Rigid;
 use crate::base::prelude::*;
 use crate::output::{OneFace, Output, OutputError, Report, Tally, View};
 
@@ -69,7 +68,6 @@ defaults! {
 pub struct Vmc {
     wire: Wire,
     role: Role,
-    view: View,
     face: OneFace,
     shapes: Box<[Parameter]>,
     /// Gaze to the subject's left and up; none if it is not measured or not wanted.
@@ -105,14 +103,13 @@ impl Vmc {
             wire: Wire::new(targets, "/VMC/Ext".to_owned()),
             role: settings.role,
             face: OneFace::new(units, &settings.view),
-            view: settings.view,
             shapes,
             gaze: gaze.filter(|_| settings.eyes && settings.role == Role::Performer),
             seconds: 0.0,
         }
     }
 
-    fn send_frame(&mut self, tracked: bool, sensor_from_head: Option<&Rigid>) {
+    fn send_frame(&mut self, tracked: bool, pose: Option<[f32; 7]>) {
         let wire = &mut self.wire;
         if self.role == Role::Performer {
             let [state, mode] = CALIBRATED;
@@ -122,18 +119,13 @@ impl Vmc {
             let root = placed("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
             wire.message(format_args!("/Root/Pos"), root);
         }
-        let pose = sensor_from_head.map(|pose| self.view.pose(pose));
-        let pose = pose.map(|pose| (pose.translation.vector, pose.rotation.coords));
-        if let Some((place, turn)) =
-            pose.filter(|(p, q)| p.iter().chain(q.iter()).all(|number| number.is_finite()))
-        {
+        if let Some([x, y, z, turn @ ..]) = pose {
             let (address, place) = match self.role {
                 // The bone keeps its place on the neck.
                 Role::Performer => (format_args!("/Bone/Pos"), [0.0; 3]),
-                Role::Assistant => (format_args!("/Tra/Pos"), (-place).into()),
+                Role::Assistant => (format_args!("/Tra/Pos"), [-x, -y, -z]),
             };
-            // nalgebra keeps quaternions as x, y, z, w.
-            wire.message(address, placed("Head", place, turn.into()));
+            wire.message(address, placed("Head", place, turn));
         }
         if let Some(gaze) = &self.gaze {
             let value = |way: &Parameter| way.value(self.face.weights.shown());
@@ -173,8 +165,7 @@ impl Output for Vmc {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         if let Some(state) = self.face.follow(report) {
             self.seconds = (report.at.as_us() as f64 * 1e-6) as f32;
-            let present = state.is_present();
-            self.send_frame(present, report.sensor_from_face.filter(|_| present));
+            self.send_frame(state.is_present(), self.face.view.pose_numbers(report));
         }
         Ok(())
     }

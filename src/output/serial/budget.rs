@@ -26,7 +26,7 @@ const PRIORITY: [&str; 21] = [
 
 /// Bytes a second that may be written at `baud`.
 pub(super) fn bytes_per_second(baud: u32) -> f32 {
-    baud as f32 / BITS_PER_BYTE * USED
+    baud.max(1) as f32 / BITS_PER_BYTE * USED
 }
 
 /// What is sent.
@@ -34,6 +34,8 @@ pub(super) fn bytes_per_second(baud: u32) -> f32 {
 pub(super) struct Plan {
     /// Indices of the units that are sent, in the order on the wire.
     pub(super) units: Vec<usize>,
+    /// Those that the line cannot carry, the least important first.
+    pub(super) left_out: Vec<usize>,
     /// Frames per second that the line carries, at most the sensor's.
     pub(super) rate_hz: f32,
     /// The longest frame.
@@ -50,6 +52,7 @@ pub(super) fn plan(
     rank: impl Fn(usize) -> usize,
     bytes: impl Fn(&[usize]) -> (usize, usize),
 ) -> Plan {
+    let mut left_out = Vec::new();
     loop {
         let (frame, header) = bytes(&wanted);
         let left = bytes_per_second(baud) - header as f32 / HEADER_PERIOD_S;
@@ -59,11 +62,12 @@ pub(super) fn plan(
         let Some(least) = least.filter(|_| !enough && wanted.len() > 1) else {
             return Plan {
                 units: wanted,
+                left_out,
                 rate_hz,
                 frame_bytes: frame,
             };
         };
-        wanted.remove(least);
+        left_out.push(wanted.remove(least));
     }
 }
 

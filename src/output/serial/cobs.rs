@@ -43,22 +43,17 @@ pub(super) const POSE_BYTES: usize = 22;
 /// Largest payload, bytes: the receive buffer minus the checksum, the stuffing's code byte and the zero.
 const LONGEST_PAYLOAD: usize = AVR_RING - 4;
 
-/// The names of the units, in as many frames as they need; `false` if there is no room.
+/// The names of the units, in as many frames as they need; `false` if there is no room. None is longer than a frame.
 pub(super) fn hello(names: &[String], line: &mut Line) -> bool {
-    let Ok(count) = u8::try_from(names.len()) else {
-        return false;
-    };
     let version = SCHEMA_VERSION as u8;
-    let mut payload = Payload::new();
-    let mut filled = payload.extend_from_slice(&[0x10, version, count]).is_ok();
-    for (index, name) in (0..count).zip(names) {
+    let mut payload: Payload = [0x10, version, names.len() as u8].into_iter().collect();
+    let mut filled = names.len() <= u8::MAX.into();
+    for (index, name) in names.iter().enumerate() {
         if payload.len() + 1 + name.len() > LONGEST_PAYLOAD {
-            filled &= append(core::mem::take(&mut payload), line);
-            filled &= payload.extend_from_slice(&[0x12, version, index]).is_ok();
+            let next = [0x12, version, index as u8].into_iter().collect();
+            filled &= append(core::mem::replace(&mut payload, next), line);
         }
-        let length = u8::try_from(name.len()).unwrap_or(u8::MAX);
-        filled &= payload.push(length).is_ok();
-        filled &= payload.extend_from_slice(name.as_bytes()).is_ok();
+        payload.extend([name.len() as u8].into_iter().chain(name.bytes()));
     }
     filled && append(payload, line)
 }
@@ -87,12 +82,9 @@ pub(super) fn weights(
 ) -> bool {
     let byte = |value: f32| (value * 255.0).round() as u8;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
-    let head = [1, number as u8, ms_low, ms_high, flags, byte(confidence)];
-    let mut payload = Payload::new();
-    let filled = payload.extend_from_slice(&head).is_ok()
-        && payload.push(weights.len() as u8).is_ok()
-        && weights.map(byte).all(|weight| payload.push(weight).is_ok());
-    filled && append(payload, line)
+    let (confidence, count) = (byte(confidence), weights.len() as u8);
+    let head = [1, number as u8, ms_low, ms_high, flags, confidence, count];
+    append(head.into_iter().chain(weights.map(byte)).collect(), line)
 }
 
 /// Pose of the head.

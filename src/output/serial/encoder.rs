@@ -7,21 +7,14 @@ use super::settings::{Settings, Style};
 use super::{budget, cobs};
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use crate::base::prelude::*;
-use crate::output::{
-    OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, View, unit_range,
-};
+use crate::output::{OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, unit_range};
 
 /// Encodes reports to the bytes of a line, one face at a time.
 pub struct Encoder {
+    form: Form,
+    pub(super) face: OneFace,
     line: Line,
     count: u16,
-    scale: Scale,
-    pub(super) style: Style,
-    /// Output names of the units sent.
-    units: Box<[String]>,
-    pose: bool,
-    view: View,
-    pub(super) face: OneFace,
     last_ms: u32,
 }
 
@@ -39,21 +32,14 @@ impl Encoder {
         settings: &Settings,
         units: &[&str],
     ) -> Result<(Self, budget::Plan), OutputError> {
-        let view = &settings.view;
-        let (plan, scale) = plan(settings, units)?;
-        let names = names(view, units, &plan.units);
-        header(settings.style, &names)?;
-        let channels = view.channels(units);
+        let (form, plan) = plan(settings, units)?;
+        let channels = settings.view.channels(units);
         let channels = plan.units.iter().map(|&unit| channels[unit]);
         let encoder = Self {
+            form,
+            face: OneFace::of(channels.collect(), &settings.view),
             line: Line::default(),
             count: 0,
-            scale,
-            style: settings.style,
-            units: names,
-            pose: settings.pose,
-            view: view.clone(),
-            face: OneFace::of(channels.collect(), view.loss),
             last_ms: 0,
         };
         Ok((encoder, plan))
@@ -62,13 +48,14 @@ impl Encoder {
     /// Output names of the units sent.
     #[must_use]
     pub fn units(&self) -> &[String] {
-        &self.units
+        &self.form.names
     }
 
     /// What to send on opening and every five seconds.
     #[must_use]
     pub fn header(&self) -> Line {
-        header(self.style, &self.units).expect("the same names fitted before")
+        let header = self.form.header();
+        header.expect("the same names fitted before")
     }
 
     /// The next frame; `None` if the report is of a face that this line does not show.
@@ -85,57 +72,42 @@ impl Encoder {
     }
 
     fn frame(&mut self, state: TrackingState, report: &Report) -> &Line {
-        self.line.clear();
         let present = state.is_present();
         let confidence = if present { report.confidence } else { 0.0 };
-        let pose = report.sensor_from_face.filter(|_| self.pose && present);
+        let pose = report.pose().filter(|_| self.form.pose);
         let frame = Frame {
             count: self.count,
-            scale: self.scale,
             ms: self.last_ms,
             state,
             confidence: unit_range(confidence),
             flags: cobs::flags(state, report),
-            pose: pose.map(|pose| self.view.pose(pose)),
+            pose: pose.map(|pose| self.face.view.pose(pose)),
         };
+        self.count = self.count.wrapping_add(1);
+        self.line.clear();
         // The names fit half a buffer; so do the weights and a pose the whole.
         let weights = self.face.weights.shown();
-        frame.write(self.style, &self.units, weights, &mut self.line);
-        self.count = self.count.wrapping_add(1);
+        self.form.write(&frame, weights, &mut self.line);
         &self.line
     }
-}
 
-/// The output names of some units.
-fn names(view: &View, units: &[&str], of: &[usize]) -> Box<[String]> {
-    let names = of.iter().map(|&unit| view.name(units[unit]).to_owned());
-    names.collect()
-}
-
-/// Bytes of names that leave room in a buffer.
-const NAMES_MOST: usize = line::LARGEST / 2;
-
-/// What is sent on opening and every few seconds.
-fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
-    let mut header = Line::default();
-    let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
-    let names_fit = match style {
-        Style::Text => header.sentence(|line| {
-            write!(line, "AUH,1,{SCHEMA_VERSION}")?;
-            names.iter().try_for_each(|name| write!(line, ",{name}"))
-        }),
-        // A plotter would take a header for data.
-        Style::Plot => true,
-        Style::Cobs => cobs::hello(names, &mut header),
-    };
-    if !names_fit || bytes > NAMES_MOST {
-        return Err(OutputError::Names(names.len(), bytes, NAMES_MOST));
+    /// Appends that a gesture is on or off, if the style has that.
+    #[cfg(feature = "wires")]
+    pub(super) fn switch(
+        &self,
+        switch: &crate::output::gesture::Switch<'_>,
+        line: &mut Line,
+    ) -> core::fmt::Result {
+        match self.form.style {
+            Style::Text => write!(line, "!{switch} {}\r\n", u8::from(switch.is_on)),
+            Style::Plot => Ok(()),
+            Style::Cobs => cobs::switch(switch, line),
+        }
     }
-    Ok(header)
 }
 
 /// Chooses the units that are sent, and how finely: in tenths if the line carries all of them at the full rate even so.
-fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), OutputError> {
+fn plan(settings: &Settings, units: &[&str]) -> Result<(Form, budget::Plan), OutputError> {
     let index = |name: &String| {
         let found = units.iter().position(|unit| unit == name);
         found.ok_or_else(|| OutputError::Unit(name.clone()))
@@ -147,16 +119,18 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), Ou
     } else {
         listed.clone()
     };
-    let names = |of: &[usize]| names(&settings.view, units, of);
-    // Names too long for a line are told before any plan is made.
-    header(settings.style, &names(&wanted))?;
-    let bytes = |of: &[usize], scale: Scale| {
-        let (names, mut line) = (names(of), Line::default());
-        let most = core::iter::repeat_n(scale.longest(), of.len());
-        Frame::longest(settings.pose, scale).write(settings.style, &names, most, &mut line);
-        let header = header(settings.style, &names).map_or(0, |header| header.bytes().len());
-        (line.bytes().len(), header)
+    let form = |of: &[usize], tenths| Form {
+        style: settings.style,
+        names: of
+            .iter()
+            .map(|&unit| settings.view.name(units[unit]).to_owned())
+            .collect(),
+        full: settings.full,
+        tenths,
+        pose: settings.pose,
     };
+    // Names too long for a line are told before any plan is made.
+    form(&wanted, false).header()?;
     let rank = |unit: usize| match listed.iter().position(|&listed| listed == unit) {
         Some(at) => at,
         None => budget::rank(units[unit]),
@@ -166,39 +140,110 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), Ou
         Style::Cobs => budget::AVR_RING,
         _ => line::LARGEST,
     };
-    let planned = |scale: Scale| {
-        let bytes = |of: &[usize]| bytes(of, scale);
+    let planned = |tenths| {
+        let bytes = |of: &[usize]| form(of, tenths).bytes();
         let (baud, least) = (settings.baud, settings.min_rate_hz);
         let plan = budget::plan(baud, least, longest, wanted.clone(), rank, bytes);
-        (plan, scale)
+        (form(&plan.units, tenths), plan)
     };
-    let scale = |tenths| Scale {
-        full: settings.full,
-        tenths,
-    };
-    if settings.style != Style::Cobs && settings.full < Scale::FINE {
-        let fine = planned(scale(true));
-        if fine.0.units.len() == wanted.len() && fine.0.rate_hz >= budget::FRAMES_HZ {
+    if settings.style != Style::Cobs && settings.full < FINE {
+        let fine = planned(true);
+        if fine.1.left_out.is_empty() && fine.1.rate_hz >= budget::FRAMES_HZ {
             return Ok(fine);
         }
     }
-    Ok(planned(scale(false)))
+    Ok(planned(false))
 }
 
-/// How a weight is written in the styles `text` and `plot`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Scale {
-    /// The number of a weight of 1.
+/// Bytes of names that leave room in a buffer.
+const NAMES_MOST: usize = line::LARGEST / 2;
+/// `full` from which whole numbers are within 1/255 of the weight.
+const FINE: u32 = 128;
+
+/// How frames are written.
+struct Form {
+    style: Style,
+    /// Output names of the units sent.
+    names: Box<[String]>,
+    /// The number of a weight of 1 in the styles `text` and `plot`.
     full: u32,
     /// Whether there are tenths; a number that needs none has none.
     tenths: bool,
+    /// Whether poses are sent.
+    pose: bool,
 }
 
-impl Scale {
-    /// `full` from which whole numbers are within 1/255 of the weight.
-    const FINE: u32 = 128;
+/// Everything in a frame except its weights.
+struct Frame {
+    count: u16,
+    ms: u32,
+    state: TrackingState,
+    confidence: f32,
+    flags: u8,
+    pose: Option<Rigid>,
+}
 
-    fn write(self, weight: f32, line: &mut Line) -> core::fmt::Result {
+impl Form {
+    /// What is sent on opening and every few seconds.
+    fn header(&self) -> Result<Line, OutputError> {
+        let (names, mut header) = (&self.names, Line::default());
+        let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
+        let fit = bytes <= NAMES_MOST
+            && match self.style {
+                Style::Text => header.sentence(|line| {
+                    write!(line, "AUH,1,{SCHEMA_VERSION}")?;
+                    names.iter().try_for_each(|name| write!(line, ",{name}"))
+                }),
+                // A plotter would take a header for data.
+                Style::Plot => true,
+                Style::Cobs => cobs::hello(names, &mut header),
+            };
+        fit.then_some(header)
+            .ok_or(OutputError::Names(names.len(), bytes, NAMES_MOST))
+    }
+
+    /// Appends a frame; nothing, if there is no room.
+    fn write(
+        &self,
+        frame: &Frame,
+        mut weights: impl ExactSizeIterator<Item = f32>,
+        line: &mut Line,
+    ) {
+        let Frame { count, ms, .. } = *frame;
+        match self.style {
+            Style::Text => {
+                line.sentence(|line| {
+                    let confidence = (frame.confidence * 99.0).round();
+                    write!(line, "AU,{count},{ms},{},{confidence}", frame.state.code())?;
+                    weights.try_for_each(|weight| {
+                        line.write_char(',')?;
+                        self.write_weight(weight, line)
+                    })
+                });
+                if let Some(pose) = &frame.pose {
+                    line.sentence(|line| write_pose(count, pose, line));
+                }
+            }
+            Style::Plot => {
+                line.all_or_nothing(|line| {
+                    for (i, (name, weight)) in self.names.iter().zip(weights).enumerate() {
+                        let comma = if i > 0 { "," } else { "" };
+                        write!(line, "{comma}{name}:")?;
+                        self.write_weight(weight, line)?;
+                    }
+                    line.put(b"\r\n")
+                });
+            }
+            Style::Cobs => {
+                cobs::weights(count, ms, frame.flags, frame.confidence, weights, line);
+                if let Some(pose) = &frame.pose {
+                    cobs::pose(count, ms, pose, line);
+                }
+            }
+        }
+    }
+
+    fn write_weight(&self, weight: f32, line: &mut Line) -> core::fmt::Result {
         if !self.tenths {
             return write!(line, "{}", (weight * self.full as f32).round());
         }
@@ -210,105 +255,27 @@ impl Scale {
         }
     }
 
-    /// The weight with the longest number.
-    fn longest(self) -> f32 {
-        if self.tenths {
-            1.0 - 0.1 / self.full as f32
-        } else {
-            1.0
-        }
-    }
-}
-
-/// Everything in a frame except its weights.
-struct Frame {
-    count: u16,
-    /// How a weight is written in the styles `text` and `plot`.
-    scale: Scale,
-    ms: u32,
-    state: TrackingState,
-    confidence: f32,
-    flags: u8,
-    pose: Option<Rigid>,
-}
-
-impl Frame {
-    /// Appends the frame in a style; nothing, if there is no room.
-    fn write(
-        &self,
-        style: Style,
-        names: &[String],
-        mut weights: impl ExactSizeIterator<Item = f32>,
-        line: &mut Line,
-    ) {
-        let (count, ms) = (self.count, self.ms);
-        match style {
-            Style::Text => {
-                line.sentence(|line| {
-                    write!(
-                        line,
-                        "AU,{count},{ms},{},{}",
-                        self.state.code(),
-                        (self.confidence * 99.0).round()
-                    )?;
-                    weights.try_for_each(|weight| {
-                        line.write_char(',')?;
-                        self.scale.write(weight, line)
-                    })
-                });
-                if let Some(pose) = &self.pose {
-                    line.sentence(|line| write_pose(count, pose, line));
-                }
-            }
-            Style::Plot => {
-                line.all_or_nothing(|line| {
-                    for (i, (name, weight)) in names.iter().zip(weights).enumerate() {
-                        let comma = if i > 0 { "," } else { "" };
-                        write!(line, "{comma}{name}:")?;
-                        self.scale.write(weight, line)?;
-                    }
-                    line.put(b"\r\n")
-                });
-            }
-            Style::Cobs => {
-                cobs::weights(count, ms, self.flags, self.confidence, weights, line);
-                if let Some(pose) = &self.pose {
-                    cobs::pose(count, ms, pose, line);
-                }
-            }
-        }
-    }
-
-    /// The longest there is.
-    fn longest(pose: bool, scale: Scale) -> Self {
+    /// Bytes of the longest frame, and of what is sent on opening.
+    fn bytes(&self) -> (usize, usize) {
         // Four digits and a sign, as many as the sensor sees, and angles have as many.
-        let far = || {
-            let turn = rotation_from_yaw_pitch_roll(-3.1, -1.5, -3.1);
-            Rigid::from_parts(Vector::repeat(-9.999).into(), turn)
-        };
-        Self {
+        let turn = rotation_from_yaw_pitch_roll(-3.1, -1.5, -3.1);
+        let far = Rigid::from_parts(Vector::repeat(-9.999).into(), turn);
+        let longest = Frame {
             count: u16::MAX,
-            scale,
             ms: u32::MAX,
             state: TrackingState::Lost,
             confidence: 1.0,
             flags: u8::MAX,
-            pose: pose.then(far),
-        }
-    }
-}
-
-/// Appends that a gesture is on or off, if the style has that.
-#[cfg(feature = "wires")]
-pub(super) fn switch(
-    style: Style,
-    switch: &crate::output::gesture::Switch<'_>,
-    line: &mut Line,
-) -> core::fmt::Result {
-    match style {
-        Style::Text => write!(line, "!{switch} {}\r\n", u8::from(switch.is_on)),
-        Style::Plot => Ok(()),
-        Style::Cobs => cobs::switch(switch, line),
+            pose: self.pose.then_some(far),
+        };
+        // The weight with the longest number.
+        let tenth = if self.tenths { 0.1 } else { 0.0 };
+        let weight = 1.0 - tenth / self.full as f32;
+        let weights = core::iter::repeat_n(weight, self.names.len());
+        let mut line = Line::default();
+        self.write(&longest, weights, &mut line);
+        let header = self.header().map_or(0, |header| header.bytes().len());
+        (line.bytes().len(), header)
     }
 }
 
@@ -382,10 +349,15 @@ mod tests {
             let weights: Vec<f32> = (0..units).map(|_| random.f32()).collect();
             let full = random.u32(10..=10_000);
             let tenths = random.bool();
-            let scale = Scale { full, tenths };
+            let form = Form {
+                style: Style::Text,
+                names: vec![String::new(); units].into(),
+                full,
+                tenths,
+                pose: false,
+            };
             let frame = Frame {
                 count: random.u16(..),
-                scale,
                 ms: random.u32(..),
                 state: TrackingState::Held,
                 confidence: random.f32(),
@@ -393,7 +365,7 @@ mod tests {
                 pose: None,
             };
             let mut line = Line::default();
-            frame.write(Style::Text, &[], weights.iter().copied(), &mut line);
+            form.write(&frame, weights.iter().copied(), &mut line);
             let text = core::str::from_utf8(line.bytes()).unwrap();
             let (sentence, _) = text.strip_prefix("$AU,").unwrap().split_once('*').unwrap();
             let numbers: Vec<f32> = sentence
@@ -411,10 +383,7 @@ mod tests {
                     "{back} {weight}"
                 );
             }
-            let mut longest = Line::default();
-            let most = core::iter::repeat_n(scale.longest(), units);
-            Frame::longest(false, scale).write(Style::Text, &[], most, &mut longest);
-            assert!(line.bytes().len() <= longest.bytes().len());
+            assert!(line.bytes().len() <= form.bytes().0);
         }
     }
 }

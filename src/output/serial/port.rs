@@ -104,118 +104,75 @@ impl Shared {
     }
 }
 
-/// Starts the thread.
-fn feed(
-    settings: &Settings,
+/// The thread's side: keeps the port open and writes to it.
+struct Feeder {
+    settings: Settings,
     header: Line,
     shared: Arc<Shared>,
-) -> Result<JoinHandle<()>, OutputError> {
-    let (mut path, baud, dtr) = (settings.port.clone(), settings.baud.max(1), settings.dtr);
-    // Ends what a frame that was cut off has left with the receiver.
-    let delimiter: &[u8] = match settings.style {
-        Style::Cobs => &[0],
-        Style::Text | Style::Plot => b"\r\n",
-    };
-    let thread = std::thread::Builder::new().name("serial".to_owned());
-    thread
-        .spawn(move || {
-            let mut back_off = BackOff::new(PAUSES);
-            // The first failure is not told: before a reload the port is still this program's own for a moment.
-            let (mut failures, mut cut) = (0_u32, false);
-            loop {
-                match open(&path, baud, dtr) {
-                    Ok(mut port) => {
-                        tracing::info!("serial port {path} is open");
-                        if let Some(name) = stable_name(Path::new(&path), Path::new(STABLE_NAMES)) {
-                            tracing::info!("serial port {path} will be reopened as {name}");
-                            path = name;
-                        }
-                        shared.lock().is_open = true;
-                        let opened = Instant::now();
-                        let mut writer = Writer { port: port.as_mut(), baud, shared: &shared, cut };
-                        let end = writer.frames(delimiter, &header);
-                        cut = writer.cut;
-                        shared.lock().is_open = false;
-                        let Err(error) = end else { return };
-                        tracing::warn!("serial port {path} is lost ({error}), reopening it");
-                        failures = 2;
-                        // One that opens and fails at once is not tried without a pause.
-                        if opened.elapsed() > PAUSES[1] {
-                            back_off.reset();
-                        }
-                    }
-                    Err(error) => {
-                        failures = failures.saturating_add(1);
-                        if failures == 2 {
-                            tracing::warn!("serial port {path} cannot be opened ({error}), retrying until it can");
-                        }
-                    }
-                }
-                if shared.pause(back_off.pause()) {
-                    return;
-                }
-            }
-        })
-        .map_err(OutputError::Thread)
-}
-
-/// Opens a device or connects to a serial server.
-fn open(path: &str, baud: u32, dtr: bool) -> std::io::Result<Box<dyn Write>> {
-    if let Some(server) = path.strip_prefix("tcp:") {
-        let address = server.to_socket_addrs()?.next();
-        let address = address.ok_or(ErrorKind::AddrNotAvailable)?;
-        let stream = TcpStream::connect_timeout(&address, CONNECTING)?;
-        stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
-        stream.set_nodelay(true)?;
-        return Ok(Box::new(stream));
-    }
-    let port = serialport::new(path, baud).timeout(WRITE_TIMEOUT);
-    // The system raises DTR by itself when a port is opened first; what it does is left alone unless asked for.
-    let port = if dtr {
-        port.dtr_on_open(true)
-    } else {
-        port.preserve_dtr_on_open()
-    };
-    Ok(Box::new(port.open_native()?))
-}
-
-/// The link in `names` to the same device as `path`; `None` if there is none, or `path` is one already.
-fn stable_name(path: &Path, names: &Path) -> Option<String> {
-    if path.starts_with(names) {
-        return None;
-    }
-    let device = path.canonicalize().ok()?;
-    let links = std::fs::read_dir(names).ok()?;
-    let links = links.filter_map(|link| Some(link.ok()?.path()));
-    let leads_there = |link: &PathBuf| link.canonicalize().is_ok_and(|end| end == device);
-    links.filter(leads_there).min()?.to_str().map(str::to_owned)
-}
-
-/// Writes to an open port.
-struct Writer<'a> {
-    port: &'a mut dyn Write,
-    baud: u32,
-    shared: &'a Shared,
     /// Whether the receiver has received a partial frame.
     cut: bool,
 }
 
-impl Writer<'_> {
-    /// Writes frames until told to stop (`Ok`) or the port fails.
-    fn frames(&mut self, delimiter: &[u8], header: &Line) -> std::io::Result<()> {
-        let mut line = Line::default();
-        let mut header_sent: Option<Instant> = None;
-        if self.cut {
-            self.paced(delimiter)?;
+impl Feeder {
+    /// Until told to stop.
+    fn run(mut self) {
+        let mut back_off = BackOff::new(PAUSES);
+        // The first failure is not told: before a reload the port is still this program's own for a moment.
+        let mut failures = 0_u32;
+        loop {
+            let path = self.settings.port.clone();
+            match open(&self.settings) {
+                Ok(mut port) => {
+                    tracing::info!("serial port {path} is open");
+                    if let Some(name) = stable_name(Path::new(&path), Path::new(STABLE_NAMES)) {
+                        tracing::info!("serial port {path} will be reopened as {name}");
+                        self.settings.port = name;
+                    }
+                    self.shared.lock().is_open = true;
+                    let opened = Instant::now();
+                    let end = self.frames(&mut *port);
+                    self.shared.lock().is_open = false;
+                    let Err(error) = end else { return };
+                    let path = &self.settings.port;
+                    tracing::warn!("serial port {path} is lost ({error}), reopening it");
+                    failures = 2;
+                    // One that opens and fails at once is not tried without a pause.
+                    if opened.elapsed() > PAUSES[1] {
+                        back_off.reset();
+                    }
+                }
+                Err(error) => {
+                    failures = failures.saturating_add(1);
+                    if failures == 2 {
+                        tracing::warn!(
+                            "serial port {path} cannot be opened ({error}), retrying until it can"
+                        );
+                    }
+                }
+            }
+            if self.shared.pause(back_off.pause()) {
+                return;
+            }
         }
+    }
+
+    /// Writes frames until told to stop (`Ok`) or the port fails.
+    fn frames(&mut self, port: &mut dyn Write) -> std::io::Result<()> {
+        if self.cut {
+            // Ends what a frame that was cut off has left with the receiver.
+            let cobs = self.settings.style == Style::Cobs;
+            self.paced(port, if cobs { &[0] } else { b"\r\n" })?;
+        }
+        let (header, mut line) = (self.header.clone(), Line::default());
+        let mut header_sent: Option<Instant> = None;
         loop {
             if header_sent.is_none_or(|at| at.elapsed() >= HEADER_PERIOD) {
-                self.paced(header.bytes())?;
+                self.paced(port, header.bytes())?;
                 header_sent = Some(Instant::now());
             }
             let stop = self.shared.take(HEADER_PERIOD, &mut line);
             if !line.bytes().is_empty() {
-                self.paced(line.bytes())?;
+                self.paced(port, line.bytes())?;
                 self.shared.sent.fetch_add(1, Ordering::Relaxed);
             }
             if stop {
@@ -226,12 +183,12 @@ impl Writer<'_> {
 
     /// Writes all bytes and waits as long as the line needs for them. Never leaves a partial frame deliberately: what the
     /// port does not accept in time is retried.
-    fn paced(&mut self, mut bytes: &[u8]) -> std::io::Result<()> {
+    fn paced(&mut self, port: &mut dyn Write, mut bytes: &[u8]) -> std::io::Result<()> {
         let start = Instant::now();
-        let line_s = bytes.len() as f32 / budget::bytes_per_second(self.baud);
+        let line_s = bytes.len() as f32 / budget::bytes_per_second(self.settings.baud);
         let mut progress = start;
         while !bytes.is_empty() {
-            match self.port.write(bytes) {
+            match port.write(bytes) {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(taken) => {
                     bytes = &bytes[taken..];
@@ -254,6 +211,38 @@ impl Writer<'_> {
     }
 }
 
+/// Opens a device or connects to a serial server.
+fn open(settings: &Settings) -> std::io::Result<Box<dyn Write>> {
+    if let Some(server) = settings.port.strip_prefix("tcp:") {
+        let address = server.to_socket_addrs()?.next();
+        let address = address.ok_or(ErrorKind::AddrNotAvailable)?;
+        let stream = TcpStream::connect_timeout(&address, CONNECTING)?;
+        stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
+        stream.set_nodelay(true)?;
+        return Ok(Box::new(stream));
+    }
+    let port = serialport::new(&settings.port, settings.baud).timeout(WRITE_TIMEOUT);
+    // The system raises DTR by itself when a port is opened first; what it does is left alone unless asked for.
+    let port = if settings.dtr {
+        port.dtr_on_open(true)
+    } else {
+        port.preserve_dtr_on_open()
+    };
+    Ok(Box::new(port.open_native()?))
+}
+
+/// The link in `names` to the same device as `path`; `None` if there is none, or `path` is one already.
+fn stable_name(path: &Path, names: &Path) -> Option<String> {
+    if path.starts_with(names) {
+        return None;
+    }
+    let device = path.canonicalize().ok()?;
+    let links = std::fs::read_dir(names).ok()?;
+    let links = links.filter_map(|link| Some(link.ok()?.path()));
+    let leads_there = |link: &PathBuf| link.canonicalize().is_ok_and(|end| end == device);
+    links.filter(leads_there).min()?.to_str().map(str::to_owned)
+}
+
 /// A sender of weights, one face at a time.
 pub struct Serial {
     encoder: Encoder,
@@ -270,30 +259,30 @@ impl Serial {
         let (encoder, plan) = Encoder::planned(settings, units)?;
         tell(settings, units, &plan);
         let shared = Arc::<Shared>::default();
-        let thread = feed(settings, encoder.header(), Arc::clone(&shared))?;
+        let feeder = Feeder {
+            settings: settings.clone(),
+            header: encoder.header(),
+            shared: Arc::clone(&shared),
+            cut: false,
+        };
+        let thread = std::thread::Builder::new().name("serial".to_owned());
+        let thread = thread
+            .spawn(move || feeder.run())
+            .map_err(OutputError::Thread)?;
         Ok(Self {
             encoder,
             shared,
             thread: Some(thread),
         })
     }
-
-    /// Output names of the units sent.
-    #[must_use]
-    pub fn units(&self) -> &[String] {
-        self.encoder.units()
-    }
 }
 
 /// Logs what the line cannot carry.
 fn tell(settings: &Settings, units: &[&str], plan: &Plan) {
     let Settings { port, baud, .. } = settings;
-    let wanted = |unit: &str| {
-        settings.units.is_empty() || settings.units.iter().any(|listed| listed == unit)
-    };
-    let left_out: Vec<&str> = (0..units.len())
-        .filter(|unit| wanted(units[*unit]) && !plan.units.contains(unit))
-        .map(|unit| settings.view.name(units[unit]))
+    let left_out = plan.left_out.iter();
+    let left_out: Vec<&str> = left_out
+        .map(|&unit| settings.view.name(units[unit]))
         .collect();
     if !left_out.is_empty() {
         tracing::warn!(
@@ -324,8 +313,8 @@ impl Output for Serial {
     #[cfg(feature = "wires")]
     fn switch(&mut self, switch: &crate::output::gesture::Switch<'_>) {
         if crate::output::gesture::ENABLED {
-            let shared = &self.shared;
-            shared.put_switch(|line| super::encoder::switch(self.encoder.style, switch, line));
+            let (shared, encoder) = (&self.shared, &self.encoder);
+            shared.put_switch(|line| encoder.switch(switch, line));
         }
     }
 
@@ -377,10 +366,17 @@ mod tests {
 
     #[test]
     fn what_was_cut_off_is_ended_before_anything_else_is_sent() {
-        let shared = Shared::default();
         let mut header = Line::default();
         header.put(b"$AUH*00\r\n").unwrap();
-        let mut cut = false;
+        let mut feeder = Feeder {
+            settings: Settings {
+                baud: 4_000_000,
+                ..Settings::default()
+            },
+            header,
+            shared: Arc::default(),
+            cut: false,
+        };
         for (takes, expected) in [
             (4, &b"$AUH"[..]),
             (1, b"\r"),
@@ -388,17 +384,10 @@ mod tests {
             (9, b"$AUH*00\r\n"),
         ] {
             let mut port = Failing(Vec::new(), takes);
-            let mut writer = Writer {
-                port: &mut port,
-                baud: 4_000_000,
-                shared: &shared,
-                cut,
-            };
             let mut frame = Line::default();
             frame.put(b"$AU").unwrap();
-            shared.put(&frame);
-            assert!(writer.frames(b"\r\n", &header).is_err());
-            cut = writer.cut;
+            feeder.shared.put(&frame);
+            assert!(feeder.frames(&mut port).is_err());
             assert_eq!(port.0, expected);
         }
     }

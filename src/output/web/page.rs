@@ -21,13 +21,14 @@ use std::time::{Duration, Instant};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 
 use super::http::Request;
-use super::server::{Answer, PLAIN, Service, address, serve};
+use super::server::{Answer, PLAIN, Service, serve};
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
 use crate::expression::unit_words;
 use crate::output::board::{Board, Front, Weight};
 use crate::output::features::{PageSettings, password};
 use crate::output::gesture::Gesture;
+use crate::output::limits::Listening;
 use crate::output::{Command, OutputError, identity};
 
 const PAGE: &str = include_str!("page.html");
@@ -270,7 +271,7 @@ pub fn open(
     units: &[&str],
     gestures: &[Gesture],
 ) -> Result<Front, OutputError> {
-    let address = address(&settings.listen)?;
+    let at = Listening::at(&settings.listen)?;
     let password = password(&settings.password_file)?;
     if password.as_ref().is_some_and(|word| !is_password(word)) {
         let problem = "its first line is not 8 to 64 printable ASCII characters";
@@ -287,7 +288,7 @@ pub fn open(
         newest: (0, 0, None),
         rate: 30.0,
     };
-    let work = move |shared, bell| serve(page, address, shared, bell);
+    let work = move |shared, bell| serve(page, at, shared, bell);
     Front::start("page", units, &settings.view, work)
 }
 

@@ -16,9 +16,9 @@ use nix::poll::{PollFd, PollFlags, poll};
 
 use super::http::{REQUEST, Request, Sent, frame, header};
 use crate::base::capacity::WEB_CONNECTIONS as SLOTS;
+use crate::output::Command;
 use crate::output::board::{Bell, Board, Shared, count};
-use crate::output::limits::BackOff;
-use crate::output::{Command, OutputError};
+use crate::output::limits::Listening;
 
 /// Event streams at once: the places left answer requests.
 const STREAMS: usize = SLOTS - 2;
@@ -32,8 +32,6 @@ const STUCK: Duration = Duration::from_secs(10);
 const NEWCOMERS: usize = 32;
 /// Longest wait, so that timeouts are noticed.
 const TICK_MS: i32 = 250;
-/// First and longest pause before retrying an address that is in use.
-const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
 
 /// Starts of replies.
 const SWITCHING: &[u8] = b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: ";
@@ -224,29 +222,19 @@ impl Place {
     }
 }
 
-/// Where to listen.
-pub(super) fn address(listen: &str) -> Result<SocketAddr, OutputError> {
-    let unusable = |_| OutputError::Listen(listen.to_owned());
-    listen.parse().map_err(unusable)
-}
-
 /// The service, its connections and its listening socket.
 struct Server<S> {
     service: S,
     shared: Arc<Shared>,
     places: [Place; SLOTS],
     body: String,
-    address: SocketAddr,
-    /// `None` while the address is in use.
-    listener: Option<TcpListener>,
-    again: Instant,
-    back_off: BackOff,
+    at: Listening<TcpListener>,
 }
 
 /// Serves until told to stop.
 pub(super) fn serve<S: Service>(
     service: S,
-    address: SocketAddr,
+    at: Listening<TcpListener>,
     shared: Arc<Shared>,
     mut bell: Bell,
 ) {
@@ -256,13 +244,12 @@ pub(super) fn serve<S: Service>(
         shared,
         places: std::array::from_fn(|_| Place::new(S::WAITING)),
         body: String::with_capacity(S::WAITING),
-        address,
-        listener: None,
-        again: Instant::now(),
-        back_off: BackOff::new(PAUSES),
+        at,
     };
     loop {
-        server.open();
+        server.at.open("", bind);
+        let is_open = server.at.socket.is_some();
+        server.shared.connected.store(is_open, Ordering::Relaxed);
         let ready = server.wait(&bell);
         bell.answer();
         let stopping = server.shared.stop.load(Ordering::Relaxed);
@@ -284,6 +271,12 @@ pub(super) fn serve<S: Service>(
     }
 }
 
+fn bind(address: SocketAddr) -> std::io::Result<TcpListener> {
+    let listener = TcpListener::bind(address)?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
 /// The connected pages.
 fn pages(places: &mut [Place; SLOTS]) -> impl Iterator<Item = &mut Place> {
     places.iter_mut().filter(|place| {
@@ -292,28 +285,6 @@ fn pages(places: &mut [Place; SLOTS]) -> impl Iterator<Item = &mut Place> {
 }
 
 impl<S: Service> Server<S> {
-    /// Opens the listening socket, if it is time to try.
-    fn open(&mut self) {
-        if self.listener.is_some() || Instant::now() < self.again {
-            return;
-        }
-        let opened = TcpListener::bind(self.address)
-            .and_then(|one| one.set_nonblocking(true).map(|()| one))
-            .inspect_err(|error| {
-                // Not the first failure: before a reload the address is still this program's own for a moment.
-                if self.back_off.tries == 1 {
-                    let address = self.address;
-                    tracing::warn!(
-                        "cannot listen at {address} ({error}), retrying until it is free"
-                    );
-                }
-            });
-        self.listener = opened.ok();
-        self.again = Instant::now() + self.back_off.pause();
-        let is_open = self.listener.is_some();
-        self.shared.connected.store(is_open, Ordering::Relaxed);
-    }
-
     /// Waits until there is something to do, or a tick has passed: which of the wake-up socket, the listener and the
     /// connections are ready.
     fn wait(&self, bell: &Bell) -> [PollFlags; SLOTS + 2] {
@@ -322,7 +293,7 @@ impl<S: Service> Server<S> {
             // Descriptors below 0 are passed over.
             let fd = match i {
                 0 => bell.fd(),
-                1 => self.listener.as_ref().map_or(-1, |one| one.as_raw_fd()),
+                1 => self.at.socket.as_ref().map_or(-1, |one| one.as_raw_fd()),
                 _ => {
                     let place = &self.places[i - 2];
                     flags.set(PollFlags::POLLOUT, place.is_waiting());
@@ -354,7 +325,7 @@ impl<S: Service> Server<S> {
     /// Gives new connections a slot: a free one, or that of the one silent for longest. Counts those turned away.
     fn accept(&mut self) {
         for _ in 0..NEWCOMERS {
-            let Some(Ok((stream, _))) = self.listener.as_ref().map(TcpListener::accept) else {
+            let Some(Ok((stream, _))) = self.at.socket.as_ref().map(TcpListener::accept) else {
                 return;
             };
             let _ = stream.set_nodelay(true);

@@ -11,11 +11,12 @@ use std::fmt::Write as _;
 use std::net::IpAddr;
 
 use super::http::Request;
-use super::server::{Answer, Service, address, serve};
+use super::server::{Answer, Service, serve};
 use crate::base::json::Quoted;
 use crate::output::OutputError;
 use crate::output::board::{Board, Front, Shot, Weight};
 use crate::output::features::WebSocketSettings;
+use crate::output::limits::Listening;
 
 /// Bytes of a message, with room for the longest names.
 const MESSAGE: usize = 4096;
@@ -99,7 +100,7 @@ pub fn open(
     units: &[&str],
     gestures: &[&str],
 ) -> Result<Front, OutputError> {
-    let address = address(&settings.listen)?;
+    let at = Listening::at(&settings.listen)?;
     let key = |name: &str| format!("{}:", Quoted(name));
     let pages = Pages {
         units: units
@@ -108,6 +109,6 @@ pub fn open(
             .collect(),
         gestures: gestures.iter().map(|name| key(name)).collect(),
     };
-    let work = move |shared, bell| serve(pages, address, shared, bell);
+    let work = move |shared, bell| serve(pages, at, shared, bell);
     Front::start("websocket", units, &settings.view, work)
 }
