@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use lexopt::prelude::*;
+use tracing::Level;
 
 use crate::base::nearest_word::hint;
 
@@ -69,49 +70,30 @@ pub struct Run {
     pub source: Option<String>,
     /// Stop after this many frames.
     pub frames: Option<u64>,
-    /// Where the CSV goes.
-    pub csv: Option<CsvTarget>,
+    /// Where the CSV goes: a file, or `-` for standard output.
+    pub csv: Option<PathBuf>,
     /// As fast as possible instead of in real time.
     pub fast: bool,
     /// Face model, in place of the configuration's.
     pub model: Option<PathBuf>,
     /// Fail if there is no sensor.
     pub require_device: bool,
-    /// Verbosity.
-    pub talk: Talk,
+    /// Log warnings and errors only, without a live line on a terminal.
+    pub quiet: bool,
+    /// Log debug messages too.
+    pub verbose: bool,
 }
 
-/// Verbosity of a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Talk {
-    /// Warnings and errors.
-    Less,
-    /// As configured, and a live line on a terminal.
-    #[default]
-    AsConfigured,
-    /// Debug messages too.
-    More,
-}
-
-impl Talk {
+impl Run {
     /// The log level, given the configured `level`.
     #[must_use]
-    pub fn level(self, level: tracing::Level) -> tracing::Level {
-        match self {
-            Self::Less => level.min(tracing::Level::WARN),
-            Self::AsConfigured => level,
-            Self::More => level.max(tracing::Level::DEBUG),
+    pub fn level(&self, level: Level) -> Level {
+        match (self.quiet, self.verbose) {
+            (true, _) => level.min(Level::WARN),
+            (_, true) => level.max(Level::DEBUG),
+            _ => level,
         }
     }
-}
-
-/// Where a CSV goes.
-#[derive(Debug, PartialEq)]
-pub enum CsvTarget {
-    /// `-`
-    StandardOutput,
-    /// A file.
-    File(PathBuf),
 }
 
 /// Invalid arguments on the command line.
@@ -239,19 +221,12 @@ fn run(parser: &mut lexopt::Parser, command: &str) -> Result<Run, UsageError> {
             Long("source") => run.source = Some(parser.value()?.string()?),
             Long("frames") => run.frames = Some(parser.value()?.parse()?),
             other if command == "bench" => return Err(unexpected(&other, command)),
-            Long("csv") => {
-                let target = parser.value()?;
-                run.csv = Some(if target == "-" {
-                    CsvTarget::StandardOutput
-                } else {
-                    CsvTarget::File(target.into())
-                });
-            }
+            Long("csv") => run.csv = Some(parser.value()?.into()),
             Long("fast") => run.fast = true,
             Long("model") => run.model = Some(parser.value()?.into()),
             Long("require-device") => run.require_device = true,
-            Long("quiet") | Short('q') => run.talk = Talk::Less,
-            Long("verbose") | Short('v') => run.talk = Talk::More,
+            Long("quiet") | Short('q') => run.quiet = true,
+            Long("verbose") | Short('v') => run.verbose = true,
             other => return Err(unexpected(&other, command)),
         }
     }
@@ -274,7 +249,7 @@ mod tests {
             panic!("run")
         };
         assert_eq!(run.source.as_deref(), Some("simulated:still"));
-        assert_eq!(run.csv, Some(CsvTarget::StandardOutput));
+        assert_eq!(run.csv, Some("-".into()));
         assert_eq!(
             (run.frames, run.fast, run.require_device),
             (Some(30), true, false)
@@ -327,15 +302,13 @@ mod tests {
         let Ok(Command::Run(run)) = words("run -q") else {
             panic!("run")
         };
-        use tracing::Level;
-        assert_eq!(run.talk, Talk::Less);
-        assert_eq!(run.talk.level(Level::INFO), Level::WARN);
-        assert_eq!(run.talk.level(Level::ERROR), Level::ERROR);
+        assert_eq!(run.level(Level::INFO), Level::WARN);
+        assert_eq!(run.level(Level::ERROR), Level::ERROR);
         let Ok(Command::Run(run)) = words("run --verbose") else {
             panic!("run")
         };
-        assert_eq!(run.talk.level(Level::INFO), Level::DEBUG);
-        assert_eq!(Talk::default().level(Level::INFO), Level::INFO);
+        assert_eq!(run.level(Level::INFO), Level::DEBUG);
+        assert_eq!(Run::default().level(Level::INFO), Level::INFO);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serialport::SerialPortType;
 
-use crate::appliance::log::Plain;
+use crate::appliance::log::one_line;
 pub(super) use crate::sensor::kinect::device::DeviceError;
 pub(super) use crate::sensor::kinect::usb_devices::{self, Listed};
 
@@ -19,7 +19,7 @@ pub fn report() -> String {
     text(&usb_devices::devices(), &serial_ports())
 }
 
-fn text(sensors: &Result<Vec<Listed>, DeviceError>, ports: &[Port]) -> String {
+fn text(sensors: &Result<Vec<Listed>, DeviceError>, ports: &[(PathBuf, String)]) -> String {
     let mut lines = Vec::new();
     match sensors {
         Ok(sensors) if sensors.is_empty() => lines.push(DeviceError::Absent.to_string()),
@@ -32,25 +32,20 @@ fn text(sensors: &Result<Vec<Listed>, DeviceError>, ports: &[Port]) -> String {
         }
         Err(problem) => lines.push(problem.to_string()),
     }
-    let port = |Port { name, about }: &Port| format!("serial port {}{about}", name.display());
-    lines.extend(ports.iter().map(port));
+    for (name, about) in ports {
+        lines.push(format!("serial port {}{about}", name.display()));
+    }
     if ports.is_empty() {
         lines.push("no serial port".to_owned());
     }
     lines.push(String::new());
     // What a device calls itself is its own invention.
-    let lines: Vec<String> = lines.iter().map(|line| Plain(line).to_string()).collect();
+    let lines: Vec<String> = lines.iter().map(one_line).collect();
     lines.join("\n")
 }
 
-struct Port {
-    name: PathBuf,
-    /// What it is, with a comma in front; may be empty.
-    about: String,
-}
-
-/// The machine's serial ports by their stable names where they have one.
-fn serial_ports() -> Vec<Port> {
+/// The machine's serial ports by their stable names where they have one, and what they are, if that is known, after a comma.
+fn serial_ports() -> Vec<(PathBuf, String)> {
     // The crate's search takes it for granted that this is there.
     if cfg!(target_os = "linux") && !Path::new(TERMINALS).exists() {
         return Vec::new();
@@ -62,7 +57,7 @@ fn serial_ports() -> Vec<Port> {
         .filter_map(|link| Some((std::fs::canonicalize(link.path()).ok()?, link.path())))
         .collect();
     let ports = serialport::available_ports().unwrap_or_default();
-    let mut ports: Vec<Port> = ports
+    let mut ports: Vec<(PathBuf, String)> = ports
         .into_iter()
         .map(|port| {
             let plain = PathBuf::from(&port.port_name);
@@ -76,13 +71,10 @@ fn serial_ports() -> Vec<Port> {
                 SerialPortType::BluetoothPort => ", Bluetooth".to_owned(),
                 SerialPortType::PciPort | SerialPortType::Unknown => String::new(),
             };
-            Port {
-                name: name.map_or(plain, |(_, link)| link.clone()),
-                about,
-            }
+            (name.map_or(plain, |(_, link)| link.clone()), about)
         })
         .collect();
-    crate::base::insertion_sort::sort_by_key(&mut ports, |port| port.name.clone());
+    crate::base::insertion_sort::sort_by_key(&mut ports, |port| port.0.clone());
     ports
 }
 
@@ -115,10 +107,7 @@ mod tests {
                 Some(DeviceError::Busy(1, 5)),
             ),
         ]);
-        let ports = [Port {
-            name: "/dev/ttyACM0".into(),
-            about: ", USB 2341:0043 Uno".into(),
-        }];
+        let ports = [("/dev/ttyACM0".into(), ", USB 2341:0043 Uno".into())];
         assert_eq!(
             text(&sensors, &ports),
             "kinect:A00366A08793039A Kinect for Xbox 360 (1414), 480 Mbit/s, bus 1 address 5, \
@@ -166,10 +155,7 @@ mod tests {
     fn what_a_device_calls_itself_cannot_write_lines_of_its_own() {
         let mut odd = listed(Model::Xbox1414, Driver::Program, None);
         odd.serial = "A\n\x1b[2Jkinect:B\u{9b}1m".into();
-        let ports = [Port {
-            name: "/dev/ttyACM0".into(),
-            about: ", USB 2341:0043 Uno\r\u{7f}".into(),
-        }];
+        let ports = [("/dev/ttyACM0".into(), ", USB 2341:0043 Uno\r\u{7f}".into())];
         let text = text(&Ok(vec![odd]), &ports);
         assert_eq!(text.lines().count(), 2, "{text:?}");
         assert!(

@@ -2,11 +2,12 @@
 //! opens only what a run would open.
 
 use std::fmt::{Display, Write as _};
+use std::io::ErrorKind;
 use std::net::ToSocketAddrs;
 use std::path::Path;
 
 use crate::appliance::devices::{DeviceError, usb_devices};
-use crate::appliance::log::Plain;
+use crate::appliance::log::one_line;
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::SourceName;
@@ -33,7 +34,7 @@ impl Lines {
     fn say(&mut self, verdict: &str, what: &str, text: impl Display) {
         self.failed |= verdict == FAIL;
         // Writing to a string cannot fail.
-        let _ = writeln!(self.text, "{verdict}  {what}: {}", Plain(text));
+        let _ = writeln!(self.text, "{verdict}  {what}: {}", one_line(text));
     }
 
     /// OK, or the given verdict with what went wrong.
@@ -88,9 +89,9 @@ fn sensor(
     settings: &Settings,
     found: Result<Vec<usb_devices::Listed>, DeviceError>,
 ) {
-    let name = SourceName::from(settings.sensor.source.as_str());
-    let Some(serial) = name.on_usb() else {
-        let text = format_args!("using {}, none needed on USB", settings.sensor.source);
+    let source = settings.sensor.source.as_str();
+    let SourceName::Kinect(serial) = SourceName::from(source) else {
+        let text = format_args!("using {source}, none needed on USB");
         return lines.say(OK, "sensor", text);
     };
     match found {
@@ -107,7 +108,7 @@ fn sensor(
             if let Some(wanted) = serial
                 && listed.iter().all(|sensor| sensor.serial != wanted)
             {
-                let problem = DeviceError::OtherSerial(wanted.to_owned(), listed.len());
+                let problem = DeviceError::OtherSerial(wanted, listed.len());
                 lines.say(FAIL, "sensor", problem);
             }
         }
@@ -117,15 +118,21 @@ fn sensor(
 fn serial(lines: &mut Lines, port: &str) {
     let (verdict, text) = match port {
         "" => (OK, "none configured".to_owned()),
-        _ if port.starts_with("tcp:") => {
-            let text = format!("{port}, not tested; a run connects to it");
-            (OK, text)
-        }
+        _ if port.starts_with("tcp:") => (OK, format!("{port}, not tested; a run connects to it")),
         // Opened as a plain file, which neither raises DTR nor locks.
         _ => match std::fs::OpenOptions::new().write(true).open(port) {
             Ok(_) => (OK, format!("{port} is writable")),
             Err(problem) => {
-                let (verdict, advice) = remedy(problem.kind());
+                let (verdict, advice) = match problem.kind() {
+                    ErrorKind::NotFound => (
+                        WARN,
+                        "plug it in, a run waits for it; `mien devices` lists what is connected",
+                    ),
+                    ErrorKind::PermissionDenied => {
+                        (FAIL, "add the user to the group dialout and log in again")
+                    }
+                    _ => (FAIL, "stop the other program that uses it"),
+                };
                 let text = format!("{port} cannot be opened ({problem}); {advice}");
                 (verdict, text)
             }
@@ -134,32 +141,17 @@ fn serial(lines: &mut Lines, port: &str) {
     lines.say(verdict, "serial port", text);
 }
 
-/// What to do about a port that cannot be opened.
-fn remedy(problem: std::io::ErrorKind) -> (&'static str, &'static str) {
-    match problem {
-        std::io::ErrorKind::NotFound => (
-            WARN,
-            "plug it in, a run waits for it; `mien devices` lists what is connected",
-        ),
-        std::io::ErrorKind::PermissionDenied => {
-            (FAIL, "add the user to the group dialout and log in again")
-        }
-        _ => (FAIL, "stop the other program that uses it"),
-    }
-}
-
 fn targets(lines: &mut Lines, settings: &Settings) {
     for row in wires::enabled(settings).filter(|row| row.section != "serial") {
         for target in (row.targets)(settings) {
-            let known = target
-                .to_socket_addrs()
-                .is_ok_and(|mut all| all.next().is_some());
-            let text = if known {
-                "resolves"
+            let found = target.to_socket_addrs();
+            let (verdict, text) = if found.is_ok_and(|mut all| all.next().is_some()) {
+                (OK, "resolves")
             } else {
-                "does not resolve; check the name, or give an address like 192.168.1.20:9130"
+                let advice =
+                    "does not resolve; check the name, or give an address like 192.168.1.20:9130";
+                (WARN, advice)
             };
-            let verdict = if known { OK } else { WARN };
             lines.say(verdict, row.section, format_args!("{target} {text}"));
         }
     }

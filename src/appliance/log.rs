@@ -139,19 +139,9 @@ impl std::fmt::Write for Line {
     }
 }
 
-/// Formats anything as a single line.
-pub(crate) struct Plain<T>(pub(crate) T);
-
-impl<T: Display> Display for Plain<T> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        struct Through<'a, 'b>(&'a mut std::fmt::Formatter<'b>);
-        impl std::fmt::Write for Through<'_, '_> {
-            fn write_str(&mut self, text: &str) -> std::fmt::Result {
-                text.chars().try_for_each(|c| self.0.write_char(plain(c)))
-            }
-        }
-        write!(Through(f), "{}", self.0)
-    }
+/// Anything as a single line.
+pub(crate) fn one_line(words: impl Display) -> String {
+    words.to_string().chars().map(plain).collect()
 }
 
 impl Visit for Line {

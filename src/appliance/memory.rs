@@ -80,22 +80,12 @@ unsafe impl GlobalAlloc for Counting {
 ///
 /// # Errors
 /// If more is mapped than `LimitMEMLOCK=` (`ulimit -l`) allows.
-#[cfg(target_os = "linux")]
 pub fn lock() -> io::Result<()> {
     // SAFETY: the call takes no pointers and changes nothing that the program can see.
     match unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_ONFAULT) } {
         0 => Ok(()),
         _ => Err(io::Error::last_os_error()),
     }
-}
-
-/// Locks current mappings in RAM.
-///
-/// # Errors
-/// Always: only implemented for Linux.
-#[cfg(not(target_os = "linux"))]
-pub fn lock() -> io::Result<()> {
-    Err(io::ErrorKind::Unsupported.into())
 }
 
 /// This process's peak resident memory; `None` if unknown.

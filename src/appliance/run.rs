@@ -4,9 +4,9 @@
 use std::io;
 use std::path::Path;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use crate::appliance::cli::{CsvTarget, Run, Talk};
+use crate::appliance::cli::Run;
 use crate::appliance::pipe::{Pipe, Rows};
 use crate::appliance::service::{Failure, SYSTEM_CONFIG, model, settings};
 use crate::appliance::service_manager::ServiceManager;
@@ -20,7 +20,7 @@ use crate::base::time::Timestamp;
 use crate::face_model::FaceModel;
 use crate::output::csv::Csv;
 use crate::output::gesture::Gestures;
-use crate::output::{Command, Output, OutputError, Report, Tally};
+use crate::output::{Command, Output, OutputError, Report};
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::users::saved::People;
@@ -59,7 +59,6 @@ struct Session<'r> {
     pacer: Pacer,
     /// Frames still to come.
     left: u64,
-    ended: bool,
     started: Instant,
     /// When the last frame was taken up, and when it was whole in memory.
     taken: Instant,
@@ -70,7 +69,7 @@ impl<'r> Session<'r> {
     /// Opens everything and allocates all memory; `None` if stopped before its CSV had a reader.
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
         let settings = settings(run.config.as_deref())?;
-        crate::appliance::log::start(run.talk.level(settings.log.level));
+        crate::appliance::log::start(run.level(settings.log.level));
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;
         let name = run.source.as_ref().unwrap_or(&settings.sensor.source);
         let name = name.clone();
@@ -83,7 +82,7 @@ impl<'r> Session<'r> {
         let source = source::open(&name, missing, settings.sensor.device)?;
         let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)?;
         let signals = Signals::watch()?;
-        let csv = run.csv.as_ref();
+        let csv = run.csv.as_deref();
         let csv = csv.map(|to| table(to, &signals, source.is_live(), &pipeline, &settings));
         let csv = match csv.transpose() {
             // Nobody came to read it.
@@ -99,7 +98,7 @@ impl<'r> Session<'r> {
         let live = live(run, &name, &settings);
         let manager = ServiceManager::from_environment();
         lock_memory(&manager);
-        manager.ready();
+        manager.say("READY=1");
         Ok(Some(Self {
             run,
             settings,
@@ -118,7 +117,6 @@ impl<'r> Session<'r> {
             frame: Frame::default(),
             pacer: Pacer::default(),
             left: run.frames.unwrap_or(u64::MAX),
-            ended: false,
             started: Instant::now(),
             taken: Instant::now(),
             arrived: Instant::now(),
@@ -126,7 +124,7 @@ impl<'r> Session<'r> {
     }
 
     fn play(&mut self) -> Result<(), Failure> {
-        while self.left > 0 && !self.ended && !self.signals.stop.load(Ordering::Relaxed) {
+        while self.left > 0 && !self.signals.stop.load(Ordering::Relaxed) {
             self.renew();
             if self.next_frame()? {
                 self.follow();
@@ -141,7 +139,7 @@ impl<'r> Session<'r> {
         if !self.signals.reload.swap(false, Ordering::Relaxed) {
             return;
         }
-        self.manager.reloading();
+        self.manager.say("RELOADING=1");
         match self.reload() {
             Ok(None) => tracing::info!("configuration reloaded, unchanged"),
             Ok(Some((renewed, opened))) => {
@@ -158,7 +156,7 @@ impl<'r> Session<'r> {
             }
             Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
         }
-        self.manager.ready();
+        self.manager.say("READY=1");
     }
 
     /// Reloads the configuration; if it has changed, builds its outputs, and its stages where they differ. The settings are
@@ -196,7 +194,7 @@ impl<'r> Session<'r> {
         match self.source.next_frame(&mut self.frame) {
             Ok(true) => {}
             Ok(false) => {
-                self.ended = true;
+                self.left = 0;
                 return Ok(false);
             }
             // For what, the sensor's thread has said.
@@ -214,9 +212,14 @@ impl<'r> Session<'r> {
         Ok(true)
     }
 
-    /// Half a second without a frame: outputs continue their heartbeat.
+    /// Half a second without a frame: outputs continue their heartbeat and let faces fade.
     fn wait(&mut self) -> Result<(), Failure> {
-        let mut nobody = nobody(&self.frame, self.taken.elapsed());
+        let since_us = self.taken.elapsed().as_micros() as u64;
+        let mut nobody = Report {
+            frame: self.frame.index,
+            at: Timestamp::from_us(self.frame.at.as_us() + since_us),
+            ..Report::default()
+        };
         self.gestures.observe(std::slice::from_mut(&mut nobody));
         tell_gestures(&mut self.gestures, &mut self.wires);
         // The CSV has rows of frames only.
@@ -283,26 +286,35 @@ impl<'r> Session<'r> {
 
     /// What is due with or without a frame: commands, status, the service manager.
     fn keep_up(&mut self, state: std::fmt::Arguments<'_>) {
-        obey(&mut self.wires, &mut self.pipeline, &mut self.gestures);
-        self.status.write(tallies(self.csv.as_ref(), &self.wires));
+        for wire in &mut self.wires {
+            while let Some(command) = wire.next_command() {
+                self.pipeline.obey(command);
+                if let Command::Level(gesture, hundredths) = command {
+                    let level = f32::from(hundredths) / 100.0;
+                    self.gestures.set_level(gesture, level);
+                }
+                tracing::info!("command from a receiver: {command:?}");
+            }
+        }
+        let wires = self.wires.iter().map(|wire| wire.tally());
+        let csv = self.csv.iter().map(Output::tally);
+        self.status.write(csv.chain(wires));
         let now = Instant::now();
         self.manager.alive(now);
         self.manager.state(state, now);
     }
 
     fn finish(mut self) {
-        self.manager.stopping();
+        self.manager.say("STOPPING=1");
         if let Some(people) = &mut self.people {
             people.save(self.pipeline.people().iter(), self.pipeline.at());
         }
         if let Some(live) = self.live {
             live.end(self.started.elapsed());
         }
-        if self.source.skipped() > 0 {
-            tracing::warn!(
-                frames = self.source.skipped(),
-                "damaged frames were skipped"
-            );
+        let frames = self.source.skipped();
+        if frames > 0 {
+            tracing::warn!(frames, "damaged frames were skipped");
         }
     }
 }
@@ -325,7 +337,7 @@ fn shown(settings: &Settings, source: &str, pipeline: &Pipeline) -> (Gestures, S
 
 /// The line on a terminal that goes with the run, unless the CSV goes there or it was asked to be quiet.
 fn live(run: &Run, source: &str, settings: &Settings) -> Option<Live> {
-    if run.csv == Some(CsvTarget::StandardOutput) || run.talk == Talk::Less {
+    if run.quiet || run.csv.as_ref().is_some_and(|to| to.as_os_str() == "-") {
         return None;
     }
     let live = Live::on_a_terminal()?;
@@ -350,53 +362,23 @@ fn people(settings: &Settings, source: &Source) -> Option<People> {
     saves.then(|| People::at(Path::new(&settings.state.path)))
 }
 
-/// Reports while no frames arrive: outputs continue their heartbeat and let faces fade.
-fn nobody(last: &Frame, since: Duration) -> Report<'static> {
-    Report {
-        frame: last.index,
-        at: Timestamp::from_us(last.at.as_us() + since.as_micros() as u64),
-        ..Report::default()
-    }
-}
-
-/// Counters of the CSV and the other outputs.
-fn tallies<'a>(
-    csv: Option<&'a Csv<Rows>>,
-    wires: &'a [Box<dyn Output>],
-) -> impl Iterator<Item = Tally> + Clone + 'a {
-    let wires = wires.iter().map(|wire| wire.tally());
-    csv.map(Output::tally).into_iter().chain(wires)
-}
-
-/// Executes the commands from receivers.
-fn obey(wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline, gestures: &mut Gestures) {
-    for wire in wires {
-        while let Some(command) = wire.next_command() {
-            pipeline.obey(command);
-            if let Command::Level(gesture, hundredths) = command {
-                gestures.set_level(gesture, f32::from(hundredths) / 100.0);
-            }
-            tracing::info!("command from a receiver: {command:?}");
-        }
-    }
-}
-
 /// Stages of a configuration, if they differ from those that run, and its outputs.
 type Standing = (Option<Pipeline>, Vec<Box<dyn Output>>);
 
 /// Opens the CSV requested.
 fn table(
-    to: &CsvTarget,
+    to: &Path,
     signals: &Signals,
     is_live: bool,
     pipeline: &Pipeline,
     settings: &Settings,
 ) -> Result<Csv<Rows>, OutputError> {
-    let rows = match to {
-        CsvTarget::StandardOutput => Pipe::of(io::stdout()),
-        CsvTarget::File(path) => Pipe::create(path, &signals.stop),
+    let pipe = if to.as_os_str() == "-" {
+        Pipe::of(io::stdout())
+    } else {
+        Pipe::create(to, &signals.stop)
     };
-    let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, is_live));
+    let rows = pipe.map(|pipe| Rows::to(pipe, &signals.stop, is_live));
     let rows = rows.map_err(OutputError::Csv)?;
     let (units, gestures) = (pipeline.unit_names(), settings.gesture_names());
     Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)

@@ -86,11 +86,8 @@ const MOTIONS: [Motion; 31] = [
 /// If an output cannot be opened or can never work.
 pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Result<(), OutputError> {
     let expression = Expression::new(settings.learning.clone(), Units::shipped());
-    let units: Vec<&str> = expression
-        .unit_names()
-        .iter()
-        .map(|name| name.as_str())
-        .collect();
+    let names = expression.unit_names();
+    let units: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
     let mut sender = Sender {
         outputs: wires::open(settings, &units)?,
         model,
@@ -114,15 +111,10 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         if stop.load(Ordering::Relaxed) {
             break;
         }
-        let name = shown.name(unit);
-        let of = units.len();
+        let name = Some(shown.name(unit)).filter(|name| name != unit);
+        let renamed = name.map_or_else(String::new, |name| format!("as {name} "));
         let plain = unit_words::plain(unit).map_or_else(String::new, |plain| plain + " ");
-        let renamed = if name == *unit {
-            String::new()
-        } else {
-            format!("as {name} ")
-        };
-        tracing::info!("{unit} {plain}{renamed}({} of {of})", i + 1);
+        tracing::info!("{unit} {plain}{renamed}({} of {})", i + 1, units.len());
         for step in 1..=SWEEP {
             weights[i] = 1.0 - (2.0 * step as f32 / SWEEP as f32 - 1.0).abs();
             sender.send(&weights, unit)?;

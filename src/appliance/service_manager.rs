@@ -75,21 +75,6 @@ impl ServiceManager {
         self.socket.is_some()
     }
 
-    /// The run processes frames from now on (or waits for the sensor, which counts as ready).
-    pub fn ready(&self) {
-        self.send("READY=1");
-    }
-
-    /// The configuration is being reloaded; [`Self::ready`] ends that.
-    pub fn reloading(&self) {
-        self.send("RELOADING=1");
-    }
-
-    /// The run ends.
-    pub fn stopping(&self) {
-        self.send("STOPPING=1");
-    }
-
     /// A frame was processed, or the sensor is known to be absent: triggers the watchdog when due.
     pub fn alive(&mut self, now: Instant) {
         let due = self.feed_every.is_some_and(|every| {
@@ -98,7 +83,7 @@ impl ServiceManager {
         });
         if due {
             self.fed = Some(now);
-            self.send("WATCHDOG=1");
+            self.say("WATCHDOG=1");
         }
     }
 
@@ -113,13 +98,15 @@ impl ServiceManager {
         let mut message = heapless::String::<MESSAGE>::new();
         // Too long a line is not sent at all.
         if write!(message, "STATUS={line}").is_ok() && message != self.state {
-            self.send(&message);
+            self.say(&message);
             self.state = message;
             self.stated = Some(now);
         }
     }
 
-    fn send(&self, message: &str) {
+    /// Sends a message: `READY=1` when frames are processed (or the sensor is waited for, which counts as ready), `RELOADING=1`
+    /// until the next of them, `STOPPING=1` when the run ends.
+    pub fn say(&self, message: &str) {
         if let Some(socket) = &self.socket {
             // Lost when the manager's queue is full; see the limits above.
             let _ = socket.send(message.as_bytes());
@@ -153,11 +140,11 @@ mod tests {
     fn the_watchdog_is_fed_four_times_a_period_and_not_by_itself() {
         let (socket, mut manager) = manager(Some(Duration::from_secs(4)), "watchdog");
         let start = Instant::now();
-        manager.ready();
+        manager.say("READY=1");
         for frame in 0..90 {
             manager.alive(start + Duration::from_millis(frame * 33));
         }
-        manager.stopping();
+        manager.say("STOPPING=1");
         let expected = [
             "READY=1",
             "WATCHDOG=1",
@@ -191,7 +178,7 @@ mod tests {
         assert!(ServiceManager::at(bytes, None).is_err());
         let socket = UnixDatagram::bind(&path).unwrap();
         socket.set_nonblocking(true).unwrap();
-        ServiceManager::at(bytes, None).unwrap().ready();
+        ServiceManager::at(bytes, None).unwrap().say("READY=1");
         assert_eq!(received(&socket), ["READY=1"]);
     }
 }

@@ -37,17 +37,6 @@ pub enum SourceName {
     Recording(PathBuf),
 }
 
-impl SourceName {
-    /// Whether it is a sensor on USB, and the serial number it must have.
-    #[must_use]
-    pub fn on_usb(&self) -> Option<Option<&str>> {
-        match self {
-            Self::Kinect(serial) => Some(serial.as_deref()),
-            _ => None,
-        }
-    }
-}
-
 impl From<&str> for SourceName {
     /// Everything that is not a kind of sensor is a path; `./kinect` is the directory of that name.
     fn from(text: &str) -> Self {

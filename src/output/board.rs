@@ -167,6 +167,20 @@ pub(super) struct Shot {
     pub(super) fresh: bool,
 }
 
+/// What is told of every user, as members of a JSON object.
+impl std::fmt::Display for Shot {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{}",
+            self.state.name(),
+            Weight(self.confidence),
+            self.frozen,
+            self.latency_us
+        )
+    }
+}
+
 /// The newest report of each user, and of nobody.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Board {

@@ -148,8 +148,7 @@ impl Rows {
 pub struct Csv<W> {
     to: W,
     rows: Rows,
-    count: u64,
-    dropped: u64,
+    tally: Tally,
 }
 
 #[cfg(feature = "std")]
@@ -167,11 +166,10 @@ impl<W: Write> Csv<W> {
         let mut csv = Self {
             to,
             rows: Rows::new(measures, units, gestures),
-            count: 0,
-            dropped: 0,
+            tally: Tally::of("csv"),
         };
         csv.write_row()?;
-        (csv.count, csv.dropped) = (0, 0);
+        csv.tally = Tally::of("csv");
         Ok(csv)
     }
 
@@ -179,8 +177,8 @@ impl<W: Write> Csv<W> {
         // One write for the row, so that a reader never sees half of one for long.
         let row = self.rows.text().as_bytes();
         match self.to.write_all(row).and_then(|()| self.to.flush()) {
-            Ok(()) => self.count += 1,
-            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => self.dropped += 1,
+            Ok(()) => self.tally.sent += 1,
+            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => self.tally.dropped += 1,
             Err(source) => return Err(OutputError::Csv(source)),
         }
         Ok(())
@@ -197,10 +195,6 @@ impl<W: Write> Output for Csv<W> {
     }
 
     fn tally(&self) -> Tally {
-        Tally {
-            sent: self.count,
-            dropped: self.dropped,
-            ..Tally::of("csv")
-        }
+        self.tally
     }
 }

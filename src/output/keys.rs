@@ -66,8 +66,7 @@ pub struct Keys {
     held: [u128; KEYS.len()],
     tapped: [bool; KEYS.len()],
     is_down: [bool; KEYS.len()],
-    sent: u64,
-    dropped: u64,
+    tally: Tally,
 }
 
 impl Keys {
@@ -94,8 +93,7 @@ impl Keys {
             held: [0; KEYS.len()],
             tapped: [false; KEYS.len()],
             is_down: [false; KEYS.len()],
-            sent: 0,
-            dropped: 0,
+            tally: Tally::of("keys"),
         };
         if is_gadget {
             // Without a host there is nobody to tell.
@@ -117,9 +115,10 @@ impl Keys {
             } else {
                 self.device.write_all(&press(KEYS[i].1, is_down))
             };
-            self.sent += u64::from(written.is_ok());
-            if written.is_err() {
-                self.dropped += 1;
+            if written.is_ok() {
+                self.tally.sent += 1;
+            } else {
+                self.tally.dropped += 1;
                 self.is_down[i] = before;
             }
         }
@@ -158,11 +157,7 @@ impl Output for Keys {
     }
 
     fn tally(&self) -> Tally {
-        Tally {
-            sent: self.sent,
-            dropped: self.dropped,
-            ..Tally::of("keys")
-        }
+        self.tally
     }
 }
 
@@ -247,7 +242,7 @@ mod tests {
             });
         }
         // The brow is still up.
-        assert_eq!(keys.sent, 1);
+        assert_eq!(keys.tally.sent, 1);
         drop(keys);
         std::fs::read(&path).unwrap()
     }

@@ -27,7 +27,7 @@ use crate::base::bounded_read;
 use crate::base::capacity::{REMEMBERED, USERS};
 use crate::base::checksum::crc32;
 use crate::base::time::Timestamp;
-use crate::expression::saved::{Learned, SavedError};
+use crate::expression::saved::Learned;
 
 const HEADER: &str = "mien-people 2";
 /// Interval between writes.
@@ -37,23 +37,6 @@ const TEXT: usize = (REMEMBERED + USERS) * 2048;
 
 /// Largest file accepted, bytes.
 const MOST: usize = 4 * TEXT;
-
-/// Why a file of saved people is rejected.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PeopleError {
-    /// Not this format.
-    #[error("expected a first line \"mien-people 2\"")]
-    Header,
-    /// The checksum is wrong.
-    #[error("the checksum in the last line does not match the text")]
-    Checksum,
-    /// A person's line is malformed.
-    #[error("person {0}: expected \"person slot seconds\" and the likeness")]
-    Person(usize),
-    /// A person's ranges are malformed.
-    #[error("person {0}: {1}")]
-    Ranges(usize, SavedError),
-}
 
 fn seconds(at: SystemTime) -> u64 {
     let since = at.duration_since(SystemTime::UNIX_EPOCH);
@@ -85,20 +68,23 @@ pub fn write<'a>(
 /// Reads what [`write()`] wrote.
 ///
 /// # Errors
-/// If anything is damaged; then nobody is remembered.
-pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERED>, PeopleError> {
-    let body = text.strip_prefix(HEADER).ok_or(PeopleError::Header)?;
+/// If anything is damaged, what; then nobody is remembered.
+pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERED>, String> {
+    let body = text.strip_prefix(HEADER);
+    let body = body.ok_or_else(|| format!("expected a first line {HEADER:?}"))?;
     let end = text.trim_end().rfind('\n').map_or(0, |at| at + 1);
     let checksum = text[end..].trim_end().strip_prefix("checksum ");
     let checksum = checksum.and_then(|hex| u32::from_str_radix(hex, 16).ok());
     if checksum != Some(crc32(&text.as_bytes()[..end])) {
-        return Err(PeopleError::Checksum);
+        return Err("the checksum in the last line does not match the text".into());
     }
     let mut people = heapless::Vec::new();
     let blocks = body[..end - HEADER.len()].split("\nperson ").skip(1);
     // The latest stand last.
     for (number, block) in blocks.enumerate() {
-        let person = || PeopleError::Person(number + 1);
+        let number = number + 1;
+        let person =
+            || format!("person {number}: expected \"person slot seconds\" and the likeness");
         let (line, ranges) = block.split_once('\n').ok_or_else(person)?;
         let mut words = line.split_ascii_whitespace();
         let slot = words.next().and_then(|word| word.parse().ok());
@@ -108,7 +94,7 @@ pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERE
             slot: slot.filter(|&slot| slot < USERS).ok_or_else(person)?,
             likeness,
             learned: Learned::read(ranges)
-                .map_err(|problem| PeopleError::Ranges(number + 1, problem))?,
+                .map_err(|problem| format!("person {number}: {problem}"))?,
             last_seen: Timestamp::default(),
             before_s: seconds(now).saturating_sub(last_seen.ok_or_else(person)?) as f64,
         };
@@ -282,7 +268,7 @@ mod tests {
             damaged.truncate(end);
             damaged += &format!("checksum {:08x}\n", crc32(damaged.as_bytes()));
             match read(&damaged, clock) {
-                Err(PeopleError::Ranges(found, _)) => assert_eq!(found, number),
+                Err(told) => assert!(told.starts_with(&format!("person {number}: ")), "{told}"),
                 other => panic!("{:?}", other.map(|people| people.len())),
             }
         }

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use mien::appliance::cli::{CsvTarget, Run};
+use mien::appliance::cli::Run;
 use mien::appliance::memory::Counting;
 
 #[path = "../common/whole_run.rs"]
@@ -24,7 +24,7 @@ fn main() {
     let run = Run {
         config: Some(everything_on(folder.path(), &port.name)),
         source: Some(session.to_str().unwrap().to_owned()),
-        csv: Some(CsvTarget::File(csv.clone())),
+        csv: Some(csv.clone()),
         fast: true,
         ..Run::default()
     };

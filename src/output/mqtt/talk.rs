@@ -1,6 +1,8 @@
 //! What is published, under which topics, and which commands are read; and what Home Assistant is told of the box (MQTT
 //! discovery): its entities, and where their values are.
 
+use serde_json::{Value, json};
+
 use super::stream::{Trust, trust};
 use crate::output::features::{MqttSettings, password};
 use crate::output::{Command, OutputError};
@@ -53,33 +55,33 @@ impl Talk {
 
 /// Topics and payloads of the entities. `base` is prefix and name.
 fn entities(base: &str, name: &str, commands: bool, gestures: &[&str]) -> Box<[(String, String)]> {
-    let entity = |kind: &str, id: &str, what: String| entity(base, name, kind, id, &what);
-    let switch = |condition: &str| format!("'ON' if {condition} else 'OFF'");
-    let value = |topic: &str, template: &str, rest: &str| {
-        format!(
-            "\"state_topic\":\"{base}/{topic}\",\"value_template\":\"{{{{ {template} }}}}\",{rest}"
-        )
+    let topic = |topic: &str| format!("{base}/{topic}");
+    let entity = |kind: &str, id: &str, mut what: Value| {
+        what["unique_id"] = format!("mien_{name}_{id}").into();
+        what["availability_topic"] = topic("presence").into();
+        let (box_id, name) = (format!("mien_{name}"), format!("mien {name}"));
+        let version = env!("CARGO_PKG_VERSION");
+        what["device"] =
+            json!({"identifiers": [box_id], "name": name, "model": "mien", "sw_version": version});
+        let topic = format!("homeassistant/{kind}/{box_id}/{id}/config");
+        (topic, what.to_string())
     };
-    let face = value(
-        "faces",
-        &switch("value|int > 0"),
-        r#""name":"Face","device_class":"occupancy""#,
-    );
-    let faces = value(
-        "faces",
-        "value",
-        r#""name":"Faces","state_class":"measurement""#,
-    );
-    let sensor = value(
-        "health",
-        &switch("value_json.sensor"),
-        r#""name":"Depth camera","device_class":"connectivity","entity_category":"diagnostic""#,
-    );
-    let rate = value(
-        "health",
-        "value_json.rate_hz",
-        r#""name":"Rate","unit_of_measurement":"Hz","device_class":"frequency","entity_category":"diagnostic""#,
-    );
+    let face = json!({
+        "name": "Face", "device_class": "occupancy",
+        "state_topic": topic("faces"), "value_template": "{{ 'ON' if value|int > 0 else 'OFF' }}",
+    });
+    let faces = json!({
+        "name": "Faces", "state_class": "measurement",
+        "state_topic": topic("faces"), "value_template": "{{ value }}",
+    });
+    let sensor = json!({
+        "name": "Depth camera", "device_class": "connectivity", "entity_category": "diagnostic",
+        "state_topic": topic("health"), "value_template": "{{ 'ON' if value_json.sensor else 'OFF' }}",
+    });
+    let rate = json!({
+        "name": "Rate", "unit_of_measurement": "Hz", "device_class": "frequency", "entity_category": "diagnostic",
+        "state_topic": topic("health"), "value_template": "{{ value_json.rate_hz }}",
+    });
     let shown = [
         entity("binary_sensor", "face", face),
         entity("sensor", "faces", faces),
@@ -89,28 +91,20 @@ fn entities(base: &str, name: &str, commands: bool, gestures: &[&str]) -> Box<[(
     let buttons = [("forget", "Forget"), ("neutral", "Set neutral")];
     let buttons = buttons.into_iter().filter(|_| commands);
     let buttons = buttons.map(|(id, shown)| {
-        let topic = format!("\"name\":\"{shown}\",\"command_topic\":\"{base}/cmd/{id}\"");
-        entity("button", id, topic + ",\"payload_press\":\"0\"")
+        let command = topic(&format!("cmd/{id}"));
+        let what = json!({"name": shown, "command_topic": command, "payload_press": "0"});
+        entity("button", id, what)
     });
     // A sensor to show, and a trigger for automations.
     let gestures = gestures.iter().flat_map(|gesture| {
         let (id, shown) = (format!("gesture_{gesture}"), gesture.replace('_', " "));
-        let lamp = format!("\"name\":\"{shown}\",\"state_topic\":\"{base}/gesture/{gesture}\"");
-        let trigger = format!(
-            "\"automation_type\":\"trigger\",\"type\":\"gesture\",\"subtype\":\"{shown}\",\"topic\":\"{base}/gesture/{gesture}\",\"payload\":\"ON\""
-        );
+        let from = topic(&format!("gesture/{gesture}"));
+        let lamp = json!({"name": shown, "state_topic": from});
+        let trigger = json!({
+            "automation_type": "trigger", "type": "gesture", "subtype": shown, "topic": from, "payload": "ON",
+        });
         let lamp = entity("binary_sensor", &id, lamp);
         [lamp, entity("device_automation", &id, trigger)]
     });
     shown.into_iter().chain(buttons).chain(gestures).collect()
-}
-
-fn entity(base: &str, name: &str, kind: &str, id: &str, what: &str) -> (String, String) {
-    let version = env!("CARGO_PKG_VERSION");
-    (
-        format!("homeassistant/{kind}/mien_{name}/{id}/config"),
-        format!(
-            "{{\"unique_id\":\"mien_{name}_{id}\",{what},\"availability_topic\":\"{base}/presence\",\"device\":{{\"identifiers\":[\"mien_{name}\"],\"name\":\"mien {name}\",\"model\":\"mien\",\"sw_version\":\"{version}\"}}}}"
-        ),
-    )
 }

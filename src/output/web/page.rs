@@ -19,11 +19,11 @@ use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
+use serde_json::{Value, json};
 
 use super::http::Request;
 use super::server::{Answer, PLAIN, Service, serve};
 use crate::base::capacity::USERS;
-use crate::base::json::Quoted;
 use crate::expression::unit_words;
 use crate::output::board::{Board, Front, Weight};
 use crate::output::features::{PageSettings, password};
@@ -207,11 +207,7 @@ impl Page {
             let comma = if i > 0 { "," } else { "" };
             write!(
                 message,
-                "{comma}{{\"slot\":{slot},\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{},\"gestures\":{},\"weights\":[",
-                shot.state.name(),
-                Weight(shot.confidence),
-                shot.frozen,
-                shot.latency_us,
+                "{comma}{{\"slot\":{slot},{shot},\"gestures\":{},\"weights\":[",
                 shot.gestures
             )?;
             for (i, weight) in shot.weights.iter().enumerate() {
@@ -229,35 +225,27 @@ fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> Strin
     let region = |unit: &str| {
         unit_words::of(unit).map_or(unit_words::OTHER, |(words, _)| unit_words::region(words))
     };
-    let mut regions = Vec::new();
     let titles = unit_words::REGIONS.iter().map(|(title, _)| *title);
-    for title in titles.chain([unit_words::OTHER]) {
-        let rows: Vec<String> = (0..units.len())
-            .filter(|&i| region(units[i]) == title)
-            .map(|i| {
-                let plain = unit_words::plain(units[i]).unwrap_or_else(|| units[i].to_owned());
-                format!("[{i},{},{}]", Quoted(units[i]), Quoted(&plain))
-            })
-            .collect();
-        if !rows.is_empty() {
-            regions.push(format!("[{},[{}]]", Quoted(title), rows.join(",")));
-        }
-    }
-    let gesture = |gesture: &Gesture| {
+    let regions = titles.chain([unit_words::OTHER]).filter_map(|title| {
+        let rows = units.iter().enumerate();
+        let rows = rows.filter(|(_, unit)| region(unit) == title);
+        let rows =
+            rows.map(|(i, &unit)| json!([i, unit, unit_words::plain(unit).unwrap_or(unit.into())]));
+        let rows: Vec<Value> = rows.collect();
+        (!rows.is_empty()).then(|| json!([title, rows]))
+    });
+    let gestures = gestures.iter().map(|gesture| {
         let index = |unit: &str| units.iter().position(|name| *name == unit);
         let terms = Gesture::terms(&gesture.of);
-        let terms = terms.filter_map(|(sign, unit)| Some(format!("[{},{sign}]", index(unit)?)));
-        let terms: Vec<String> = terms.collect();
-        let Gesture { name, on, off, .. } = gesture;
-        let (name, terms) = (Quoted(name), terms.join(","));
-        format!("{{\"name\":{name},\"terms\":[{terms}],\"on\":{on},\"off\":{off}}}")
-    };
-    let gestures: Vec<String> = gestures.iter().map(gesture).collect();
-    let (name, sends) = (Quoted(name), Quoted(sends));
-    let (regions, gestures) = (regions.join(","), gestures.join(","));
-    format!(
-        "{{\"name\":{name},\"slots\":{USERS},\"sends\":{sends},\"gestures\":[{gestures}],\"regions\":[{regions}]}}"
-    )
+        let terms = terms.filter_map(|(sign, unit)| Some(json!([index(unit)?, sign])));
+        let terms: Vec<Value> = terms.collect();
+        let [on, off] =
+            [gesture.on, gesture.off].map(|level| (f64::from(level) * 1e6).round() * 1e-6);
+        json!({"name": gesture.name, "terms": terms, "on": on, "off": off})
+    });
+    let (regions, gestures): (Vec<Value>, Vec<Value>) = (regions.collect(), gestures.collect());
+    json!({"name": name, "slots": USERS, "sends": sends, "gestures": gestures, "regions": regions})
+        .to_string()
 }
 
 /// Starts serving the page. `units` are the names in the order of the weights, `name` is the box's, `sends` where weights go.

@@ -63,13 +63,8 @@ impl Pages {
     fn write(&self, slot: usize, shot: &Shot, message: &mut String) -> std::fmt::Result {
         write!(
             message,
-            "{{\"frame\":{},\"time_us\":{},\"user\":{slot},\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{},\"pose\":",
-            shot.frame,
-            shot.at_us,
-            shot.state.name(),
-            Weight(shot.confidence),
-            shot.frozen,
-            shot.latency_us
+            "{{\"frame\":{},\"time_us\":{},\"user\":{slot},{shot},\"pose\":",
+            shot.frame, shot.at_us
         )?;
         match shot.pose {
             Some([x, y, z, a, b, c, d]) => write!(
