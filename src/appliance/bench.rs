@@ -119,7 +119,7 @@ const SOURCES: [&str; 2] = ["simulated", "simulated:four"];
 /// If a source cannot be opened or a table not written; as [`Failure`] lists.
 pub fn run(bench: &Run, allocations: fn() -> u64, out: &mut impl Write) -> Result<(), Failure> {
     let settings = service::settings(bench.config.as_deref())?;
-    crate::appliance::log::start(settings.log.level);
+    crate::appliance::log::start(settings.log_level);
     let frames = bench.frames.unwrap_or(FRAMES);
     let sources = match &bench.source {
         Some(named) => &[named.as_str()][..],
@@ -147,7 +147,7 @@ fn time(
     allocations: fn() -> u64,
 ) -> Result<(Times, u64), Failure> {
     let mut source = source::open(name, Missing::Refuse, settings.sensor.device)?;
-    let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &service::model(None)?)?;
+    let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &service::model(None)?)?;
     let mut times = Times::new(frames);
     let (mut resent, mut frame) = (Resent::default(), Frame::default());
     let mut allocated = 0;

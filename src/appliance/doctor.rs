@@ -74,7 +74,7 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
         lines.say(FAIL, "outputs", problem);
     }
     targets(&mut lines, &settings);
-    status(&mut lines, Path::new(&settings.status.path));
+    status(&mut lines, Path::new(&settings.status_path));
     let failed = lines.failed.into();
     let code = if configured { failed } else { 2 };
     (lines.text, code)

@@ -69,7 +69,7 @@ impl<'r> Session<'r> {
     /// Opens everything and allocates all memory; `None` if stopped before its CSV had a reader.
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
         let settings = settings(run.config.as_deref())?;
-        crate::appliance::log::start(run.level(settings.log.level));
+        crate::appliance::log::start(run.level(settings.log_level));
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;
         let name = run.source.as_ref().unwrap_or(&settings.sensor.source);
         let name = name.clone();
@@ -80,7 +80,7 @@ impl<'r> Session<'r> {
             (false, None) => Missing::Simulate,
         };
         let source = source::open(&name, missing, settings.sensor.device)?;
-        let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)?;
+        let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
         let signals = Signals::watch()?;
         let csv = run.csv.as_deref();
         let csv = csv.map(|to| table(to, &signals, source.is_live(), &pipeline, &settings));
@@ -173,14 +173,14 @@ impl<'r> Session<'r> {
             return Ok(None);
         }
         // Another receiver is no reason to lose whoever is tracked.
-        let changed = new.stages() != old.stages();
-        let stages = || Pipeline::new(&new.stages(), self.source.camera(), &self.model);
+        let changed = new.stages != old.stages;
+        let stages = || Pipeline::new(&new.stages, self.source.camera(), &self.model);
         let renewed = changed.then(stages).transpose()?;
         let units = renewed.as_ref().unwrap_or(&self.pipeline).unit_names();
         let wires = wires::open(&new, &units)?;
         let later = [
             ("sensor", new.sensor != old.sensor),
-            ("log", new.log != old.log),
+            ("log", new.log_level != old.log_level),
         ];
         for (section, _) in later.iter().filter(|(_, changed)| *changed) {
             tracing::warn!("the change in [{section}] needs a restart");
@@ -331,7 +331,7 @@ fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
 /// What of the units is looked at besides sending them.
 fn shown(settings: &Settings, source: &str, pipeline: &Pipeline) -> (Gestures, Status) {
     let (units, names) = (pipeline.unit_names(), settings.gesture_names());
-    let status = Status::new(&settings.status.path, source, &units, &names);
+    let status = Status::new(&settings.status_path, source, &units, &names);
     (Gestures::new(&settings.gestures, &units), status)
 }
 

@@ -38,7 +38,7 @@ const PLACE: [f32; 3] = [0.0, 0.0, 0.8];
 pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
     let settings = settings(config)?;
     // The names are what the command is for.
-    crate::appliance::log::start(settings.log.level.max(tracing::Level::INFO));
+    crate::appliance::log::start(settings.log_level.max(tracing::Level::INFO));
     let (model, signals) = (model(settings.sensor.model())?, Signals::watch()?);
     Ok(sweep(&settings, &model, &signals.stop)?)
 }
@@ -85,7 +85,7 @@ const MOTIONS: [Motion; 31] = [
 /// # Errors
 /// If an output cannot be opened or can never work.
 pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Result<(), OutputError> {
-    let expression = Expression::new(settings.learning.clone(), Units::shipped());
+    let expression = Expression::new(settings.stages.learning.clone(), Units::shipped());
     let names = expression.unit_names();
     let units: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
     let mut sender = Sender {

@@ -13,7 +13,7 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::appliance::settings::StatusSettings;
+use crate::appliance::settings::STATUS_PATH;
 use crate::base::capacity::{UNITS, USERS};
 use crate::base::defaults;
 use crate::base::json::Quoted;
@@ -348,7 +348,7 @@ impl Files {
             }
             Err(error) if !self.told => {
                 // Only the service makes that folder: elsewhere nobody asked for the file.
-                let unasked = path.to_str() == Some(StatusSettings::default().path.as_str());
+                let unasked = path.to_str() == Some(STATUS_PATH);
                 if !(unasked && error.kind() == ErrorKind::NotFound) {
                     tracing::info!(
                         "{} is not written: {error}; set status.path to another place",

@@ -53,23 +53,23 @@ outputs! { s units
     "VRChat" vrchat: s.vrchat.enabled, &s.vrchat.targets => osc::vrchat::VrChat::new(s.vrchat.clone(), units)?;
     "FaceOSC" faceosc: s.faceosc.enabled, &s.faceosc.targets => osc::faceosc::FaceOsc::new(s.faceosc.clone())?;
     "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => output::serial::Serial::new(&s.serial, units)?;
-    "Art-Net" artnet "wires": s.network.artnet.enabled, &s.network.artnet.targets =>
-        output::lights::artnet::open(&s.network.artnet, &s.network.lights, units)?;
-    "sACN" sacn "wires": s.network.sacn.enabled, &s.network.sacn.targets =>
-        output::lights::sacn::open(&s.network.sacn, &s.network.lights, &s.network.name, units)?;
-    "Live Link" live_link "wires": s.network.live_link.enabled, &s.network.live_link.targets =>
-        output::live_link::LiveLink::new(s.network.live_link.clone(), &s.network.name, units)?;
-    "WebSocket" websocket "wires": s.network.websocket.enabled, &[] =>
-        output::web::websocket::open(&s.network.websocket, units, &s.gesture_names())?;
-    "page" page "wires": s.network.page.enabled, &[] => {
+    "Art-Net" artnet "wires": s.artnet.enabled, &s.artnet.targets =>
+        output::lights::artnet::open(&s.artnet, &s.lights, units)?;
+    "sACN" sacn "wires": s.sacn.enabled, &s.sacn.targets =>
+        output::lights::sacn::open(&s.sacn, &s.lights, &s.name, units)?;
+    "Live Link" live_link "wires": s.live_link.enabled, &s.live_link.targets =>
+        output::live_link::LiveLink::new(s.live_link.clone(), &s.name, units)?;
+    "WebSocket" websocket "wires": s.websocket.enabled, &[] =>
+        output::web::websocket::open(&s.websocket, units, &s.gesture_names())?;
+    "page" page "wires": s.page.enabled, &[] => {
         // It is no place that weights are sent to.
         let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
-        output::web::page::open(&s.network.page, &s.network.name, &sends, units, &s.gestures)?
+        output::web::page::open(&s.page, &s.name, &sends, units, &s.gestures)?
     };
-    "MQTT" mqtt "wires": s.network.mqtt.enabled, from_ref(&s.network.mqtt.broker) =>
-        output::mqtt::open(&s.network.mqtt, &s.network.name, units, &s.gesture_names())?;
-    "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
-        output::keys::Keys::new(&s.keys.device)?;
+    "MQTT" mqtt "wires": s.mqtt.enabled, from_ref(&s.mqtt.broker) =>
+        output::mqtt::open(&s.mqtt, &s.name, units, &s.gesture_names())?;
+    "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys_device) =>
+        output::keys::Keys::new(&s.keys_device)?;
 }
 
 /// Rows of the enabled outputs.
@@ -130,8 +130,8 @@ mod tests {
             open(&settings, &["AU26"]).map(|wires| wires.len()).ok(),
             Some(1)
         );
-        settings.network.lights.channels = vec!["AU26 1 1".into()];
-        settings.network.artnet.enabled = true;
+        settings.lights.channels = vec!["AU26 1 1".into()];
+        settings.artnet.enabled = true;
         let opened = open(&settings, &["AU26"]);
         assert_eq!(check(&settings).is_ok(), opened.is_ok());
         assert_eq!(opened.is_ok(), cfg!(feature = "wires"));

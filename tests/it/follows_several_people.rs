@@ -25,7 +25,7 @@ fn play(scene: Scene, settings: &Settings, [from, to]: [f64; 2], step: usize) ->
     let mut simulator = Simulator::new(HeadAsset::shipped(), scene, 5);
     let camera = simulator.camera().clone();
     let mut pipeline =
-        Pipeline::new(&settings.stages(), &camera, &FaceModel::shipped()).expect("stages");
+        Pipeline::new(&settings.stages, &camera, &FaceModel::shipped()).expect("stages");
     let mut frame = Frame::default();
     let frames = (from * 30.0) as u64..(to * 30.0) as u64;
     frames
@@ -108,7 +108,7 @@ fn who_comes_back_is_known_and_who_is_new_has_a_slot_of_their_own() {
 #[test]
 fn with_room_for_one_everybody_has_the_first_slot() {
     let mut settings = Settings::default();
-    settings.users.most = 1;
+    settings.stages.users.most = 1;
     let seen = play(Scene::Swap, &settings, [4.0, 10.0], 3);
     assert_eq!([slots(&seen, 0), slots(&seen, 1)], [vec![0], vec![0]]);
 }
@@ -155,7 +155,7 @@ fn furniture_and_people_from_behind_have_no_face() {
 #[test]
 fn four_are_followed_at_once_and_ask_for_no_memory_after_the_start() {
     let mut settings = Settings::default();
-    settings.users.single = Policy::Nearest;
+    settings.stages.users.single = Policy::Nearest;
     let seen = play(Scene::Four, &settings, [0.0, 0.8], 2);
     let last = seen.last().expect("frames");
     let mut found: Vec<usize> = last

@@ -40,14 +40,14 @@ fn correlation(pairs: &[[f32; 2]]) -> f32 {
 #[test]
 fn every_stage_is_the_papers() {
     let settings = settings();
-    assert_eq!(settings.pose.method, pose::Method::Paper);
-    let window = settings.pose.smoothing;
+    assert_eq!(settings.stages.pose.method, pose::Method::Paper);
+    let window = settings.stages.pose.smoothing;
     assert!(matches!(window, pose::smoothing::Smoothing::Window(_)));
-    assert_eq!(settings.landmarks.method, landmarks::Method::Paper);
-    assert_eq!(settings.learning.method, expression::Method::Paper);
+    assert_eq!(settings.stages.landmarks.method, landmarks::Method::Paper);
+    assert_eq!(settings.stages.learning.method, expression::Method::Paper);
     // It never forgets, and σ is what the paper says.
-    assert_eq!(settings.learning.half_life_s, 0.0);
-    assert_eq!(settings.learning.compensation_scale, 0.0);
+    assert_eq!(settings.stages.learning.half_life_s, 0.0);
+    assert_eq!(settings.stages.learning.compensation_scale, 0.0);
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn the_papers_system_follows_the_actor() {
     let model = FaceModel::shipped();
     let mut source = Simulated::new(Some("acted")).expect("a scene");
     let mut pipeline = Pipeline::new(
-        &settings().stages(),
+        &settings().stages,
         &mien::sensor::kinect::geometry::nominal(),
         &model,
     )
@@ -205,7 +205,7 @@ fn a_person_of_the_second_world_is_followed_by_the_papers_system() {
     let camera = recording.camera().clone();
     let model = FaceModel::shipped();
     let mut pipeline =
-        Pipeline::new(&settings().stages(), &camera, &model).expect("the shipped model");
+        Pipeline::new(&settings().stages, &camera, &model).expect("the shipped model");
     let units = ["AU25", "AU43L", "AU43R"].map(|name| {
         let names = pipeline.unit_names();
         names.iter().position(|unit| *unit == name).expect("a unit")

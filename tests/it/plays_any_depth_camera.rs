@@ -219,8 +219,7 @@ fn a_kinect_v2_is_followed_at_its_own_size() {
     }
     let mut source = Source::recording(folder.path()).unwrap();
     let model = FaceModel::shipped();
-    let mut pipeline =
-        Pipeline::new(&Settings::default().stages(), source.camera(), &model).unwrap();
+    let mut pipeline = Pipeline::new(&Settings::default().stages, source.camera(), &model).unwrap();
     let (mut frame, mut faces) = (Frame::default(), 0);
     while source.next_frame(&mut frame).unwrap() {
         pipeline.follow(&frame);

@@ -110,7 +110,7 @@ struct Played {
 fn play(folder: &Path) -> (Vec<Played>, u64) {
     let mut recording = Recording::open(folder).unwrap();
     let mut pipeline = Pipeline::new(
-        &Settings::default().stages(),
+        &Settings::default().stages,
         recording.camera(),
         &FaceModel::shipped(),
     )

@@ -75,7 +75,7 @@ fn units_follow_the_actor() {
     let mut simulator = Simulator::new(HeadAsset::shipped(), Scene::Acted, 7);
     let model = FaceModel::shipped();
     let mut pipeline = Pipeline::new(
-        &Settings::default().stages(),
+        &Settings::default().stages,
         &mien::sensor::kinect::geometry::nominal(),
         &model,
     )

@@ -27,7 +27,7 @@ fn play(pipeline: &mut Pipeline, frames: usize) {
 fn pipeline() -> Pipeline {
     let source = Source::simulated(Some("acted")).expect("built in");
     let model = FaceModel::shipped();
-    Pipeline::new(&Settings::default().stages(), source.camera(), &model).expect("built in")
+    Pipeline::new(&Settings::default().stages, source.camera(), &model).expect("built in")
 }
 
 fn written(people: &[Gone], pipeline: &Pipeline, at: SystemTime) -> String {

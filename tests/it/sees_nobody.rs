@@ -24,7 +24,7 @@ fn people_from_behind_and_a_desk_have_no_face() {
     let mut source = Source::recording(folder.path()).expect("a recording");
     let model = FaceModel::shipped();
     let mut pipeline =
-        Pipeline::new(&Settings::default().stages(), source.camera(), &model).expect("stages");
+        Pipeline::new(&Settings::default().stages, source.camera(), &model).expect("stages");
     let mut frame = Frame::default();
     let mut frames = 0;
     while source.next_frame(&mut frame).expect("readable") {

@@ -480,7 +480,7 @@ fn a_sensor_that_fails() {
         .collect();
     let settings = Settings::default();
     let model = FaceModel::shipped();
-    let mut pipeline = Pipeline::new(&settings.stages(), simulated.camera(), &model).unwrap();
+    let mut pipeline = Pipeline::new(&settings.stages, simulated.camera(), &model).unwrap();
     drop((simulated, drawn));
     let number = Arc::new(AtomicU64::new(0));
     let attempts = AtomicU64::new(0);

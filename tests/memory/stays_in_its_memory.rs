@@ -35,14 +35,13 @@ fn every_row_of_the_table_is_what_is_taken() {
     let settings = Settings::default();
     let camera = nominal();
     let (model_bytes, model) = bytes_of(FaceModel::shipped);
-    let (pipeline, _made) =
-        bytes_of(|| Pipeline::new(&settings.stages(), &camera, &model).unwrap());
+    let (pipeline, _made) = bytes_of(|| Pipeline::new(&settings.stages, &camera, &model).unwrap());
     let people = pipeline - budget::SEGMENT - budget::CAMERA - budget::LANDMARKS;
     let rows = [
         ("frame", bytes_of(Frame::default).0, budget::FRAME),
         (
             "segment",
-            bytes_of(|| Segmenter::new(settings.segment)).0,
+            bytes_of(|| Segmenter::new(settings.stages.segment)).0,
             budget::SEGMENT,
         ),
         ("camera", bytes_of(nominal).0, budget::CAMERA),

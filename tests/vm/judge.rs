@@ -107,7 +107,7 @@ fn direct(
     model: &FaceModel,
     mut frame_of: impl FnMut(usize) -> Result<Frame>,
 ) -> Result<Vec<String>> {
-    let mut pipeline = Pipeline::new(&Settings::default().stages(), camera, model)?;
+    let mut pipeline = Pipeline::new(&Settings::default().stages, camera, model)?;
     let mut csv = Vec::new();
     let names = (Pipeline::measure_names(), pipeline.unit_names());
     let mut writer = Csv::new(&mut csv, &names.0, &names.1, &[])?;

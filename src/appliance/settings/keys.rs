@@ -150,70 +150,70 @@ sections! { s
     }
     segment: "Head segmentation in the depth picture." {
         max_distance_m: "Maximum distance at which heads are detected." =>
-            float(&mut s.segment.max_distance_m, 0.4, 4.0, "m");
-        iterations: "Maximum K-means iterations per frame." => integer(&mut s.segment.iterations, 1, 100, "");
+            float(&mut s.stages.segment.max_distance_m, 0.4, 4.0, "m");
+        iterations: "Maximum K-means iterations per frame." => integer(&mut s.stages.segment.iterations, 1, 100, "");
     }
     pose: "Head pose." {
         method: "Point-to-plane ICP against the learned head, or the paper's point-to-point ICP." =>
-            choice(&mut s.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper)]);
-        smoothing: "Pose filter: none, the paper's window, or adaptive." => smoothing(&mut s.pose.smoothing);
+            choice(&mut s.stages.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper)]);
+        smoothing: "Pose filter: none, the paper's window, or adaptive." => smoothing(&mut s.stages.pose.smoothing);
         window_frames: "Length of the paper's window in frames; the delay is (frames - 1) / 3 frames (window)." =>
-            integer(&mut s.pose.window_frames, 1, 16, "");
+            integer(&mut s.stages.pose.window_frames, 1, 16, "");
         rounds: "Maximum iterations of point-to-point ICP, which stops early when it converges (paper)." =>
-            integer(&mut s.pose.rounds, 1, 1000, "");
+            integer(&mut s.stages.pose.rounds, 1, 1000, "");
         min_agreement: "Agreement with the head model below which the head counts as lost." =>
-            float(&mut s.pose.min_agreement, 0.0, 1.0, "");
+            float(&mut s.stages.pose.min_agreement, 0.0, 1.0, "");
         learn_shape: "Whether the size and shape of the user's head are learned (plane)." =>
-            Kind::Bool(&mut s.pose.learn_shape);
+            Kind::Bool(&mut s.stages.pose.learn_shape);
     }
     landmarks: "The 68 landmarks." {
         method: "Cascade on gradient-orientation patches, or the paper's 2D+3D AAM." =>
-            choice(&mut s.landmarks.method, &[("cascade", landmarks::Method::Cascade), ("paper", landmarks::Method::Paper)]);
+            choice(&mut s.stages.landmarks.method, &[("cascade", landmarks::Method::Cascade), ("paper", landmarks::Method::Paper)]);
         min_confidence: "Confidence below which the face counts as lost." =>
-            float(&mut s.landmarks.cascade.min_confidence, 0.0, 1.0, "");
+            float(&mut s.stages.landmarks.cascade.min_confidence, 0.0, 1.0, "");
         still_hz: "Cut-off of the shape filter on a still face; lower is steadier." =>
-            float(&mut s.landmarks.cascade.steadiness.still_hz, 0.05, 30.0, "Hz");
+            float(&mut s.stages.landmarks.cascade.steadiness.still_hz, 0.05, 30.0, "Hz");
     }
     learning: "How each person's ranges are learned." {
         method: "The robust learner, or sections 2.2 to 2.6 of the paper to the letter." =>
-            choice(&mut s.learning.method, &[("robust", expression::Method::Robust), ("paper", expression::Method::Paper)]);
+            choice(&mut s.stages.learning.method, &[("robust", expression::Method::Robust), ("paper", expression::Method::Paper)]);
         scale: "What measures are divided by: the frame's eye distance, the learned one, or the method's default." =>
-            choice(&mut s.learning.scale, &[("by-method", Scale::ByMethod), ("frame", Scale::Frame), ("learned", Scale::Learnt)]);
+            choice(&mut s.stages.learning.scale, &[("by-method", Scale::ByMethod), ("frame", Scale::Frame), ("learned", Scale::Learnt)]);
         best_distance_m: "Distance at which samples have full weight, equation (4)." =>
-            float(&mut s.learning.best_distance_m, 0.3, 4.0, "m");
+            float(&mut s.stages.learning.best_distance_m, 0.3, 4.0, "m");
         half_life_s: "Half-life of what was learned, counted while the person is present; 0 never forgets." =>
-            float(&mut s.learning.half_life_s, 0.0, 86_400.0, "s");
+            float(&mut s.stages.learning.half_life_s, 0.0, 86_400.0, "s");
         range_prior: "Half seconds of expression that outweigh the population's range (robust)." =>
-            float(&mut s.learning.range_prior, 0.5, 100.0, "");
+            float(&mut s.stages.learning.range_prior, 0.5, 100.0, "");
         dead_zone: "Dead zone around rest, in deviations of the noise (robust)." =>
-            float(&mut s.learning.dead_zone, 0.0, 3.0, "");
+            float(&mut s.stages.learning.dead_zone, 0.0, 3.0, "");
         smoothing_hz: "Cut-off of the weight filter on a still face; 0 disables it (robust)." =>
-            float(&mut s.learning.smoothing_hz, 0.0, 30.0, "Hz");
+            float(&mut s.stages.learning.smoothing_hz, 0.0, 30.0, "Hz");
         infer_covered: "Whether the units of a covered mouth are inferred from its last state and the time since, instead of measured (robust)." =>
-            Kind::Bool(&mut s.learning.infer_covered);
+            Kind::Bool(&mut s.stages.learning.infer_covered);
         compensation_scale: "Spread of compensation samples as a share of the range; 0 is the paper's value (paper)." =>
-            float(&mut s.learning.compensation_scale, 0.0, 1.0, "");
+            float(&mut s.stages.learning.compensation_scale, 0.0, 1.0, "");
         gap_percent: "l of section 2.5: the gap that cuts off the end of a range, as a share of its width (paper)." =>
-            float(&mut s.learning.scan.gap, 0.0, 100.0, "%");
+            float(&mut s.stages.learning.scan.gap, 0.0, 100.0, "%");
         count_percent: "k of section 2.5: samples without a gap that end the scan, as a share of all (paper)." =>
-            float(&mut s.learning.scan.count, 0.0, 100.0, "%");
+            float(&mut s.stages.learning.scan.count, 0.0, 100.0, "%");
         scanned_percent: "m of section 2.5: maximum samples scanned, as a share of all (paper)." =>
-            float(&mut s.learning.scan.scanned, 0.0, 100.0, "%");
+            float(&mut s.stages.learning.scan.scanned, 0.0, 100.0, "%");
         rest_percent: "Share of samples beyond the rest end of a one-way range; 0 uses l, k and m, as at the other end (paper)." =>
-            float(&mut s.learning.scan.rest, 0.0, 100.0, "%");
+            float(&mut s.stages.learning.scan.rest, 0.0, 100.0, "%");
         prior_s: "Time over which the population's ranges fade into the person's (paper)." =>
-            float(&mut s.learning.prior_s, 0.0, 60.0, "s");
+            float(&mut s.stages.learning.prior_s, 0.0, 60.0, "s");
     }
     users: "Which people are tracked, and what happens when a face is lost." {
         most: "Maximum number of people tracked at once; with 1, whoever appears gets slot 0." =>
-            integer(&mut s.users.most, 1, 4, "");
+            integer(&mut s.stages.users.most, 1, 4, "");
         single: "Which person a single-person output sends (vmc, vrchat, faceosc, serial): the first to arrive, the nearest, or the most central." =>
-            choice(&mut s.users.single, &[("first", Policy::First), ("nearest", Policy::Nearest), ("central", Policy::Central)]);
+            choice(&mut s.stages.users.single, &[("first", Policy::First), ("nearest", Policy::Nearest), ("central", Policy::Central)]);
         hold_s: "How long values are held after the face was last seen." =>
-            float(&mut s.users.hold_s, 0.0, 10.0, "s");
-        forget_s: "How long a lost person then keeps their slot." => float(&mut s.users.forget_s, 0.0, 3600.0, "s");
+            float(&mut s.stages.users.hold_s, 0.0, 10.0, "s");
+        forget_s: "How long a lost person then keeps their slot." => float(&mut s.stages.users.forget_s, 0.0, 3600.0, "s");
         remember_s: "How long the ranges and head shape of a person who left are kept; recognised by the head, they get their ranges and slot back; 0 never." =>
-            float(&mut s.users.remember_s, 0.0, 86_400.0, "s");
+            float(&mut s.stages.users.remember_s, 0.0, 86_400.0, "s");
     }
     units: "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }" {}
     osc: "OSC over UDP, the native schema." {
@@ -276,67 +276,67 @@ sections! { s
     }
     network: "What the outputs below say about the box. They are optional build features, included in the package." {
         name: "Name of the box on the network; empty = the host name." =>
-            Kind::Text(&mut s.network.name, "at most 63 letters, digits and -, or empty", is_host);
+            Kind::Text(&mut s.name, "at most 63 letters, digits and -, or empty", is_host);
     }
     lights: "Lights and servos: which unit drives which channel, for Art-Net and sACN." {
         channels: "Channels count from 1, 16-bit ones take two; the curve is linear, square, root or smooth; MIN and MAX are percentages; hold keeps the value when the face is lost." =>
-            Kind::Texts(&mut s.network.lights.channels, "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll", is_channel, 0);
-        ..s.network.lights.view
+            Kind::Texts(&mut s.lights.channels, "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll", is_channel, 0);
+        ..s.lights.view
     }
     artnet: "Art-Net, the channels of [lights]." {
-        enabled: ENABLED => Kind::Bool(&mut s.network.artnet.enabled);
-        target: "Destinations: hosts or broadcast addresses." => targets(&mut s.network.artnet.targets);
+        enabled: ENABLED => Kind::Bool(&mut s.artnet.enabled);
+        target: "Destinations: hosts or broadcast addresses." => targets(&mut s.artnet.targets);
     }
     sacn: "sACN (E1.31), the channels of [lights]." {
-        enabled: ENABLED => Kind::Bool(&mut s.network.sacn.enabled);
+        enabled: ENABLED => Kind::Bool(&mut s.sacn.enabled);
         target: "Destinations; [] = the multicast group of each universe." =>
-            Kind::Texts(&mut s.network.sacn.targets, "host:port, or several, or []", is_host_port, 0);
+            Kind::Texts(&mut s.sacn.targets, "host:port, or several, or []", is_host_port, 0);
         priority: "Priority; receivers use the source with the highest." =>
-            integer(&mut s.network.sacn.priority, 0, 200, "");
+            integer(&mut s.sacn.priority, 0, 200, "");
     }
     live_link: "Unreal's Live Link, in the format of the Live Link Face app." {
-        enabled: ENABLED => Kind::Bool(&mut s.network.live_link.enabled);
-        target: TARGET => targets(&mut s.network.live_link.targets);
+        enabled: ENABLED => Kind::Bool(&mut s.live_link.enabled);
+        target: TARGET => targets(&mut s.live_link.targets);
         subject: "Subject name in Unreal; empty = the name of the box." =>
-            Kind::Text(&mut s.network.live_link.subject, "at most 64 bytes", |name| name.len() <= 64);
-        derived: DERIVED => Kind::Bool(&mut s.network.live_link.derived);
-        ..s.network.live_link.view
+            Kind::Text(&mut s.live_link.subject, "at most 64 bytes", |name| name.len() <= 64);
+        derived: DERIVED => Kind::Bool(&mut s.live_link.derived);
+        ..s.live_link.view
     }
     websocket: "JSON over WebSocket, for web pages." {
-        enabled: SERVES => Kind::Bool(&mut s.network.websocket.enabled);
-        listen: LISTEN => listen(&mut s.network.websocket.listen);
-        ..s.network.websocket.view
+        enabled: SERVES => Kind::Bool(&mut s.websocket.enabled);
+        listen: LISTEN => listen(&mut s.websocket.listen);
+        ..s.websocket.view
     }
     page: "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget." {
-        enabled: SERVES => Kind::Bool(&mut s.network.page.enabled);
-        listen: LISTEN => listen(&mut s.network.page.listen);
+        enabled: SERVES => Kind::Bool(&mut s.page.enabled);
+        listen: LISTEN => listen(&mut s.page.listen);
         password_file: "File with the password in its first line, for any user name; empty = none, and local networks only." =>
-            Kind::Text(&mut s.network.page.password_file, FILE, |_| true);
+            Kind::Text(&mut s.page.password_file, FILE, |_| true);
     }
     mqtt: "MQTT: presence, state, health, weights, and Home Assistant." {
-        enabled: ENABLED => Kind::Bool(&mut s.network.mqtt.enabled);
-        broker: "The broker's address." => Kind::Text(&mut s.network.mqtt.broker, "host:port", is_host_port);
-        tls: "Whether the connection is encrypted with TLS, usually on port 8883." => Kind::Bool(&mut s.network.mqtt.tls);
+        enabled: ENABLED => Kind::Bool(&mut s.mqtt.enabled);
+        broker: "The broker's address." => Kind::Text(&mut s.mqtt.broker, "host:port", is_host_port);
+        tls: "Whether the connection is encrypted with TLS, usually on port 8883." => Kind::Bool(&mut s.mqtt.tls);
         ca_file: "Trusted CA certificates, in PEM; the default is the system's." =>
-            Kind::Text(&mut s.network.mqtt.ca_file, "the path of a file", |path| !path.is_empty());
+            Kind::Text(&mut s.mqtt.ca_file, "the path of a file", |path| !path.is_empty());
         user: "User name; empty = none." =>
-            Kind::Text(&mut s.network.mqtt.user, "at most 64 bytes, or empty", |name| name.len() <= 64);
+            Kind::Text(&mut s.mqtt.user, "at most 64 bytes, or empty", |name| name.len() <= 64);
         password_file: "File with the password in its first line; empty = none." =>
-            Kind::Text(&mut s.network.mqtt.password_file, FILE, |_| true);
+            Kind::Text(&mut s.mqtt.password_file, FILE, |_| true);
         prefix: "Prefix of every topic; the name of the box follows it." =>
-            Kind::Text(&mut s.network.mqtt.prefix, "at most 64 bytes without spaces, #, + or a slash at either end", is_topic);
+            Kind::Text(&mut s.mqtt.prefix, "at most 64 bytes without spaces, #, + or a slash at either end", is_topic);
         rate_hz: "Maximum rate at which weights are sent; 0 sends none." =>
-            float(&mut s.network.mqtt.rate_hz, 0.0, 30.0, "Hz");
-        health_s: "Interval between health messages." => float(&mut s.network.mqtt.health_s, 1.0, 3600.0, "s");
+            float(&mut s.mqtt.rate_hz, 0.0, 30.0, "Hz");
+        health_s: "Interval between health messages." => float(&mut s.mqtt.health_s, 1.0, 3600.0, "s");
         commands: "Whether the commands forget, freeze and neutral are accepted." =>
-            Kind::Bool(&mut s.network.mqtt.commands);
+            Kind::Bool(&mut s.mqtt.commands);
         home_assistant: "Whether the box announces itself to Home Assistant (MQTT discovery)." =>
-            Kind::Bool(&mut s.network.mqtt.home_assistant);
-        ..s.network.mqtt.view
+            Kind::Bool(&mut s.mqtt.home_assistant);
+        ..s.mqtt.view
     }
     keys: "Keys that gestures press." {
         device: "The device that presses them: uinput, or the node of a USB HID gadget." =>
-            Kind::Text(&mut s.keys.device, "the path of a device", |text| !text.is_empty());
+            Kind::Text(&mut s.keys_device, "the path of a device", |text| !text.is_empty());
     }
     state: "What is kept across restarts about people tracked with a Kinect." {
         persist: "Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody." =>
@@ -346,11 +346,11 @@ sections! { s
     }
     status: "Status files." {
         path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>
-            Kind::Text(&mut s.status.path, "the path of a file in an existing directory, or empty", |_| true);
+            Kind::Text(&mut s.status_path, "the path of a file in an existing directory, or empty", |_| true);
     }
     log: "What is written to standard error." {
         level: "Lowest severity written; \"trace\" is the same as \"debug\"." =>
-            choice(&mut s.log.level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
+            choice(&mut s.log_level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
     }
     gesture: "Expressions that switch something, see docs/gestures.md. At most 16, of which smile, brows, mouth_open, wink_left,\n# wink_right, blink_long, look_left, look_right, look_up and kiss need no more than their name." {
         name: "What it is called." =>

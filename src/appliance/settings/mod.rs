@@ -10,9 +10,8 @@ mod sections;
 mod toml_words;
 mod units;
 
-pub use sections::{
-    LogSettings, NetworkSettings, SensorSettings, Settings, StateSettings, StatusSettings,
-};
+pub(in crate::appliance) use sections::STATUS_PATH;
+pub use sections::{SensorSettings, Settings, StateSettings};
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -270,7 +269,7 @@ mod tests {
     #[test]
     fn what_is_printed_is_read_back() {
         let mut settings = Settings::default();
-        settings.users.hold_s = 1.25;
+        settings.stages.users.hold_s = 1.25;
         settings.sensor.source = "simulated:still".into();
         assert_eq!(
             Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),

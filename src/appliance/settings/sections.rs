@@ -8,64 +8,35 @@ use crate::output::features::{
     ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings, SacnSettings,
     WebSocketSettings,
 };
-use crate::{expression, landmarks, output, pipeline, pose, segment, users};
+use crate::{output, pipeline};
 
-/// Everything that can be configured, in the stages' own types.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Settings {
-    /// Where frames come from.
-    pub sensor: SensorSettings,
-    /// Head segmentation.
-    pub segment: segment::Settings,
-    /// Head pose.
-    pub pose: pose::Settings,
-    /// Landmarks.
-    pub landmarks: landmarks::StageSettings,
-    /// Learning of ranges.
-    pub learning: expression::Settings,
-    /// Which people are tracked, and what happens when a face is lost.
-    pub users: users::Settings,
-    /// Names and gains of units, for every output.
-    pub units: Vec<output::UnitView>,
-    /// OSC over UDP.
-    pub osc: output::osc::Settings,
-    /// OSC for avatar programs, VMC protocol.
-    pub vmc: output::osc::vmc::Settings,
-    /// OSC for VRChat.
-    pub vrchat: output::osc::vrchat::Settings,
-    /// OSC as FaceOSC sends it.
-    pub faceosc: output::osc::faceosc::Settings,
-    /// The serial line.
-    pub serial: output::serial::Settings,
-    /// Gestures, and the device that presses their keys.
-    pub gestures: Vec<output::gesture::Gesture>,
-    /// The device.
-    pub keys: KeySettings,
-    /// Settings of the optional outputs.
-    pub network: NetworkSettings,
-    /// State kept across restarts.
-    pub state: StateSettings,
-    /// Status files.
-    pub status: StatusSettings,
-    /// Logging.
-    pub log: LogSettings,
-}
+/// Where the status file is unless another place is named.
+pub(in crate::appliance) const STATUS_PATH: &str = "/run/mien/status.json";
 
 defaults! {
-    /// Where frames come from.
+    /// Everything that can be configured, in the stages' own types.
     #[derive(Clone, Debug, PartialEq)]
-    pub struct SensorSettings {
-        /// As [`source::SourceName`] reads it.
-        pub source: String = source::DEFAULT.into(),
-        /// Path of a face model; empty = the built-in one.
-        pub model: String = String::new(),
-        /// What can be chosen about a sensor on USB.
-        pub device: source::SensorSettings = source::SensorSettings::default(),
-    }
-
-    /// Settings of the outputs that are optional build features; every build reads all of them.
-    #[derive(Clone, Debug, PartialEq)]
-    pub struct NetworkSettings {
+    pub struct Settings {
+        /// Where frames come from.
+        pub sensor: SensorSettings = SensorSettings::default(),
+        /// The stages.
+        pub stages: pipeline::Settings = pipeline::Settings::default(),
+        /// Names and gains of units, for every output.
+        pub units: Vec<output::UnitView> = Vec::new(),
+        /// OSC over UDP.
+        pub osc: output::osc::Settings = output::osc::Settings::default(),
+        /// OSC for avatar programs, VMC protocol.
+        pub vmc: output::osc::vmc::Settings = output::osc::vmc::Settings::default(),
+        /// OSC for VRChat.
+        pub vrchat: output::osc::vrchat::Settings = output::osc::vrchat::Settings::default(),
+        /// OSC as FaceOSC sends it.
+        pub faceosc: output::osc::faceosc::Settings = output::osc::faceosc::Settings::default(),
+        /// The serial line.
+        pub serial: output::serial::Settings = output::serial::Settings::default(),
+        /// Gestures, and the device that presses their keys.
+        pub gestures: Vec<output::gesture::Gesture> = Vec::new(),
+        /// Path of `uinput` or of a USB HID gadget, which presses keys.
+        pub keys_device: String = "/dev/uinput".into(),
         /// Name of the box; empty = the host name.
         pub name: String = String::new(),
         /// The table of channels.
@@ -82,13 +53,23 @@ defaults! {
         pub page: PageSettings = PageSettings::default(),
         /// MQTT.
         pub mqtt: MqttSettings = MqttSettings::default(),
+        /// State kept across restarts.
+        pub state: StateSettings = StateSettings::default(),
+        /// Path of the status file; empty = none.
+        pub status_path: String = STATUS_PATH.into(),
+        /// Least severity written to standard error.
+        pub log_level: tracing::Level = tracing::Level::INFO,
     }
 
-    /// The device that presses keys.
+    /// Where frames come from.
     #[derive(Clone, Debug, PartialEq)]
-    pub struct KeySettings {
-        /// Path of `uinput` or of a USB HID gadget.
-        pub device: String = "/dev/uinput".into(),
+    pub struct SensorSettings {
+        /// As [`source::SourceName`] reads it.
+        pub source: String = source::DEFAULT.into(),
+        /// Path of a face model; empty = the built-in one.
+        pub model: String = String::new(),
+        /// What can be chosen about a sensor on USB.
+        pub device: source::SensorSettings = source::SensorSettings::default(),
     }
 
     /// State kept across restarts.
@@ -98,20 +79,6 @@ defaults! {
         pub persist: bool = true,
         /// Path of the file.
         pub path: String = "/var/lib/mien/people.ranges".into(),
-    }
-
-    /// Status files.
-    #[derive(Clone, Debug, PartialEq)]
-    pub struct StatusSettings {
-        /// Path of the status file; empty = none.
-        pub path: String = "/run/mien/status.json".into(),
-    }
-
-    /// Logging.
-    #[derive(Clone, Debug, PartialEq)]
-    pub struct LogSettings {
-        /// Least severity written to standard error.
-        pub level: tracing::Level = tracing::Level::INFO,
     }
 }
 
@@ -131,17 +98,16 @@ impl Settings {
 
     /// Every output reads the names and gains of its units in its own view.
     pub(super) fn hand_on_units(&mut self) {
-        let network = &mut self.network;
         for view in [
             &mut self.osc.view,
             &mut self.vmc.view,
             &mut self.vrchat.view,
             &mut self.serial.view,
-            &mut network.lights.view,
-            &mut network.live_link.view,
-            &mut network.websocket.view,
-            &mut network.mqtt.view,
-            &mut network.page.view,
+            &mut self.lights.view,
+            &mut self.live_link.view,
+            &mut self.websocket.view,
+            &mut self.mqtt.view,
+            &mut self.page.view,
         ] {
             view.units.clone_from(&self.units);
         }
@@ -152,17 +118,5 @@ impl Settings {
     pub fn gesture_names(&self) -> Vec<&str> {
         let names = self.gestures.iter().map(|gesture| gesture.name.as_str());
         names.collect()
-    }
-
-    /// The part used by the stages.
-    #[must_use]
-    pub fn stages(&self) -> pipeline::Settings {
-        pipeline::Settings {
-            segment: self.segment,
-            pose: self.pose,
-            landmarks: self.landmarks,
-            learning: self.learning.clone(),
-            users: self.users.clone(),
-        }
     }
 }

@@ -74,7 +74,7 @@ impl Experiments<'_> {
     /// Both systems before the same sensor.
     fn pipelines(&self, simulator: &Simulator) -> Result<Vec<Pipeline>, PipelineError> {
         let of =
-            |settings: &Settings| Pipeline::new(&settings.stages(), simulator.camera(), self.model);
+            |settings: &Settings| Pipeline::new(&settings.stages, simulator.camera(), self.model);
         self.settings.iter().map(of).collect()
     }
 

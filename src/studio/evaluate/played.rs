@@ -59,7 +59,7 @@ pub(super) fn play(
     let expressions: Vec<String> = expressions.collect();
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     let mut simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
-    let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera(), model)?;
+    let mut pipeline = Pipeline::new(&settings.stages, simulator.camera(), model)?;
     let names = pipeline.unit_names();
     let mut frame = Frame::default();
     let mut played = Played {

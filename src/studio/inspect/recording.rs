@@ -286,7 +286,7 @@ pub(super) fn inspect(
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<Album, Fault> {
-    let mut pipeline = Pipeline::new(&settings.stages(), recording.camera(), model)?;
+    let mut pipeline = Pipeline::new(&settings.stages, recording.camera(), model)?;
     let mut album = Album::new(format!("Recording {name}"));
     let mut all: Vec<(f64, Values)> = Vec::new();
     let mut frame = KinectFrame::default();

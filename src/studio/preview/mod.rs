@@ -399,7 +399,7 @@ fn feed(
             let settings = service::settings(config.as_deref())?;
             let model = service::model(model.as_deref())?;
             let mut source = source::open(name, Missing::Wait, settings.sensor.device)?;
-            let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)?;
+            let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
             Ok(Box::new(move || {
                 sensor::follow(&mut source, &mut pipeline, &preview.hub, &commands);
             }))

@@ -58,7 +58,7 @@ pub fn learn_frames(
     seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, Fault> {
-    let mut pipeline = Pipeline::new(&Settings::default().stages(), camera, model)?;
+    let mut pipeline = Pipeline::new(&Settings::default().stages, camera, model)?;
     let mut frame = Frame::default();
     let (mut seen, mut frames, mut every) = (Vec::new(), 0usize, 1);
     while next(&mut frame) {
@@ -214,7 +214,7 @@ mod tests {
         ];
         let camera = simulator.camera().clone();
         let model = FaceModel::shipped();
-        let mut pipeline = Pipeline::new(&Settings::default().stages(), &camera, &model).unwrap();
+        let mut pipeline = Pipeline::new(&Settings::default().stages, &camera, &model).unwrap();
         let mut pairs: [Vec<[f32; 2]>; 5] = Default::default();
         let mut frame = Frame::default();
         for n in 0..JUDGED {

@@ -83,11 +83,11 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
     let camera = simulator.camera().clone();
     let settings = Settings::default();
     let anchor = model.standard_head.oriented();
-    let mut segmenter = Segmenter::new(settings.segment);
-    let Ok(mut pose) = PoseTracker::new(settings.pose, &anchor) else {
+    let mut segmenter = Segmenter::new(settings.stages.segment);
+    let Ok(mut pose) = PoseTracker::new(settings.stages.pose, &anchor) else {
         return Session::default();
     };
-    let mut fitter = LandmarkFitter::new(settings.landmarks.cascade, model);
+    let mut fitter = LandmarkFitter::new(settings.stages.landmarks.cascade, model);
     let mean: Face = std::array::from_fn(|i| model.shape.mean[i]);
     let mut frame = Frame::default();
     let mut examples = Vec::new();

@@ -204,7 +204,7 @@ fn practise(
             });
     }
     let look = looks(simulator.asset());
-    let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera(), model)?;
+    let mut pipeline = Pipeline::new(&settings.stages, simulator.camera(), model)?;
     let mut frame = Frame::default();
     let mut examples = Vec::new();
     for index in 0..(practice.seconds * 30.0) as i64 {

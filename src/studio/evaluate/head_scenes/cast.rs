@@ -56,7 +56,7 @@ impl Cast<'_> {
     }
 
     pub(super) fn pipeline(&self, simulator: &Simulator) -> Result<Pipeline, PipelineError> {
-        Pipeline::new(&self.settings.stages(), simulator.camera(), self.model)
+        Pipeline::new(&self.settings.stages, simulator.camera(), self.model)
     }
 
     /// A scene with the cast that begins with person `k`.
@@ -113,8 +113,8 @@ impl Cast<'_> {
     pub(super) fn first_poses(&self, k: usize) -> Result<Vec<f64>, PipelineError> {
         let mut simulator = self.simulator(Scene::Still, k);
         let anchor = self.model.standard_head.oriented();
-        let mut tracker = PoseTracker::new(self.settings.pose, &anchor)?;
-        let mut segmenter = Segmenter::new(self.settings.segment);
+        let mut tracker = PoseTracker::new(self.settings.stages.pose, &anchor)?;
+        let mut segmenter = Segmenter::new(self.settings.stages.segment);
         let mut frame = Frame::default();
         let (mut turns, mut frontal) = (Vec::new(), None);
         for yaw in [-60.0f32, -30.0, 0.0, 30.0, 60.0] {
@@ -184,7 +184,7 @@ impl Cast<'_> {
     /// Frames with a face among real ones without.
     pub(super) fn real_faces(&self, data: &Path) -> Result<Option<[usize; 2]>, PipelineError> {
         let camera = crate::sensor::kinect::geometry::nominal();
-        let mut pipeline = Pipeline::new(&self.settings.stages(), &camera, self.model)?;
+        let mut pipeline = Pipeline::new(&self.settings.stages, &camera, self.model)?;
         let mut frame = Frame::default();
         let (mut faces, mut count) = (0, 0);
         for name in ["five_people", "desk_000", "desk_001"] {

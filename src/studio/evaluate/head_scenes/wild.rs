@@ -125,7 +125,7 @@ fn play_one(
     progress: &Progress,
 ) -> Result<Row, Fault> {
     let (mut simulator, who) = simulator(head, number, sessions.seed);
-    let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera(), model)?;
+    let mut pipeline = Pipeline::new(&settings.stages, simulator.camera(), model)?;
     let (mut frame, mut film) = (Frame::default(), Film::default());
     let mut landmarks = Vec::new();
     for n in 0..(sessions.seconds * 30.0) as usize {

@@ -116,14 +116,14 @@ impl<'a> Player<'a> {
             exposure,
             frame: Frame::default(),
             camera: simulator.camera().clone(),
-            segmenter: Segmenter::new(settings.segment),
-            pose: PoseTracker::new(settings.pose, &anchor)?,
+            segmenter: Segmenter::new(settings.stages.segment),
+            pose: PoseTracker::new(settings.stages.pose, &anchor)?,
             model,
             seen: Seen {
                 people: 1,
                 ..Seen::default()
             },
-            fit_settings: settings.landmarks.cascade,
+            fit_settings: settings.stages.landmarks.cascade,
             simulator,
             random,
         })
