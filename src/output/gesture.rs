@@ -12,6 +12,7 @@
 
 use super::report::{Report, unit_range};
 use crate::base::capacity::{GESTURES, USERS};
+use crate::base::defaults;
 use crate::base::geometry::face_normal;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
@@ -50,31 +51,33 @@ pub enum Press {
     Hold,
 }
 
-/// One gesture.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Gesture {
-    /// What it is called in outputs.
-    pub name: String,
-    /// Units added and subtracted: `AU12L + AU12R`.
-    pub of: String,
-    /// It goes on at this sum,
-    pub on: f32,
-    /// and off below this one.
-    pub off: f32,
-    /// How long the sum must stay at `on`.
-    pub hold_s: f32,
-    /// Least time from an off to the next on.
-    pub pause_s: f32,
-    /// Whose.
-    pub person: Person,
-    /// Whether it may go on while the person speaks.
-    pub speaking: bool,
-    /// Largest angle between face and line of sight, degrees.
-    pub turned_deg: f32,
-    /// Key or mouse button to press; empty = none.
-    pub key: String,
-    /// How.
-    pub press: Press,
+defaults! {
+    /// One gesture.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Gesture {
+        /// What it is called in outputs.
+        pub name: String = String::new(),
+        /// Units added and subtracted: `AU12L + AU12R`.
+        pub of: String = String::new(),
+        /// It goes on at this sum,
+        pub on: f32 = 0.7,
+        /// and off below this one.
+        pub off: f32 = 0.4,
+        /// How long the sum must stay at `on`.
+        pub hold_s: f32 = 0.2,
+        /// Least time from an off to the next on.
+        pub pause_s: f32 = 0.3,
+        /// Whose.
+        pub person: Person = Person::default(),
+        /// Whether it may go on while the person speaks.
+        pub speaking: bool = false,
+        /// Largest angle between face and line of sight, degrees.
+        pub turned_deg: f32 = 30.0,
+        /// Key or mouse button to press; empty = none.
+        pub key: String = String::new(),
+        /// How.
+        pub press: Press = Press::default(),
+    }
 }
 
 /// Gestures that need no more than their name: name, sum, on, off, hold time.
@@ -96,21 +99,15 @@ impl Gesture {
     /// A preset, or for another name one that still needs its sum.
     #[must_use]
     pub fn named(name: &str) -> Self {
-        let preset = PRESETS.iter().find(|preset| preset.0 == name);
-        let (_, of, on, off, hold_s) = *preset.unwrap_or(&("", "", 0.7, 0.4, 0.2));
-        Self {
+        let mut gesture = Self {
             name: name.into(),
-            of: of.into(),
-            on,
-            off,
-            hold_s,
-            pause_s: 0.3,
-            person: Person::default(),
-            speaking: false,
-            turned_deg: 30.0,
-            key: String::new(),
-            press: Press::default(),
+            ..Self::default()
+        };
+        if let Some((_, of, on, off, hold_s)) = PRESETS.iter().find(|preset| preset.0 == name) {
+            gesture.of = (*of).into();
+            (gesture.on, gesture.off, gesture.hold_s) = (*on, *off, *hold_s);
         }
+        gesture
     }
 
     /// Signs and units of a sum; what is no unit stays as it is.

@@ -69,7 +69,7 @@ pub struct Vmc {
     wire: Wire,
     role: Role,
     face: OneFace,
-    shapes: Box<[Parameter]>,
+    shapes: Vec<Parameter>,
     /// Gaze to the subject's left and up; none if it is not measured or not wanted.
     gaze: Option<[Parameter; 2]>,
     /// Time of the last frame.
@@ -96,7 +96,7 @@ impl Vmc {
             Names::Vrm1 => Parameter::of_rig("vrm1", units),
             Names::Units => Parameter::of_units(units.iter().map(|unit| settings.view.name(unit))),
         };
-        let gaze = ["AU61 - AU62", "AU63 - AU64"].map(|sum| Parameter::of_sum(sum, units));
+        let gaze = ["AU61 - AU62", "AU63 - AU64"].map(|sum| Parameter::of_sum("", sum, units));
         let [left, up] = gaze;
         let gaze = left.zip(up).map(|(left, up)| [left, up]);
         Self {
