@@ -2,7 +2,7 @@
 //! stores the newest report of each user, with the weights as that output presents them, and wakes the thread; neither waits
 //! for longer than a copy takes.
 
-use std::io::{Read, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -204,7 +204,7 @@ pub(super) struct Shared {
 
 impl Shared {
     /// With the thread's end of the wake-up socket.
-    pub(super) fn new() -> std::io::Result<(Self, Bell)> {
+    pub(super) fn new() -> io::Result<(Self, Bell)> {
         let (bell, heard) = UnixStream::pair()?;
         bell.set_nonblocking(true)?;
         heard.set_nonblocking(true)?;
@@ -266,6 +266,22 @@ impl Shared {
 /// Adds one.
 pub(super) fn count(counter: &AtomicU64) {
     counter.fetch_add(1, Ordering::Relaxed);
+}
+
+/// Writes what is queued as far as a stream accepts it; how much that was.
+pub(super) fn write_queued(stream: &mut impl Write, queued: &mut Vec<u8>) -> io::Result<usize> {
+    let mut written = 0;
+    while written < queued.len() {
+        match stream.write(&queued[written..]) {
+            Ok(0) => return Err(ErrorKind::WriteZero.into()),
+            Ok(more) => written += more,
+            Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    queued.drain(..written);
+    Ok(written)
 }
 
 /// The thread's end of the wake-up socket.

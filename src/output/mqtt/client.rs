@@ -1,7 +1,7 @@
 //! The thread that talks to the broker: connects, speaks, listens, and comes back.
 
 use std::error::Error;
-use std::io::{self, ErrorKind, Read, Write as _};
+use std::io::{self, ErrorKind, Read};
 use std::os::fd::AsRawFd;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -13,7 +13,7 @@ use super::stream::Stream;
 use super::talk::Talk;
 use super::watch::{Change, Draft, Watch};
 use crate::base::capacity::USERS;
-use crate::output::board::{Bell, Shared, count};
+use crate::output::board::{Bell, Shared, count, write_queued};
 use crate::output::limits::{Allowance, BackOff};
 
 /// Keep-alive, seconds: after one and a half times this without traffic, either side considers the other dead.
@@ -169,30 +169,15 @@ impl<'a> Connection<'a> {
         if self.settled {
             self.speak(now);
         }
-        self.write()?;
+        if write_queued(&mut self.stream, self.out)? > 0 {
+            self.wrote = Instant::now();
+        }
         let unacknowledged = self.asked.is_some_and(|(.., at)| now - at > UNACKNOWLEDGED);
         let stuck = !self.out.is_empty() && now - self.wrote > PATIENCE;
         let late = !self.settled && now - self.begun > PATIENCE;
         if late || stuck || unacknowledged || now - self.heard > 2 * PATIENCE {
             return Err(io::Error::other("no reply"));
         }
-        Ok(())
-    }
-
-    fn write(&mut self) -> io::Result<()> {
-        let mut written = 0;
-        while written < self.out.len() {
-            match self.stream.write(&self.out[written..]) {
-                Ok(more) => {
-                    written += more;
-                    self.wrote = Instant::now();
-                }
-                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-        }
-        self.out.drain(..written);
         Ok(())
     }
 

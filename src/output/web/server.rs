@@ -5,7 +5,7 @@
 //! bytes long; a client that reads nothing for [`STUCK`] is disconnected. A page that reads slower than frames arrive skips to
 //! the newest. Memory: read and write buffers per connection, allocated at start-up.
 
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Read, Write as _};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use nix::poll::{PollFd, PollFlags, poll};
 use super::http::{REQUEST, Request, Sent, frame, header};
 use crate::base::capacity::WEB_CONNECTIONS as SLOTS;
 use crate::output::Command;
-use crate::output::board::{Bell, Board, Shared, count};
+use crate::output::board::{Bell, Board, Shared, count, write_queued};
 use crate::output::limits::Listening;
 
 /// Event streams at once: the places left answer requests.
@@ -87,7 +87,6 @@ struct Place {
     heard: Box<[u8; REQUEST]>,
     length: usize,
     waiting: Vec<u8>,
-    written: usize,
 }
 
 impl Place {
@@ -99,27 +98,14 @@ impl Place {
             heard: Box::new([0; REQUEST]),
             length: 0,
             waiting: Vec::with_capacity(waiting),
-            written: 0,
         }
     }
 
-    fn seat(&mut self, stream: TcpStream) {
-        (self.stream, self.stage, self.since) = (Some(stream), Stage::Request, Instant::now());
-        self.leave_nothing();
-    }
-
-    fn leave_nothing(&mut self) {
-        (self.length, self.written) = (0, 0);
+    /// Given to whoever comes, or to nobody.
+    fn seat(&mut self, stream: Option<TcpStream>) {
+        (self.stream, self.stage, self.since) = (stream, Stage::Request, Instant::now());
+        self.length = 0;
         self.waiting.clear();
-    }
-
-    fn close(&mut self) {
-        self.stream = None;
-        self.leave_nothing();
-    }
-
-    fn is_waiting(&self) -> bool {
-        self.written < self.waiting.len()
     }
 
     /// Writes queued data, as far as the socket accepts it.
@@ -127,23 +113,14 @@ impl Place {
         let Some(stream) = &mut self.stream else {
             return;
         };
-        while self.written < self.waiting.len() {
-            match stream.write(&self.waiting[self.written..]) {
-                Ok(0) => return self.close(),
-                Ok(more) => {
-                    self.written += more;
-                    self.since = Instant::now();
-                }
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(_) => return self.close(),
-            }
+        match write_queued(stream, &mut self.waiting) {
+            Ok(0) => {}
+            Ok(_) => self.since = Instant::now(),
+            Err(_) => return self.seat(None),
         }
-        self.waiting.clear();
-        self.written = 0;
-        if self.stage == Stage::Reply {
+        if self.stage == Stage::Reply && self.waiting.is_empty() {
             let _ = stream.shutdown(std::net::Shutdown::Write);
-            self.close();
+            self.seat(None);
         }
     }
 
@@ -172,7 +149,7 @@ impl Place {
 
     /// Sends a frame if nothing is queued; whether it did.
     fn send(&mut self, kind: u8, payload: &[u8]) -> bool {
-        if self.is_waiting() {
+        if !self.waiting.is_empty() {
             return false;
         }
         if self.stage == Stage::Stream {
@@ -204,7 +181,7 @@ impl Place {
                 }
                 Sent::Close => {
                     self.send(8, &[]);
-                    return self.close();
+                    return self.seat(None);
                 }
             }
         }
@@ -215,7 +192,7 @@ impl Place {
         let patience = match self.stage {
             Stage::Request => PATIENCE,
             Stage::Reply => STUCK,
-            Stage::Page | Stage::Stream if self.is_waiting() => STUCK,
+            Stage::Page | Stage::Stream if !self.waiting.is_empty() => STUCK,
             Stage::Page | Stage::Stream => return false,
         };
         self.stream.is_some() && self.since.elapsed() > patience
@@ -296,7 +273,7 @@ impl<S: Service> Server<S> {
                 1 => self.at.socket.as_ref().map_or(-1, |one| one.as_raw_fd()),
                 _ => {
                     let place = &self.places[i - 2];
-                    flags.set(PollFlags::POLLOUT, place.is_waiting());
+                    flags.set(PollFlags::POLLOUT, !place.waiting.is_empty());
                     place.stream.as_ref().map_or(-1, |one| one.as_raw_fd())
                 }
             };
@@ -332,7 +309,7 @@ impl<S: Service> Server<S> {
             if stream.set_nonblocking(true).is_ok()
                 && let Some(free) = self.places.iter_mut().find(|place| place.stream.is_none())
             {
-                free.seat(stream);
+                free.seat(Some(stream));
                 continue;
             }
             count(&self.shared.refused);
@@ -342,7 +319,7 @@ impl<S: Service> Server<S> {
                 .filter(|place| place.stage == Stage::Request);
             let silent = asking.max_by_key(|place| place.since.elapsed());
             if let Some(place) = silent.filter(|place| place.since.elapsed() > GRACE) {
-                place.seat(stream);
+                place.seat(Some(stream));
             }
         }
     }
@@ -354,7 +331,7 @@ impl<S: Service> Server<S> {
             return;
         }
         if !ready.is_empty() && !place.read() {
-            return place.close();
+            return place.seat(None);
         }
         match place.stage {
             Stage::Request => self.hear(at),
@@ -366,7 +343,7 @@ impl<S: Service> Server<S> {
         place.write();
         if place.is_late() {
             count(&self.shared.refused);
-            place.close();
+            place.seat(None);
         }
     }
 
