@@ -16,7 +16,7 @@ use crate::appliance::service::{self, Failure};
 use crate::appliance::settings::Settings;
 use crate::appliance::source::{self, Missing, SourceError};
 use crate::output::Report;
-use crate::pipeline::{Pipeline, Stage};
+use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::simulator::resent::Resent;
 
@@ -31,16 +31,9 @@ const PACKETS: usize = 0;
 const UNPACK: usize = 1;
 const LUMA: usize = 2;
 const SENSOR: usize = 3;
+/// The first of the pipeline's stages, whose order is the same.
+const STAGES: usize = 4;
 const FRAME: usize = 8;
-
-const fn step_of(stage: Stage) -> usize {
-    match stage {
-        Stage::Segment => 4,
-        Stage::Pose => 5,
-        Stage::Landmarks => 6,
-        Stage::Expression => 7,
-    }
-}
 
 /// Times of every step in milliseconds, frame by frame.
 struct Times {
@@ -76,11 +69,7 @@ impl Times {
     }
 
     fn write(&mut self, out: &mut impl Write) -> io::Result<()> {
-        writeln!(
-            out,
-            "{:<12}{:>9}{:>9}{:>9}{:>9}{:>9}",
-            "ms per frame", "min", "median", "p99", "max", "frames"
-        )?;
+        out.write_all(b"ms per frame      min   median      p99      max   frames\n")?;
         for (name, times) in STEPS.split(' ').zip(&mut self.of) {
             times.sort_unstable_by(f32::total_cmp);
             let at = |share: f32| {
@@ -176,7 +165,7 @@ fn time(
         lap(LUMA, &mut times);
         (frame.index, frame.at) = (resent.sent().index, resent.sent().at);
         frame.has_colour = resent.sent().has_colour;
-        pipeline.follow_by_stage(&frame, |stage| lap(step_of(stage), &mut times));
+        pipeline.follow_by_stage(&frame, |stage| lap(STAGES + stage as usize, &mut times));
         let counts = number >= WARM_UP;
         if counts {
             allocated += allocations() - before;

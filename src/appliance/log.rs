@@ -67,18 +67,6 @@ struct Lines {
     limits: Mutex<Limits<Identifier>>,
 }
 
-impl Lines {
-    /// How many like this one were left out; `None` if it is too.
-    fn admit(&self, metadata: &'static Metadata<'static>) -> Option<u32> {
-        if UNBOUNDED.contains(&metadata.target()) {
-            return Some(0);
-        }
-        // Held for a look at a short list.
-        let mut limits = self.limits.lock().unwrap_or_else(PoisonError::into_inner);
-        limits.admit(metadata.callsite(), Instant::now())
-    }
-}
-
 /// Starts logging events of at least `level`. A second call changes nothing.
 pub fn start(level: Level) {
     let lines = Lines {
@@ -101,16 +89,6 @@ pub fn say(words: impl Display) {
     let _ = write!(line, "{words}");
     if let Ok(error) = Pipe::of(stderr()) {
         error.insist(line.ended());
-    }
-}
-
-/// Priority of syslog (RFC 5424) that the journal reads from `<n>`.
-fn priority(level: Level) -> u8 {
-    match level {
-        Level::ERROR => 3,
-        Level::WARN => 4,
-        Level::INFO => 6,
-        _ => 7,
     }
 }
 
@@ -170,15 +148,27 @@ impl Subscriber for Lines {
 
     fn event(&self, event: &Event<'_>) {
         let Some(error) = &self.error else { return };
-        let Some(alike) = self.admit(event.metadata()) else {
-            return;
-        };
+        let metadata = event.metadata();
+        let mut alike = Some(0);
+        if !UNBOUNDED.contains(&metadata.target()) {
+            // Held for a look at a short list.
+            let mut limits = self.limits.lock().unwrap_or_else(PoisonError::into_inner);
+            alike = limits.admit(metadata.callsite(), Instant::now());
+        }
+        let Some(alike) = alike else { return };
         let mut line = Line::default();
         if self.terminal {
             // Over the live line, which comes back below.
             let _ = line.0.push_str(OVER);
         } else if self.journal {
-            let _ = write!(line, "<{}>", priority(*event.metadata().level()));
+            // Priority of syslog (RFC 5424).
+            let priority = match *metadata.level() {
+                Level::ERROR => 3,
+                Level::WARN => 4,
+                Level::INFO => 6,
+                _ => 7,
+            };
+            let _ = write!(line, "<{priority}>");
         }
         let left_out = self.left_out.load(Ordering::Relaxed);
         if left_out > 0 {

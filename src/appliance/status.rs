@@ -19,7 +19,7 @@ use crate::base::defaults;
 use crate::base::json::Quoted;
 use crate::expression::UnitRange;
 use crate::output::gesture::ENABLED;
-use crate::output::{Report, Tally, TrackingState};
+use crate::output::{Report, Tally, TrackingState, finite};
 
 /// Interval between writes.
 const PERIOD: Duration = Duration::from_secs(1);
@@ -122,17 +122,18 @@ impl Status {
         };
         self.written = Some(now);
         let mut text = std::mem::take(&mut self.text);
-        for (file, compose) in [(0, Self::json as Compose<_>), (1, Self::prometheus)] {
-            text.clear();
-            // A string takes everything.
-            let _ = compose(self, outputs.clone(), &mut text);
-            files.write(file, text.as_bytes());
-        }
+        // A string takes everything.
+        let _ = self.json(outputs.clone(), &mut text);
+        files.write(0, text.as_bytes());
+        text.clear();
+        let _ = self.prometheus(outputs, &mut text);
+        files.write(1, text.as_bytes());
+        text.clear();
         self.text = text;
         self.files = Some(files);
     }
 
-    fn json<I: Iterator<Item = Tally>>(&self, outputs: I, text: &mut String) -> std::fmt::Result {
+    fn json(&self, outputs: impl Iterator<Item = Tally>, text: &mut String) -> std::fmt::Result {
         let [median, p99, most] = self.latencies.quantiles();
         let uptime_s = self.start.elapsed().as_secs_f64();
         writeln!(
@@ -175,7 +176,7 @@ impl Status {
             text,
             "\n    {{\"slot\": {slot}, \"state\": \"{}\", \"confidence\": {:.3}, \"frozen\": {}, ",
             user.state.name(),
-            Finite(user.confidence),
+            finite(user.confidence),
             user.frozen
         )?;
         if ENABLED && !self.gestures.is_empty() {
@@ -192,21 +193,21 @@ impl Status {
         for (i, ((name, weight), range)) in units.enumerate() {
             let comma = if i > 0 { "," } else { "" };
             let [low, rest, high, noise] =
-                [range.low, range.rest, range.high, range.noise].map(Finite);
+                [range.low, range.rest, range.high, range.noise].map(finite);
             write!(
                 text,
                 "{comma}\n      {}: {{\"weight\": {:.3}, \"low\": {low:.4}, \"rest\": {rest:.4}, \"high\": {high:.4}, \"noise\": {noise:.4}, \"readiness\": {:.2}}}",
                 Quoted(name),
-                Finite(*weight),
-                Finite(range.readiness)
+                finite(*weight),
+                finite(range.readiness)
             )?;
         }
         write!(text, "}}}}")
     }
 
-    fn prometheus<I: Iterator<Item = Tally>>(
+    fn prometheus(
         &self,
-        outputs: I,
+        outputs: impl Iterator<Item = Tally>,
         text: &mut String,
     ) -> std::fmt::Result {
         let [median, p99, _] = self.latencies.quantiles().map(|ms| ms * 1e-3);
@@ -255,8 +256,6 @@ impl Status {
         Ok(())
     }
 }
-
-type Compose<I> = fn(&Status, I, &mut String) -> std::fmt::Result;
 
 defaults! {
     /// The last latencies, a ring.
@@ -365,16 +364,6 @@ impl Files {
 /// Identity of a file, to detect replacement.
 fn mark(about: &Metadata) -> [u64; 3] {
     [about.dev(), about.ino(), about.mtime_nsec() as u64]
-}
-
-/// A number valid in JSON: NaN and infinities become 0.
-struct Finite(f32);
-
-impl std::fmt::Display for Finite {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let number = if self.0.is_finite() { self.0 } else { 0.0 };
-        number.fmt(f)
-    }
 }
 
 #[cfg(test)]

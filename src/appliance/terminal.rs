@@ -32,19 +32,14 @@ const MOST: usize = 8;
 
 /// Columns of the terminal behind a stream.
 fn width(of: &impl AsRawFd) -> usize {
-    let mut size = libc::winsize {
-        ws_row: 0,
-        ws_col: 0,
-        ws_xpixel: 0,
-        ws_ypixel: 0,
-    };
-    // SAFETY: TIOCGWINSZ writes one `winsize`, which is there and ours alone.
+    // A `winsize`: rows, columns, and both in pixels.
+    let mut size = [0_u16; 4];
+    // SAFETY: TIOCGWINSZ writes one `winsize`, four numbers of 16 bits, which are there and ours alone.
     let told = unsafe { libc::ioctl(of.as_raw_fd(), libc::TIOCGWINSZ, &raw mut size) };
-    if told == 0 && size.ws_col > 0 {
-        usize::from(size.ws_col)
-    } else {
-        USUAL
-    }
+    let columns = usize::from(size[1]);
+    Some(columns)
+        .filter(|&columns| told == 0 && columns > 0)
+        .unwrap_or(USUAL)
 }
 
 /// A line with a limited number of columns: words that do not fit are omitted.
@@ -122,40 +117,28 @@ fn line(
     names: &[impl AsRef<str>],
 ) -> heapless::String<LINE> {
     let mut line = Line::new(columns);
-    let at_s = reports
-        .first()
-        .map_or(0.0, |report| report.at.as_us() as f64 * 1e-6);
-    line.add(format_args!(
-        "{:3}:{:04.1} ",
-        (at_s / 60.0) as u64,
-        at_s % 60.0
-    ));
-    let there = || {
-        let known = reports.iter().filter(|report| report.user.is_some());
-        known.filter(|report| report.state != TrackingState::Absent)
-    };
-    match there().count() {
-        0 => {
-            line.add(format_args!("nobody in view"));
+    let at_us = reports.first().map_or(0, |report| report.at.as_us());
+    let (minutes, seconds) = (at_us / 60_000_000, (at_us % 60_000_000) as f64 * 1e-6);
+    line.add(format_args!("{minutes:3}:{seconds:04.1} "));
+    let known = reports.iter().filter(|report| report.user.is_some());
+    let there = known.filter(|report| report.state != TrackingState::Absent);
+    let many = there.clone().count();
+    if many == 0 {
+        line.add(format_args!("nobody in view"));
+    }
+    let (all, start) = (line.columns, line.text.len() - OVER.len());
+    for (k, report) in there.enumerate() {
+        // Everybody has the same share of the line.
+        line.columns = start + (all - start) * (k + 1) / many;
+        let state = report.state.name();
+        if many == 1 {
+            let sure = report.confidence * 100.0;
+            line.add(format_args!("{state:8} {sure:3.0}% |"));
+        } else {
+            let user = report.user.unwrap_or_default() + 1;
+            line.add(format_args!("| {user} {state:8}"));
         }
-        1 => {
-            for report in there() {
-                let sure = report.confidence * 100.0;
-                line.add(format_args!("{:8} {sure:3.0}% |", report.state.name()));
-                line.add_units(names, report.weights);
-            }
-        }
-        many => {
-            let all = line.columns;
-            let start = line.text.len() - OVER.len();
-            for (k, report) in there().enumerate() {
-                // Everybody has the same share of the line.
-                line.columns = start + (all - start) * (k + 1) / many;
-                let user = report.user.unwrap_or_default() + 1;
-                line.add(format_args!("| {user} {:8}", report.state.name()));
-                line.add_units(names, report.weights);
-            }
-        }
+        line.add_units(names, report.weights);
     }
     line.text
 }
@@ -173,11 +156,8 @@ struct Tally {
 impl Tally {
     fn count(&mut self, reports: &[Report<'_>]) {
         self.frames += 1;
-        let latency = reports
-            .iter()
-            .map(|report| report.latency_us)
-            .max()
-            .unwrap_or(0);
+        let latencies = reports.iter().map(|report| report.latency_us);
+        let latency = latencies.max().unwrap_or(0);
         self.latency_us += u64::from(latency);
         self.slowest_us = self.slowest_us.max(latency);
         for report in reports {
@@ -234,13 +214,8 @@ impl Live {
         } else {
             "`mien send-test` moves every shape once, to try a receiver; Ctrl-C ends"
         };
-        for words in [
-            format!("mien {version}: {source}\n"),
-            format!("sends to: {to}\n"),
-            format!("next: {next}\n"),
-        ] {
-            self.out.offer(words.as_bytes());
-        }
+        let words = format!("mien {version}: {source}\nsends to: {to}\nnext: {next}\n");
+        self.out.offer(words.as_bytes());
     }
 
     /// Shows a frame's reports in place of the previous ones. Does not wait for a blocked terminal.

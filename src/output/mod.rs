@@ -35,6 +35,7 @@ use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 pub use crate::users::TrackingState;
 use face::{OneFace, WireWeights};
+pub(crate) use report::finite;
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
 pub use view::{LossPolicy, UnitView, View, is_name};

@@ -36,7 +36,7 @@ use super::Command;
 use super::gesture::{self, Switch};
 use super::{
     Every, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View, WireWeights,
-    unit_range,
+    finite, unit_range,
 };
 use crate::base::capacity::USERS;
 use crate::base::defaults;
@@ -221,7 +221,7 @@ impl Osc {
         if wanted && user.range.due(report.at, RANGES_PERIOD_S) {
             for (name, range) in self.units.iter().zip(report.ranges) {
                 let numbers = [range.low, range.rest, range.high, range.readiness];
-                let numbers = numbers.map(|bound| if bound.is_finite() { bound } else { 0.0 });
+                let numbers = numbers.map(finite);
                 let address = format_args!("/{slot}/range/{name}");
                 wire.message(address, numbers.map(Argument::Float));
             }

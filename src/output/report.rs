@@ -56,11 +56,12 @@ impl Report<'_> {
     }
 }
 
+/// What is no finite number becomes 0.
+pub(crate) fn finite(value: f32) -> f32 {
+    if value.is_finite() { value } else { 0.0 }
+}
+
 /// Clamps to 0…1; non-finite values become 0.
 pub(super) fn unit_range(value: f32) -> f32 {
-    if value.is_finite() {
-        value.clamp(0.0, 1.0)
-    } else {
-        0.0
-    }
+    finite(value).clamp(0.0, 1.0)
 }

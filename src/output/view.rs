@@ -123,17 +123,13 @@ pub fn is_name(text: &str) -> bool {
 
 /// `AU12R` for `AU12L`, and eyes that look right for those that look left; `None` for a unit without sides.
 fn other_side(unit: &str) -> Option<String> {
-    match unit {
-        "AU61" => return Some("AU62".into()),
-        "AU62" => return Some("AU61".into()),
-        _ => {}
-    }
-    let (stem, other) = if let Some(stem) = unit.strip_suffix('L') {
-        (stem, 'R')
-    } else {
-        (unit.strip_suffix('R')?, 'L')
+    let (stem, side) = match (unit, unit.strip_suffix('L')) {
+        ("AU61", _) => ("AU62", ""),
+        ("AU62", _) => ("AU61", ""),
+        (_, Some(stem)) => (stem, "R"),
+        (_, None) => (unit.strip_suffix('R')?, "L"),
     };
-    Some(format!("{stem}{other}"))
+    Some(format!("{stem}{side}"))
 }
 
 /// The reflection of a pose in the plane x = 0 of the sensor, of a head that is its own reflection.

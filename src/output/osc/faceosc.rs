@@ -14,7 +14,7 @@ use crate::base::geometry::{Point, Rigid, Vector, yaw_pitch_roll};
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
-use crate::output::{Every, OneFace, Output, OutputError, Report, Tally, View};
+use crate::output::{Every, OneFace, Output, OutputError, Report, Tally, View, finite};
 
 /// FaceOSC's unit of length, metres.
 const UNIT_M: f32 = 0.0036;
@@ -140,11 +140,6 @@ impl FaceOsc {
         }
         wire.flush();
     }
-}
-
-/// What is no number becomes 0.
-fn finite(value: f32) -> f32 {
-    if value.is_finite() { value } else { 0.0 }
 }
 
 impl Output for FaceOsc {
