@@ -36,25 +36,16 @@ impl Rows {
     /// may have.
     #[must_use]
     pub fn new(measures: &[&str], units: &[&str], gestures: &[&str]) -> Self {
+        let names = (0..LANDMARKS).map(|i| format!("x{i},y{i}"));
+        let names = names.chain((0..LANDMARKS).map(|i| format!("c{i}")));
+        let plain = measures.iter().map(|m| m.strip_prefix("m_").unwrap_or(m));
+        let names = names.chain(plain.map(|measure| format!("m_{measure}")));
+        let names = names.chain(units.iter().map(|unit| format!("w_{unit}")));
+        let names = names.chain(BOX.map(|side| format!("head_{side}")));
+        let names = names.chain(gestures.iter().map(|gesture| format!("g_{gesture}")));
         let mut row =
             String::from("frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw");
-        let mut name =
-            |name: core::fmt::Arguments| row.write_fmt(name).expect("a String takes everything");
-        (0..LANDMARKS).for_each(|i| name(format_args!(",x{i},y{i}")));
-        (0..LANDMARKS).for_each(|i| name(format_args!(",c{i}")));
-        for measure in measures {
-            let measure = measure.strip_prefix("m_").unwrap_or(measure);
-            name(format_args!(",m_{measure}"));
-        }
-        for unit in units {
-            name(format_args!(",w_{unit}"));
-        }
-        for side in BOX {
-            name(format_args!(",head_{side}"));
-        }
-        for gesture in gestures {
-            name(format_args!(",g_{gesture}"));
-        }
+        names.for_each(|name| row += &format!(",{name}"));
         row.push('\n');
         let fields = 12 + 3 * LANDMARKS + measures.len() + units.len() + BOX.len() + gestures.len();
         row.reserve(fields * FIELD_BYTES);

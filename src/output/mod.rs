@@ -31,6 +31,7 @@ mod view;
 pub mod web;
 
 use crate::base::capacity::USERS;
+use crate::base::defaults;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 pub use crate::users::TrackingState;
@@ -69,45 +70,40 @@ impl Command {
     #[cfg(feature = "wires")]
     fn of_words<'a>(what: &str, mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
         let slot = words.next()?.parse().ok()?;
-        let on = match words.next() {
-            None => None,
-            Some(on @ ("0" | "1")) => Some(on == "1"),
-            Some(_) => return None,
+        let on = match (words.next(), words.next()) {
+            (None, _) => None,
+            (Some(on @ ("0" | "1")), None) => Some(on == "1"),
+            _ => return None,
         };
-        words
-            .next()
-            .is_none()
-            .then(|| Self::named(what, slot, on))?
+        Self::named(what, slot, on)
     }
 }
 
-/// Counters of an output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Tally {
-    /// Its section of the configuration.
-    pub name: &'static str,
-    /// Datagrams, frames or rows sent, over all targets.
-    pub sent: u64,
-    /// Those that were dropped: not accepted at once, replaced by a newer one, or without a known destination.
-    pub dropped: u64,
-    /// Whether there is a destination: false while a serial port is absent.
-    pub connected: bool,
-    /// Weights that were NaN and were sent as 0.
-    pub not_numbers: u64,
-    /// Commands accepted, and those refused as malformed or too frequent.
-    pub commands: [u64; 2],
+defaults! {
+    /// Counters of an output.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Tally {
+        /// Its section of the configuration.
+        pub name: &'static str = "",
+        /// Datagrams, frames or rows sent, over all targets.
+        pub sent: u64 = 0,
+        /// Those that were dropped: not accepted at once, replaced by a newer one, or without a known destination.
+        pub dropped: u64 = 0,
+        /// Whether there is a destination: false while a serial port is absent.
+        pub connected: bool = true,
+        /// Weights that were NaN and were sent as 0.
+        pub not_numbers: u64 = 0,
+        /// Commands accepted, and those refused as malformed or too frequent.
+        pub commands: [u64; 2] = [0; 2],
+    }
 }
 
 impl Tally {
     /// Empty.
-    const fn of(name: &'static str) -> Self {
+    fn of(name: &'static str) -> Self {
         Self {
             name,
-            sent: 0,
-            dropped: 0,
-            connected: true,
-            not_numbers: 0,
-            commands: [0; 2],
+            ..Self::default()
         }
     }
 }

@@ -78,20 +78,14 @@ impl Choice {
             return;
         };
         let shown = there.iter().find(|one| Some(one.slot) == self.shown);
-        let better = match shown {
-            None => {
-                self.shown = Some(best.slot);
-                false
-            }
-            Some(shown) => {
-                self.policy != Policy::First && merit(best) < merit(shown) - f64::from(MARGIN_M)
-            }
-        };
-        self.rival = match self.rival {
-            _ if !better => None,
-            Some((slot, since)) if slot == best.slot => Some((slot, since)),
-            _ => Some((best.slot, at)),
-        };
+        if shown.is_none() {
+            self.shown = Some(best.slot);
+        }
+        let margin = f64::from(MARGIN_M);
+        let better = shown.is_some_and(|shown| merit(best) < merit(shown) - margin);
+        let same = self.rival.filter(|rival| rival.0 == best.slot);
+        let rival = same.unwrap_or((best.slot, at));
+        self.rival = Some(rival).filter(|_| better && self.policy != Policy::First);
         if let Some((slot, since)) = self.rival
             && at.seconds_since(since) >= PATIENCE_S
         {

@@ -426,11 +426,8 @@ fn is_host(name: &str) -> bool {
 
 fn is_topic(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_graphic() && !"#+\"\\$".contains(c);
-    !text.is_empty()
-        && text.len() <= 64
-        && text.chars().all(plain)
-        && !text.starts_with('/')
-        && !text.ends_with('/')
+    let open = text.starts_with('/') || text.ends_with('/');
+    (1..=64).contains(&text.len()) && text.chars().all(plain) && !open
 }
 
 /// Whether a row of the channel table is well-formed; whether its unit is measured depends on the learning method.

@@ -24,18 +24,15 @@ use crate::output::{Report, SCHEMA_VERSION, TrackingState};
 /// A frame before stuffing; leaves room for the stuffing in a line.
 type Payload = heapless::Vec<u8, { LARGEST / 2 }>;
 
-/// Appends the payload with its checksum, stuffed; `false` if there is no room.
-fn append(mut payload: Payload, line: &mut Line) -> bool {
-    let crc = crc16(&payload);
-    if payload.extend_from_slice(&crc.to_le_bytes()).is_err() {
-        return false;
-    }
+/// Appends the payload with its checksum, stuffed, if there is room.
+fn append(mut payload: Payload, line: &mut Line) -> core::fmt::Result {
+    let crc = crc16(&payload).to_le_bytes();
+    let whole = payload.extend_from_slice(&crc);
+    whole.map_err(|_| core::fmt::Error)?;
     let mut stuffed = [0; LARGEST];
-    let Ok(length) = cobs::try_encode(&payload, &mut stuffed[..LARGEST - 1]) else {
-        return false;
-    };
-    stuffed[length] = 0;
-    line.put(&stuffed[..=length]).is_ok()
+    let length = cobs::try_encode(&payload, &mut stuffed[..LARGEST - 1]);
+    let length = length.map_err(|_| core::fmt::Error)?;
+    line.put(&stuffed[..=length])
 }
 
 /// Bytes of a pose on the wire.
@@ -43,19 +40,19 @@ pub(super) const POSE_BYTES: usize = 22;
 /// Largest payload, bytes: the receive buffer minus the checksum, the stuffing's code byte and the zero.
 const LONGEST_PAYLOAD: usize = AVR_RING - 4;
 
-/// The names of the units, in as many frames as they need; `false` if there is no room. None is longer than a frame.
-pub(super) fn hello(names: &[String], line: &mut Line) -> bool {
+/// The names of the units, in as many frames as they need; none is longer than a frame.
+pub(super) fn hello(names: &[String], line: &mut Line) -> core::fmt::Result {
     let version = SCHEMA_VERSION as u8;
-    let mut payload: Payload = [0x10, version, names.len() as u8].into_iter().collect();
-    let mut filled = names.len() <= u8::MAX.into();
+    let count = u8::try_from(names.len()).map_err(|_| core::fmt::Error)?;
+    let mut payload: Payload = [0x10, version, count].into_iter().collect();
     for (index, name) in names.iter().enumerate() {
         if payload.len() + 1 + name.len() > LONGEST_PAYLOAD {
             let next = [0x12, version, index as u8].into_iter().collect();
-            filled &= append(core::mem::replace(&mut payload, next), line);
+            append(core::mem::replace(&mut payload, next), line)?;
         }
         payload.extend([name.len() as u8].into_iter().chain(name.bytes()));
     }
-    filled && append(payload, line)
+    append(payload, line)
 }
 
 /// State, frozen ranges and slot in one byte.
@@ -79,7 +76,7 @@ pub(super) fn weights(
     confidence: f32,
     weights: impl ExactSizeIterator<Item = f32>,
     line: &mut Line,
-) -> bool {
+) -> core::fmt::Result {
     let byte = |value: f32| (value * 255.0).round() as u8;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
     let (confidence, count) = (byte(confidence), weights.len() as u8);
@@ -88,7 +85,12 @@ pub(super) fn weights(
 }
 
 /// Pose of the head.
-pub(super) fn pose(number: u16, ms: u32, sensor_from_head: &Rigid, line: &mut Line) -> bool {
+pub(super) fn pose(
+    number: u16,
+    ms: u32,
+    sensor_from_head: &Rigid,
+    line: &mut Line,
+) -> core::fmt::Result {
     let place = sensor_from_head.translation.vector * 1000.0;
     // nalgebra keeps quaternions as x, y, z, w.
     let turn = sensor_from_head.rotation.coords * 32767.0;
@@ -105,8 +107,7 @@ pub(super) fn switch(switch: &Switch<'_>, line: &mut Line) -> core::fmt::Result 
     let user = switch.user.map_or(u8::MAX, |user| user as u8);
     let head = [3, switch.index as u8, switch.is_on.into(), user];
     let bytes = head.iter().chain(switch.gesture.name.as_bytes());
-    let fits = append(bytes.copied().collect(), line);
-    fits.then_some(()).ok_or(core::fmt::Error)
+    append(bytes.copied().collect(), line)
 }
 
 #[cfg(test)]
@@ -134,14 +135,7 @@ mod tests {
     fn weights_are_the_reference_frame() {
         let mut line = Line::default();
         let values = [0.0, 128.0 / 255.0, 1.0];
-        assert!(weights(
-            1,
-            33,
-            1,
-            200.0 / 255.0,
-            values.into_iter(),
-            &mut line
-        ));
+        weights(1, 33, 1, 200.0 / 255.0, values.into_iter(), &mut line).unwrap();
         let wire = [
             0x04, 1, 1, 0x21, 0x04, 1, 0xc8, 3, 0x05, 0x80, 0xff, 0x17, 0x79, 0,
         ];
@@ -158,14 +152,7 @@ mod tests {
                 ..Report::default()
             };
             let flags = flags(state, &report);
-            assert!(weights(
-                7,
-                0x10203,
-                flags,
-                0.0,
-                [0.0].into_iter(),
-                &mut line
-            ));
+            weights(7, 0x10203, flags, 0.0, [0.0].into_iter(), &mut line).unwrap();
             let payload = unstuffed(line.bytes());
             assert_eq!(payload[..4], [1, 7, 3, 2]);
             payload[4]
@@ -191,7 +178,7 @@ mod tests {
                 });
                 let payload: Payload = bytes.collect();
                 let mut line = Line::default();
-                assert!(append(payload.clone(), &mut line));
+                append(payload.clone(), &mut line).unwrap();
                 let back = unstuffed(line.bytes());
                 let (back, checksum) = back.split_at(length);
                 assert_eq!(
@@ -205,31 +192,26 @@ mod tests {
     #[test]
     fn hello_names_the_units_and_a_pose_its_numbers() {
         let mut line = Line::default();
-        assert!(hello(&["AU25".into(), "AU12L".into()], &mut line));
+        hello(&["AU25".into(), "AU12L".into()], &mut line).unwrap();
         let payload = unstuffed(line.bytes());
         assert_eq!(
             payload[..payload.len() - 2],
             *b"\x10\x01\x02\x04AU25\x05AU12L"
         );
         line.clear();
-        assert!(pose(
-            9,
-            33,
-            &Rigid::translation(0.1, -0.25, 0.75),
-            &mut line
-        ));
+        pose(9, 33, &Rigid::translation(0.1, -0.25, 0.75), &mut line).unwrap();
         let payload = unstuffed(line.bytes());
         assert_eq!(payload[..10], [2, 9, 33, 0, 100, 0, 0x06, 0xff, 0xee, 0x02]);
         assert_eq!(payload[10..18], [0, 0, 0, 0, 0, 0, 0xff, 0x7f]);
         assert_eq!(line.bytes().len(), POSE_BYTES);
-        assert!(!hello(&vec!["AU".into(); 300], &mut line));
+        assert!(hello(&vec!["AU".into(); 300], &mut line).is_err());
     }
 
     #[test]
     fn many_names_come_in_frames_that_fit_the_ring() {
         let names: Vec<String> = (0..40).map(|i| format!("AU{i}L")).collect();
         let mut line = Line::default();
-        assert!(hello(&names, &mut line));
+        hello(&names, &mut line).unwrap();
         let mut back = Vec::new();
         for frame in line.bytes().split_inclusive(|&byte| byte == 0) {
             assert!(frame.len() <= AVR_RING);
@@ -257,7 +239,7 @@ mod tests {
     fn fifty_two_units_fit_the_ring_of_an_avr() {
         let mut line = Line::default();
         let values = core::iter::repeat_n(0.5, 52).collect::<Vec<_>>();
-        assert!(weights(0, 0, 0xff, 0.0, values.into_iter(), &mut line));
+        weights(0, 0, 0xff, 0.0, values.into_iter(), &mut line).unwrap();
         assert!(line.bytes().len() <= 63, "{}", line.bytes().len());
     }
 }

@@ -196,7 +196,7 @@ impl Form {
                 }),
                 // A plotter would take a header for data.
                 Style::Plot => true,
-                Style::Cobs => cobs::hello(names, &mut header),
+                Style::Cobs => cobs::hello(names, &mut header).is_ok(),
             };
         fit.then_some(header)
             .ok_or(OutputError::Names(names.len(), bytes, NAMES_MOST))
@@ -235,9 +235,9 @@ impl Form {
                 });
             }
             Style::Cobs => {
-                cobs::weights(count, ms, frame.flags, frame.confidence, weights, line);
+                let _ = cobs::weights(count, ms, frame.flags, frame.confidence, weights, line);
                 if let Some(pose) = &frame.pose {
-                    cobs::pose(count, ms, pose, line);
+                    let _ = cobs::pose(count, ms, pose, line);
                 }
             }
         }

@@ -15,7 +15,7 @@
 //! One file: who may, what is shown, and the tests of both.
 
 use std::fmt::Write as _;
-use std::net::{IpAddr, SocketAddr};
+use std::net::IpAddr;
 use std::time::{Duration, Instant};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
@@ -94,20 +94,14 @@ fn knows(header: &str, password: &str) -> bool {
 impl Page {
     /// Whether a host, with or without a port, is an address, `localhost` or the box's name.
     fn is_own(&self, host: &str) -> bool {
-        if host.parse::<SocketAddr>().is_ok() {
-            return true;
-        }
         let split = host.rsplit_once(':');
-        let plain = split
-            .filter(|(_, port)| port.parse::<u16>().is_ok())
-            .map_or(host, |(name, _)| name);
-        let bare = plain
-            .strip_prefix('[')
-            .and_then(|six| six.strip_suffix(']'));
-        let name = plain.strip_suffix(".local").unwrap_or(plain);
-        bare.unwrap_or(plain).parse::<IpAddr>().is_ok()
-            || plain == "localhost"
-            || name.eq_ignore_ascii_case(&self.name)
+        let split = split.filter(|(_, port)| port.parse::<u16>().is_ok());
+        let name = split.map_or(host, |(name, _)| name);
+        let bare = name.trim_matches(['[', ']']);
+        let label = name.strip_suffix(".local").unwrap_or(name);
+        bare.parse::<IpAddr>().is_ok()
+            || name == "localhost"
+            || label.eq_ignore_ascii_case(&self.name)
     }
 
     /// Whether whoever asks may have it.
@@ -284,6 +278,7 @@ pub fn open(
 mod tests {
     use super::*;
     use crate::output::{Output, Report};
+    use std::net::SocketAddr;
 
     fn page(password: Option<&str>) -> Page {
         Page {
