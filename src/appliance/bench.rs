@@ -54,11 +54,6 @@ impl Times {
         }
     }
 
-    /// Mean number of people per frame.
-    fn people(&self) -> f64 {
-        self.seen as f64 / self.of[FRAME].len().max(1) as f64
-    }
-
     fn end_frame(&mut self, counts: bool) {
         let sum = |of: &[Option<f32>]| of.iter().flatten().sum();
         self.now[SENSOR] = Some(sum(&self.now[..SENSOR]));
@@ -118,7 +113,8 @@ pub fn run(bench: &Run, allocations: fn() -> u64, out: &mut impl Write) -> Resul
     for name in sources {
         let (mut times, more) = time(name, frames, &settings, allocations)?;
         allocated += more;
-        writeln!(out, "{name}: {:.2} people per frame", times.people())
+        let people = times.seen as f64 / times.of[FRAME].len().max(1) as f64;
+        writeln!(out, "{name}: {people:.2} people per frame")
             .and_then(|()| times.write(out))
             .map_err(Failure::Print)?;
     }

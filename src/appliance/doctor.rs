@@ -58,15 +58,11 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
     let model = service::model(settings.sensor.model()).map(|model| format!("{:08x}", model.id));
     lines.judge(FAIL, "face model", model);
     sensor(&mut lines, &settings, usb_devices::devices());
-    if let Some(megabytes) = read_number(USB_MEMORY)
-        && megabytes != 0
-        && megabytes < USB_MEMORY_MB
-    {
-        lines.say(
-            WARN,
-            "USB memory",
-            format_args!("the limit is {megabytes} MB for all transfers; write 16 to {USB_MEMORY}"),
-        );
+    let limit = std::fs::read_to_string(USB_MEMORY).unwrap_or_default();
+    if let Ok(megabytes @ 1..USB_MEMORY_MB) = limit.trim().parse() {
+        let advice = format!("write 16 to {USB_MEMORY}");
+        let text = format_args!("the limit is {megabytes} MB for all transfers; {advice}");
+        lines.say(WARN, "USB memory", text);
     }
     serial(&mut lines, &settings.serial.port);
     if let Err(problem) = wires::check(&settings) {
@@ -78,10 +74,6 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
     let failed = lines.failed.into();
     let code = if configured { failed } else { 2 };
     (lines.text, code)
-}
-
-fn read_number(path: &str) -> Option<u32> {
-    std::fs::read_to_string(path).ok()?.trim().parse().ok()
 }
 
 fn sensor(

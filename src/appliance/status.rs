@@ -315,23 +315,16 @@ impl Files {
         }
     }
 
-    /// Detects that another program has replaced our files.
-    fn look(&mut self, file: usize) {
-        let path = &self.paths[file][0];
+    fn write(&mut self, file: usize, text: &[u8]) {
+        let [path, new] = &self.paths[file];
         let found = std::fs::metadata(path).ok().as_ref().map(mark);
         let other = self.left[file].is_some() && found.is_some() && found != self.left[file];
-        if other && !self.shared {
-            self.shared = true;
+        if other && !std::mem::replace(&mut self.shared, true) {
             tracing::warn!(
                 "another program also writes {}, perhaps a second mien; give each its own status.path",
                 path.display()
             );
         }
-    }
-
-    fn write(&mut self, file: usize, text: &[u8]) {
-        self.look(file);
-        let [path, new] = &self.paths[file];
         let written = std::fs::File::create(new).and_then(|mut file| {
             file.write_all(text)?;
             // Whoever watches may read them, whatever else the process keeps to itself.

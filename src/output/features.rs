@@ -118,8 +118,7 @@ pub(super) fn password(path: &str) -> Result<Option<String>, OutputError> {
     if path.is_empty() {
         return Ok(None);
     }
-    match std::fs::read_to_string(path) {
-        Ok(text) => Ok(Some(text.lines().next().unwrap_or_default().to_owned())),
-        Err(source) => Err(OutputError::Password(path.to_owned(), source)),
-    }
+    let text = std::fs::read_to_string(path);
+    let text = text.map_err(|error| OutputError::Password(path.to_owned(), error))?;
+    Ok(Some(text.lines().next().unwrap_or_default().to_owned()))
 }

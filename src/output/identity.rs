@@ -7,11 +7,8 @@ const LONGEST: usize = 63;
 
 /// `name`, or the host's if that is empty; letters, digits and `-` only, as in host names and topics.
 pub(super) fn name(name: &str) -> String {
-    let name = if name.is_empty() {
-        host()
-    } else {
-        name.to_owned()
-    };
+    let host = name.is_empty().then(host);
+    let name = host.as_deref().unwrap_or(name);
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
     let name: String = name.chars().map(plain).take(LONGEST).collect();
     let name = name.trim_matches('-');

@@ -147,7 +147,7 @@ impl Osc {
     /// If the prefix is unusable or the names do not fit a datagram.
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let Settings { prefix, view, .. } = settings;
-        let names = view.names(units);
+        let names = view.names(units.iter().copied());
         // Address, tags, version and the names, each padded; with room for the bundle's own bytes.
         let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
         if bytes > packet::LARGEST {

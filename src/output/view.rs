@@ -65,9 +65,8 @@ impl View {
     }
 
     /// The output names of units, in their order.
-    pub(super) fn names(&self, units: &[&str]) -> Box<[String]> {
-        let names = units.iter().map(|unit| self.name(unit).to_owned());
-        names.collect()
+    pub(super) fn names<'a>(&self, units: impl Iterator<Item = &'a str>) -> Box<[String]> {
+        units.map(|unit| self.name(unit).to_owned()).collect()
     }
 
     /// A channel for every unit, in their order.

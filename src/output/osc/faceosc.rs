@@ -34,9 +34,8 @@ defaults! {
     }
 }
 
-/// A gesture: its name and the two groups of landmarks whose means are apart by it.
-type Gesture = (&'static str, &'static [usize], &'static [usize]);
-const GESTURES: [Gesture; 8] = [
+/// Gestures: the name, and the two groups of landmarks whose means are apart by it.
+const GESTURES: [(&str, &[usize], &[usize]); 8] = [
     ("mouth/width", &[48], &[54]),
     ("mouth/height", &[61, 62, 63], &[65, 66, 67]),
     ("eyebrow/left", &[22, 23, 24, 25, 26], &[42, 45]),

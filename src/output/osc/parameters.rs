@@ -145,7 +145,7 @@ mod tests {
             let terms: Vec<&str> = text.split([' ']).collect();
             let terms: Vec<&[&str]> = terms.split(|word| ["+", "-"].contains(word)).collect();
             for (i, term) in terms.into_iter().enumerate() {
-                let is_number = |word: &str| word.parse().is_ok_and(|n: f32| n > 0.0);
+                let is_number = |word: &str| word.parse().is_ok_and(|n: f32| n >= 0.0);
                 let (gain, units) = match *term {
                     [""] if text.is_empty() => continue,
                     [rest] if i == 0 && is_number(rest) && text != rest => continue,

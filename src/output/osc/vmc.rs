@@ -16,9 +16,6 @@ use crate::base::defaults;
 use crate::base::prelude::*;
 use crate::output::{OneFace, Output, OutputError, Report, Tally, View};
 
-/// Calibrated, in normal mode: what `OK` says of the sender's own avatar.
-const CALIBRATED: [i32; 2] = [3, 0];
-
 /// This program's role, as the receiver sees it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
@@ -112,8 +109,8 @@ impl Vmc {
     fn send_frame(&mut self, tracked: bool, pose: Option<[f32; 7]>) {
         let wire = &mut self.wire;
         if self.role == Role::Performer {
-            let [state, mode] = CALIBRATED;
-            let ok = [1, state, mode, tracked.into()].map(Argument::Int);
+            // Loaded, calibrated, in normal mode: the sender's own avatar.
+            let ok = [1, 3, 0, tracked.into()].map(Argument::Int);
             wire.message(format_args!("/OK"), ok);
             wire.message(format_args!("/T"), [Argument::Float(self.seconds)]);
             let root = placed("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);

@@ -121,10 +121,7 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(Form, budget::Plan), Out
     };
     let form = |of: &[usize], tenths| Form {
         style: settings.style,
-        names: of
-            .iter()
-            .map(|&unit| settings.view.name(units[unit]).to_owned())
-            .collect(),
+        names: settings.view.names(of.iter().map(|&unit| units[unit])),
         full: settings.full,
         tenths,
         pose: settings.pose,

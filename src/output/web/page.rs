@@ -231,10 +231,10 @@ fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> Strin
     let gestures = gestures.iter().map(|gesture| {
         let index = |unit: &str| units.iter().position(|name| *name == unit);
         let terms = Gesture::terms(&gesture.of);
-        let terms = terms.filter_map(|(sign, unit)| Some(json!([index(unit)?, sign])));
+        let terms = terms.filter_map(|(sign, unit)| Some(json!([index(unit)?, sign as i32])));
         let terms: Vec<Value> = terms.collect();
         let [on, off] =
-            [gesture.on, gesture.off].map(|level| (f64::from(level) * 1e6).round() * 1e-6);
+            [gesture.on, gesture.off].map(|level| (f64::from(level) * 1e6).round() / 1e6);
         json!({"name": gesture.name, "terms": terms, "on": on, "off": off})
     });
     let (regions, gestures): (Vec<Value>, Vec<Value>) = (regions.collect(), gestures.collect());
@@ -441,9 +441,18 @@ mod tests {
 
     #[test]
     fn units_have_plain_names_by_region() {
+        let about: Value = serde_json::from_str(&page(None).about).unwrap();
         assert_eq!(
-            page(None).about,
-            "{\"name\":\"stage-left\",\"slots\":4,\"sends\":\"OSC to 10.0.0.2:9130\",\"gestures\":[{\"name\":\"smile\",\"terms\":[[1,1]],\"on\":0.45,\"off\":0.25}],\"regions\":[[\"Brows\",[[2,\"AU1R\",\"inner brow up right\"]]],[\"Mouth\",[[1,\"AU12L\",\"smile left\"]]],[\"Jaw\",[[0,\"AU26\",\"jaw drop\"]]]]}"
+            about,
+            json!({
+                "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
+                "gestures": [{"name": "smile", "terms": [[1, 1]], "on": 0.45, "off": 0.25}],
+                "regions": [
+                    ["Brows", [[2, "AU1R", "inner brow up right"]]],
+                    ["Mouth", [[1, "AU12L", "smile left"]]],
+                    ["Jaw", [[0, "AU26", "jaw drop"]]],
+                ],
+            })
         );
         for unit in crate::expression::Units::shipped().columns(false) {
             assert!(!about("", &[&unit], "", &[]).contains("Other"), "{unit}");
