@@ -441,9 +441,9 @@ mod tests {
 
     #[test]
     fn units_have_plain_names_by_region() {
-        let about: Value = serde_json::from_str(&page(None).about).unwrap();
+        let told: Value = serde_json::from_str(&page(None).about).unwrap();
         assert_eq!(
-            about,
+            told,
             json!({
                 "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
                 "gestures": [{"name": "smile", "terms": [[1, 1]], "on": 0.45, "off": 0.25}],
