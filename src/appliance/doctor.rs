@@ -155,17 +155,12 @@ fn status(lines: &mut Lines, path: &Path) {
     }
     let folder = path.parent().unwrap_or(Path::new("."));
     let probe = folder.join(".mien-doctor");
-    let found = match std::fs::File::create(&probe) {
-        Ok(_) => {
-            // It was created only to test that it can be.
-            let _ = std::fs::remove_file(&probe);
-            Ok(format!("status files go to {}", folder.display()))
-        }
-        Err(problem) => Err(format!(
-            "{} is not writable ({problem}); the service creates it, otherwise choose another in status.path",
-            folder.display()
-        )),
-    };
+    // It is created only to test that it can be.
+    let found = std::fs::File::create(&probe).inspect(|_| drop(std::fs::remove_file(&probe)));
+    let folder = folder.display();
+    let advice = "the service creates it, otherwise choose another in status.path";
+    let found = found.map(|_| format!("status files go to {folder}"));
+    let found = found.map_err(|problem| format!("{folder} is not writable ({problem}); {advice}"));
     lines.judge(WARN, "status", found);
 }
 

@@ -319,12 +319,7 @@ impl<'r> Session<'r> {
     }
 }
 
-#[cfg_attr(
-    not(feature = "wires"),
-    expect(unused_variables, reason = "there are none")
-)]
 fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
-    #[cfg(feature = "wires")]
     gestures.tell(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
 }
 

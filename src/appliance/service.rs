@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::appliance::settings::{Settings, SettingsError};
 use crate::appliance::source::SourceError;
 use crate::base::bounded_read;
-use crate::face_model::{FaceModel, ModelError};
+use crate::face_model::FaceModel;
 use crate::output::OutputError;
 use crate::pipeline::PipelineError;
 
@@ -24,12 +24,9 @@ pub enum Failure {
     /// The configuration file.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// The model file cannot be read.
-    #[error("{}: cannot be read ({}); give the path of a model made by mien-studio train", .0.display(), .1)]
-    ModelFile(PathBuf, io::Error),
-    /// The model file is not a model.
+    /// The model file, and what is wrong with it.
     #[error("{}: {}", .0.display(), .1)]
-    Model(PathBuf, ModelError),
+    Model(PathBuf, String),
     /// The source of frames.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -88,7 +85,10 @@ pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
     let Some(path) = file else {
         return Ok(FaceModel::shipped());
     };
-    let bytes = bounded_read::read(path, MODEL_MOST)
-        .map_err(|problem| Failure::ModelFile(path.into(), problem))?;
-    FaceModel::read(&bytes).map_err(|problem| Failure::Model(path.into(), problem))
+    let wrong = |problem| Failure::Model(path.into(), problem);
+    let bytes = bounded_read::read(path, MODEL_MOST).map_err(|problem| {
+        let advice = "give the path of a model made by mien-studio train";
+        wrong(format!("cannot be read ({problem}); {advice}"))
+    })?;
+    FaceModel::read(&bytes).map_err(|problem| wrong(problem.to_string()))
 }

@@ -110,11 +110,8 @@ impl OneFace {
         self.aside = report.aside;
         self.present = report.state.is_present() && report.user.is_some();
         self.weights.observe(report);
-        Some(if report.user.is_some() {
-            report.state
-        } else {
-            TrackingState::Absent
-        })
+        let state = report.user.map(|_| report.state);
+        Some(state.unwrap_or_default())
     }
 }
 

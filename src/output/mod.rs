@@ -118,7 +118,6 @@ pub trait Output {
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
 
     /// Tells that a gesture went on or off, or that it is as it was; most outputs have no use for it.
-    #[cfg(feature = "wires")]
     fn switch(&mut self, _: &gesture::Switch<'_>) {}
 
     /// The counters so far.
@@ -142,7 +141,6 @@ pub enum OutputError {
     #[error("cannot open a UDP socket to send OSC: {0}; is the network configured?")]
     Socket(std::io::Error),
     /// The command port cannot be opened.
-    #[cfg(feature = "std")]
     #[error(
         "cannot listen for OSC commands at {0:?}; expected address:port of this machine, like 127.0.0.1:9131"
     )]

@@ -32,7 +32,6 @@ mod wire;
 
 #[cfg(feature = "std")]
 use super::Command;
-#[cfg(feature = "wires")]
 use super::gesture::{self, Switch};
 use super::{
     Every, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View, WireWeights,
@@ -290,7 +289,6 @@ impl Output for Osc {
         }
     }
 
-    #[cfg(feature = "wires")]
     fn switch(&mut self, switch: &Switch<'_>) {
         if gesture::ENABLED {
             let address = format_args!("/mien/gesture/{switch}");

@@ -94,11 +94,8 @@ pub(super) fn print(views: &[UnitView], text: &mut String) {
     let known = known();
     text.push_str("# Codes, and what the face does; L and R are the subject's own sides.\n");
     for words in &unit_words::ALL {
-        let of_it = known
-            .iter()
-            .map(String::as_str)
-            .filter(|unit| unit_words::of(unit).is_some_and(|(found, _)| found == words));
-        let codes: Vec<&str> = of_it.collect();
+        let is_it = |unit: &&str| unit_words::of(unit).is_some_and(|(found, _)| found == words);
+        let codes: Vec<&str> = known.iter().map(String::as_str).filter(is_it).collect();
         if !codes.is_empty() {
             let _ = writeln!(text, "#   {:<16} {}", codes.join(", "), words.does);
         }

@@ -66,10 +66,7 @@ impl Row {
         let unit = words.next()?;
         let universe = words.next()?.parse().ok()?;
         let channel: usize = words.next()?.parse().ok()?;
-        let wide = match words.next_if(|word| ["8", "16"].contains(word)) {
-            Some(bits) => bits == "16",
-            None => false,
-        };
+        let wide = words.next_if(|word| ["8", "16"].contains(word)) == Some("16");
         let is_named = |word: &&str| CURVES.iter().any(|(name, _)| name == word);
         let name = words.next_if(is_named).unwrap_or("linear");
         let (_, curve) = CURVES.into_iter().find(|curve| curve.0 == name)?;
@@ -251,19 +248,16 @@ impl Desk {
                 return Err(refuse(text, protocol.expected));
             }
             let known = universes.iter().position(|known| known.0 == row.universe);
-            let at = match known {
-                Some(at) => at,
-                None if universes.len() == UNIVERSES => {
-                    return Err(refuse(text, "at most 16 universes"));
-                }
-                None => {
-                    let mut datagram = header(row.universe);
-                    datagram.resize(datagram.len() + CHANNELS, 0);
-                    universes.push((row.universe, datagram));
-                    taken.push([false; CHANNELS]);
-                    universes.len() - 1
-                }
-            };
+            let at = known.unwrap_or(universes.len());
+            if at == UNIVERSES {
+                return Err(refuse(text, "at most 16 universes"));
+            }
+            if known.is_none() {
+                let mut datagram = header(row.universe);
+                datagram.resize(datagram.len() + CHANNELS, 0);
+                universes.push((row.universe, datagram));
+                taken.push([false; CHANNELS]);
+            }
             for slot in &mut taken[at][row.channel - 1..row.channel + usize::from(row.wide)] {
                 if std::mem::replace(slot, true) {
                     return Err(refuse(text, "a channel that no row above uses"));

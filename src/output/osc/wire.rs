@@ -116,7 +116,6 @@ impl Wire {
     }
 
     /// Sends a message of one number with an address of its own, in a datagram of its own.
-    #[cfg(feature = "wires")]
     pub(super) fn alone(&mut self, address: core::fmt::Arguments, number: i32) {
         self.flush();
         // It always fits.

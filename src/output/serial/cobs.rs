@@ -17,7 +17,6 @@ use super::line::{LARGEST, Line};
 use crate::base::checksum::crc16;
 use crate::base::geometry::Rigid;
 use crate::base::prelude::*;
-#[cfg(feature = "wires")]
 use crate::output::gesture::Switch;
 use crate::output::{Report, SCHEMA_VERSION, TrackingState};
 
@@ -102,7 +101,6 @@ pub(super) fn pose(
 }
 
 /// A gesture that is on or off.
-#[cfg(feature = "wires")]
 pub(super) fn switch(switch: &Switch<'_>, line: &mut Line) -> core::fmt::Result {
     let user = switch.user.map_or(u8::MAX, |user| user as u8);
     let head = [3, switch.index as u8, switch.is_on.into(), user];

@@ -7,6 +7,7 @@ use super::settings::{Settings, Style};
 use super::{budget, cobs};
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use crate::base::prelude::*;
+use crate::output::gesture::Switch;
 use crate::output::{OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, unit_range};
 
 /// Encodes reports to the bytes of a line, one face at a time.
@@ -92,12 +93,10 @@ impl Encoder {
     }
 
     /// Appends that a gesture is on or off, if the style has that.
-    #[cfg(feature = "wires")]
-    pub(super) fn switch(
-        &self,
-        switch: &crate::output::gesture::Switch<'_>,
-        line: &mut Line,
-    ) -> core::fmt::Result {
+    ///
+    /// # Errors
+    /// If there is no room.
+    pub fn switch(&self, switch: &Switch<'_>, line: &mut Line) -> core::fmt::Result {
         match self.form.style {
             Style::Text => write!(line, "!{switch} {}\r\n", u8::from(switch.is_on)),
             Style::Plot => Ok(()),

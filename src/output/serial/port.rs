@@ -71,7 +71,6 @@ impl Shared {
     }
 
     /// A gesture's line, which no newer frame replaces; without room it is dropped and counted, and repeated in time.
-    #[cfg(feature = "wires")]
     fn put_switch(&self, write: impl FnOnce(&mut Line) -> std::fmt::Result) {
         if !self.lock().switches.all_or_nothing(write) {
             self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -310,7 +309,6 @@ impl Output for Serial {
         Ok(())
     }
 
-    #[cfg(feature = "wires")]
     fn switch(&mut self, switch: &crate::output::gesture::Switch<'_>) {
         if crate::output::gesture::ENABLED {
             let (shared, encoder) = (&self.shared, &self.encoder);
