@@ -31,6 +31,7 @@ fn append(mut payload: Payload, line: &mut Line) -> core::fmt::Result {
     let mut stuffed = [0; LARGEST];
     let length = cobs::try_encode(&payload, &mut stuffed[..LARGEST - 1]);
     let length = length.map_err(|_| core::fmt::Error)?;
+    stuffed[length] = 0;
     line.put(&stuffed[..=length])
 }
 
