@@ -1,5 +1,6 @@
 //! How often something may be tried or asked for: pauses that double, an address that is tried until it is free, and an
-//! allowance that fills again. How long the end of an output may take, whose thread may still send the messages that report nobody, but no more.
+//! allowance that fills again. How long the end of an output may take, whose thread may still send the messages that report
+//! nobody, but no more.
 
 use std::net::SocketAddr;
 use std::thread::JoinHandle;

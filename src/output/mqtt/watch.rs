@@ -24,7 +24,7 @@ pub(super) enum Change {
     State(usize, Standing),
 }
 
-/// State of a user, how often it has changed, and when it was that last, µs.
+/// State of a user, how often it has changed, and the time of the last report of it, µs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Standing {
     state: TrackingState,
