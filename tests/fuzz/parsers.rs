@@ -169,7 +169,7 @@ fuzz_target!(init: {
         "obj" => {
             let text = words();
             if let Ok(mesh) = obj::parse(&text) {
-                let printed = obj::with_positions(&text, &mesh.positions, true);
+                let printed = obj::with_positions(&text, &mesh.positions);
                 assert!(obj::parse(&printed).is_ok(), "what is printed is accepted");
             }
         }

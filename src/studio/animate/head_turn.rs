@@ -7,12 +7,11 @@
 //! Frames: the sensor's head frame (y down, z in) becomes glTF's (y up, z out); VRM 0 looks the other way.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use crate::studio::bake::glb::Glb;
-
-/// How deep nodes may be nested.
-const DEEPEST: usize = 200;
+use crate::studio::bake::glb::{Glb, list};
+use crate::studio::bake::patch::position;
+use crate::studio::bake::scene::{self, Parents};
 
 /// A node and how it turns.
 #[derive(Debug)]
@@ -30,11 +29,7 @@ pub(super) struct Turned {
 }
 
 fn numbers<const N: usize>(value: &Value, otherwise: [f32; N]) -> [f32; N] {
-    let mut out = otherwise;
-    for (slot, number) in out.iter_mut().zip(value.as_array().into_iter().flatten()) {
-        *slot = number.as_f64().map_or(*slot, |v| v as f32);
-    }
-    out
+    scene::numbers(value).map_or(otherwise, |numbers| numbers.map(|x| x as f32))
 }
 
 fn rotation(node: &Value) -> UnitQuaternion<f32> {
@@ -45,48 +40,36 @@ fn rotation(node: &Value) -> UnitQuaternion<f32> {
 
 /// Rotation of a node's parents, one after the other.
 fn above(json: &Value, node: usize) -> UnitQuaternion<f32> {
-    let nodes: &[Value] = json["nodes"].as_array().map_or(&[], Vec::as_slice);
-    let parent = |of: usize| {
-        nodes.iter().position(|n| {
-            n["children"]
-                .as_array()
-                .is_some_and(|c| c.contains(&json!(of)))
-        })
-    };
-    let (mut out, mut at) = (UnitQuaternion::identity(), node);
-    for _ in 0..DEEPEST {
-        let Some(up) = parent(at) else { break };
-        out = rotation(&nodes[up]) * out;
-        at = up;
-    }
-    out
+    let nodes = list(&json["nodes"]);
+    let parents = Parents::of(nodes);
+    let above = parents.chain(node).skip(1);
+    above.fold(UnitQuaternion::identity(), |below, up| {
+        rotation(&nodes[up]) * below
+    })
 }
 
 /// The head's bone.
 fn bone(json: &Value) -> Option<usize> {
     let extensions = &json["extensions"];
     let first = extensions["VRMC_vrm"]["humanoid"]["humanBones"]["head"]["node"].as_u64();
-    let listed = extensions["VRM"]["humanoid"]["humanBones"].as_array();
-    let listed = listed.into_iter().flatten();
-    let listed = listed
-        .filter(|bone| bone["bone"] == "head")
-        .find_map(|bone| bone["node"].as_u64());
-    let joints = json["skins"].as_array().into_iter().flatten();
+    let mut listed = list(&extensions["VRM"]["humanoid"]["humanBones"]).iter();
+    let listed = listed.find(|bone| bone["bone"] == "head");
+    let listed = listed.and_then(|bone| bone["node"].as_u64());
     let named = |&joint: &u64| {
         let name = json["nodes"][joint as usize]["name"].as_str();
         name.is_some_and(|name| name.to_lowercase().ends_with("head"))
     };
-    let joints = joints.flat_map(|skin| skin["joints"].as_array().into_iter().flatten());
+    let joints = list(&json["skins"]).iter();
+    let joints = joints.flat_map(|skin| list(&skin["joints"]));
     let joint = joints.filter_map(Value::as_u64).find(named);
     first.or(listed).or(joint).map(|node| node as usize)
 }
 
 impl Turned {
     /// What of a file turns with the head; `meshes` are those that are animated.
-    #[must_use]
     pub(super) fn find(glb: &Glb, meshes: &[usize]) -> Vec<Self> {
         let json = &glb.json;
-        let nodes: &[Value] = json["nodes"].as_array().map_or(&[], Vec::as_slice);
+        let nodes = list(&json["nodes"]);
         let movable = |node: usize| nodes.get(node).is_some_and(|n| n["matrix"].is_null());
         let turned = |node: usize, about| Self {
             node,
@@ -96,10 +79,8 @@ impl Turned {
             backwards: !json["extensions"]["VRM"].is_null(),
         };
         if let Some(node) = bone(json) {
-            return movable(node)
-                .then(|| turned(node, None))
-                .into_iter()
-                .collect();
+            let bone = movable(node).then(|| turned(node, None));
+            return Vec::from_iter(bone);
         }
         let carried = |k: usize| {
             let node = &nodes[k];
@@ -119,7 +100,6 @@ impl Turned {
     }
 
     /// Rotation of the node for a pose (x, y, z, w in the sensor's head frame), and its translation if that changes too.
-    #[must_use]
     pub(super) fn at(&self, pose: [f32; 4]) -> ([f32; 4], Option<[f32; 3]>) {
         let [x, y, z, w] = pose;
         let q = if self.backwards {
@@ -138,29 +118,22 @@ impl Turned {
 
 /// Middle of a mesh, from the bounds that its file gives.
 fn middle(json: &Value, mesh: usize) -> Vector3<f32> {
-    let mut low = Vector3::repeat(f32::INFINITY);
-    let mut high = -low;
-    let primitives = json["meshes"][mesh]["primitives"].as_array();
-    for primitive in primitives.into_iter().flatten() {
-        let Some(at) = primitive["attributes"]["POSITION"].as_u64() else {
-            continue;
-        };
-        let accessor = &json["accessors"][at as usize];
-        if accessor["min"].is_array() && accessor["max"].is_array() {
-            low = low.inf(&Vector3::from(numbers(&accessor["min"], [0.0; 3])));
-            high = high.sup(&Vector3::from(numbers(&accessor["max"], [0.0; 3])));
-        }
-    }
-    let middle = (low + high) / 2.0;
-    if middle.iter().all(|c| c.is_finite()) {
-        middle
-    } else {
-        Vector3::zeros()
-    }
+    let bounds = list(&json["meshes"][mesh]["primitives"]).iter();
+    let bounds = bounds.filter_map(|primitive| {
+        let accessor = &json["accessors"][position(primitive)?];
+        let [low, high] = ["min", "max"].map(|end| scene::numbers(&accessor[end]));
+        Some([low?, high?].map(|end: [f64; 3]| Vector3::from(end.map(|x| x as f32))))
+    });
+    let wider =
+        |[low, high]: [Vector3<f32>; 2], [a, b]: [Vector3<f32>; 2]| [low.inf(&a), high.sup(&b)];
+    let [low, high] = bounds.reduce(wider).unwrap_or_default();
+    (low + high) / 2.0
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     /// A turn of 90° about the head frame's y, which points down.

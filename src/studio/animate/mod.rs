@@ -8,13 +8,14 @@
 
 mod head_turn;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
 use crate::studio::bake::command::written;
 use crate::studio::bake::files::{read, read_bytes, write};
-use crate::studio::bake::glb::Glb;
+use crate::studio::bake::glb::{Glb, list, push};
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::shape::pair;
 use crate::studio::csv;
@@ -41,26 +42,22 @@ pub struct Args {
 /// Times in seconds, weights and rotations of the head (x, y, z, w), one row per frame.
 #[derive(Default)]
 struct Track {
-    times: Vec<f32>,
-    weights: Vec<Vec<f32>>,
+    times: Vec<[f32; 1]>,
+    /// Those of a frame's targets follow each other.
+    weights: Vec<[f32; 1]>,
     /// As the sensor gives them, each on the side of the one before; empty if the table has none.
     poses: Vec<[f32; 4]>,
 }
 
 /// The slots that a table has, for people to read.
 fn slots(table: &csv::Table, slot: usize) -> String {
-    let mut all: Vec<&str> = table
-        .rows()
-        .filter_map(|row| row.cells.get(slot).copied())
-        .filter(|cell| !cell.is_empty())
-        .collect();
-    all.sort_unstable();
-    all.dedup();
-    all.truncate(16);
-    match all[..] {
+    let all = table.rows().filter_map(|row| row.cells.get(slot).copied());
+    let all: BTreeSet<&str> = all.filter(|cell| !cell.is_empty()).collect();
+    let first: Vec<&str> = all.into_iter().take(16).collect();
+    match first[..] {
         [] => "nobody".into(),
         [one] => format!("user {one} only"),
-        _ => format!("users {}", all.join(", ")),
+        _ => format!("users {}", first.join(", ")),
     }
 }
 
@@ -82,15 +79,13 @@ impl Columns {
     /// Of a table, `targets` the names wanted per target; `None` without time and user.
     fn find(table: &csv::Table, targets: &[Vec<String>]) -> Option<Self> {
         let of = |names: &Vec<String>| names.iter().find_map(|name| table.find(name));
-        let pose = ["qx", "qy", "qz", "qw"].map(|name| table.find(name));
+        let pose = ["qx", "qy", "qz", "qw"].iter();
+        let pose: Option<Vec<usize>> = pose.map(|name| table.find(name)).collect();
         Some(Self {
             time: table.find("time_us")?,
             slot: table.find("user")?,
             weights: targets.iter().map(of).collect(),
-            pose: pose
-                .iter()
-                .all(Option::is_some)
-                .then(|| pose.map(|at| at.unwrap_or(0))),
+            pose: pose.and_then(|pose| pose.try_into().ok()),
         })
     }
 
@@ -100,19 +95,16 @@ impl Columns {
         &self,
         cells: &[&'a str],
         pairs: &[Option<[usize; 2]>],
-    ) -> Result<Vec<f32>, &'a str> {
+    ) -> Result<Vec<[f32; 1]>, &'a str> {
         let weight = |at: &Option<usize>| match at.map_or("", |at| cells[at]) {
-            "" => Ok(0.0),
-            cell => finite(cell).ok_or(cell),
+            "" => Ok([0.0]),
+            cell => finite(cell).map(|weight| [weight]).ok_or(cell),
         };
-        let mut weights = self
-            .weights
-            .iter()
-            .map(weight)
-            .collect::<Result<Vec<_>, _>>()?;
+        let weights = self.weights.iter().map(weight);
+        let mut weights = weights.collect::<Result<Vec<_>, _>>()?;
         for (k, pair) in pairs.iter().enumerate() {
             if let Some([a, b]) = *pair {
-                weights[k] = weights[a] * weights[b];
+                weights[k] = [weights[a][0] * weights[b][0]];
             }
         }
         Ok(weights)
@@ -174,7 +166,8 @@ fn track(
             .parse()
             .map_err(|_| refuse(line, "a time in microseconds", text))?;
         let seconds = now.saturating_sub(*first.get_or_insert(now)) as f64 * 1e-6;
-        if out.times.last().is_some_and(|&last| seconds as f32 <= last) {
+        let time = [seconds as f32];
+        if out.times.last().is_some_and(|&last| time <= last) {
             continue;
         }
         let weights = columns.weights(&cells, &targets.pairs);
@@ -182,8 +175,8 @@ fn track(
         let pose = columns.pose(&cells, out.poses.last());
         let pose = pose.map_err(|found| refuse(line, "a finite number of the pose", found))?;
         out.poses.extend(pose);
-        out.times.push(seconds as f32);
-        out.weights.push(weights);
+        out.times.push(time);
+        out.weights.extend(weights);
     }
     if !met {
         let wanted = user.map_or_else(|| "somebody".into(), |user| format!("user {user}"));
@@ -229,52 +222,22 @@ impl Targets {
     }
 }
 
-/// An animation in the making.
-#[derive(Default)]
-struct Animation {
-    samplers: Vec<Value>,
-    channels: Vec<Value>,
+/// Adds values at the times of the accessor `input` to an animation; the number of their sampler.
+fn sampler<const N: usize>(
+    animation: &mut Value,
+    glb: &mut Glb,
+    input: usize,
+    rows: &[[f32; N]],
+) -> usize {
+    let output = glb.push_rows(rows, 0);
+    let sampler = json!({"input": input, "output": output, "interpolation": "LINEAR"});
+    push(&mut animation["samplers"], sampler)
 }
 
-impl Animation {
-    /// A sampler of values at the times of the accessor `input`; its number.
-    fn sampler(
-        &mut self,
-        glb: &mut Glb,
-        input: usize,
-        kind: &str,
-        values: impl Iterator<Item = f32>,
-        each: usize,
-    ) -> usize {
-        let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
-        let view = glb.push_view(&bytes, 0);
-        let output = glb.push_accessor(json!({
-            "bufferView": view, "componentType": 5126, "count": bytes.len() / (4 * each), "type": kind,
-        }));
-        self.samplers
-            .push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
-        self.samplers.len() - 1
-    }
-
-    fn channel(&mut self, sampler: usize, node: usize, path: &str) {
-        self.channels
-            .push(json!({"sampler": sampler, "target": {"node": node, "path": path}}));
-    }
-
-    /// The turns of the head at the times of the accessor `input`.
-    fn turn(&mut self, glb: &mut Glb, meshes: &[usize], input: usize, poses: &[[f32; 4]]) {
-        for turned in Turned::find(glb, meshes) {
-            let rows: Vec<_> = poses.iter().map(|&pose| turned.at(pose)).collect();
-            let rotations = rows.iter().flat_map(|row| row.0);
-            let sampler = self.sampler(glb, input, "VEC4", rotations, 4);
-            self.channel(sampler, turned.node, "rotation");
-            if rows.iter().any(|row| row.1.is_some()) {
-                let places = rows.iter().filter_map(|row| row.1).flatten();
-                let sampler = self.sampler(glb, input, "VEC3", places, 3);
-                self.channel(sampler, turned.node, "translation");
-            }
-        }
-    }
+/// Lets a sampler move a node.
+fn channel(animation: &mut Value, sampler: usize, node: usize, path: &str) {
+    let channel = json!({"sampler": sampler, "target": {"node": node, "path": path}});
+    push(&mut animation["channels"], channel);
 }
 
 /// Adds an animation of the morph weights to a head; returns the number of frames and of driven targets.
@@ -284,10 +247,9 @@ fn animated(
     path: &Path,
     user: Option<&str>,
 ) -> Result<(usize, usize), Fault> {
-    let meshes = glb.json["meshes"].as_array().cloned().unwrap_or_default();
-    let nodes = glb.json["nodes"].as_array().cloned().unwrap_or_default();
+    let [meshes, nodes] = ["meshes", "nodes"].map(|name| list(&glb.json[name]).to_vec());
     let recipe = Recipe::read(SHIPPED).map(|r| r.units()).unwrap_or_default();
-    let mut animation = Animation::default();
+    let mut animation = json!({"name": "run"});
     let (mut frames, mut most, mut total) = (0, 0, 0);
     let mut turning: Option<(usize, Vec<[f32; 4]>)> = None;
     let mut driven_meshes = Vec::new();
@@ -302,35 +264,34 @@ fn animated(
         }
         (frames, most) = (track.times.len(), most + driven);
         driven_meshes.push(m);
-        let times: Vec<u8> = track.times.iter().flat_map(|t| t.to_le_bytes()).collect();
-        let view = glb.push_view(&times, 0);
-        let input = glb.push_accessor(json!({
-            "bufferView": view, "componentType": 5126, "count": frames, "type": "SCALAR",
-            "min": [0.0], "max": [track.times[frames - 1]],
-        }));
+        let input = glb.push_bounded(&track.times, 0);
         turning.get_or_insert((input, track.poses));
-        let weights = track.weights.into_iter().flatten();
-        let sampler = animation.sampler(glb, input, "SCALAR", weights, 1);
+        let sampler = sampler(&mut animation, glb, input, &track.weights);
         for (node, value) in nodes.iter().enumerate() {
             if value["mesh"] == json!(m) {
-                animation.channel(sampler, node, "weights");
+                channel(&mut animation, sampler, node, "weights");
             }
         }
     }
-    if animation.channels.is_empty() {
+    if animation["channels"].is_null() {
         return Err(Fault::within(path)(format!(
             "no column belongs to any of the {total} morph targets of the mesh; bake the mesh with mien-studio bake, or give its targets ARKit's names"
         )));
     }
     if let Some((input, poses)) = turning.filter(|(_, poses)| !poses.is_empty()) {
-        animation.turn(glb, &driven_meshes, input, &poses);
+        for turned in Turned::find(glb, &driven_meshes) {
+            let rows = poses.iter().map(|&pose| turned.at(pose));
+            let (rotations, places): (Vec<_>, Vec<_>) = rows.unzip();
+            let turns = sampler(&mut animation, glb, input, &rotations);
+            channel(&mut animation, turns, turned.node, "rotation");
+            let places: Vec<[f32; 3]> = places.into_iter().flatten().collect();
+            if !places.is_empty() {
+                let moves = sampler(&mut animation, glb, input, &places);
+                channel(&mut animation, moves, turned.node, "translation");
+            }
+        }
     }
-    let Animation { samplers, channels } = animation;
-    let animation = json!({"name": "run", "samplers": samplers, "channels": channels});
-    match glb.json["animations"].as_array_mut() {
-        Some(list) => list.push(animation),
-        None => glb.json["animations"] = json!([animation]),
-    }
+    push(&mut glb.json["animations"], animation);
     Ok((frames, most))
 }
 

@@ -6,12 +6,11 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde_json::json;
 
-use super::benchmark::Truth;
 use super::files::{read, read_bytes, write};
 use super::glb::Glb;
 use super::head::Head;
-use super::learn::{Lesson, means};
-use super::locate::guess;
+use super::learn::{Lesson, Truth, means};
+use super::locate::{Located, guess};
 use super::looks::Looks;
 use super::mesh::{Mesh, Vec3};
 use super::names::NAMES;
@@ -150,11 +149,7 @@ impl Source {
             let looks = Looks::in_glb(&glb);
             let (mesh, foreign) = Foreign::read(glb).map_err(Fault::within(path))?;
             return Ok(Self {
-                obj: if as_obj {
-                    obj::emit(&mesh)
-                } else {
-                    String::new()
-                },
+                obj: as_obj.then(|| obj::emit(&mesh)).unwrap_or_default(),
                 mesh,
                 looks,
                 foreign: Some(foreign),
@@ -169,12 +164,11 @@ impl Source {
         })
     }
 
-    /// Vertex numbers of the landmarks, as told or as found.
-    fn landmarks(&self, request: &Request) -> Result<Vec<u64>, Fault> {
-        if request.landmarks.as_os_str() == "auto" {
-            return found(request, self);
-        }
-        self.told(&request.landmarks)
+    /// The landmarks as they are found on the mesh of this file.
+    pub(in crate::studio) fn guess(&self, path: &Path) -> Result<Located, Fault> {
+        guess(&self.mesh, &self.looks, &FaceModel::shipped())
+            .ok_or("expected vertices to find a face on, found none")
+            .map_err(Fault::within(path))
     }
 
     /// Vertex numbers of the landmarks in a file.
@@ -221,13 +215,12 @@ impl Source {
         for shape in shapes {
             let moved = self.mesh.positions.iter().zip(&shape.displacement);
             let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
-            let Shape {
-                name, unit, upon, ..
-            } = shape;
-            let file = format!("{name}.obj");
-            let text = obj::with_positions(&self.obj, &moved, false);
+            let file = format!("{}.obj", shape.name);
+            let text = obj::with_positions(&self.obj, &moved);
             write(&folder.join(&file), text.as_bytes())?;
-            list.push(json!({"name": name, "file": file, "unit": unit, "upon": upon}));
+            list.push(
+                json!({"name": shape.name, "file": file, "unit": shape.unit, "upon": shape.upon}),
+            );
         }
         let index = json!({"neutral": "neutral.obj", "shapes": list});
         let index = format!("{index:#}\n");
@@ -242,13 +235,12 @@ fn scale(request: &Request, head: &Head) -> Result<(f64, &'static str), Fault> {
     }
     let found = head.eye_distance;
     let mut units = [1.0, 1e-2, 1e-3].into_iter();
-    let fits = units.find(|m| (0.02..0.06).contains(&(found * m)));
-    let metres = fits.ok_or_else(|| {
-        Fault::new(format!(
+    match units.find(|m| (0.02..0.06).contains(&(found * m))) {
+        Some(metres) => Ok((metres, "from the distance of the eyes")),
+        None => Err(Fault::new(format!(
             "the inner eye corners are {found} units apart, which is no head in mm, cm or m (2 to 6 cm); say which with --unit mm|cm|m or scale the mesh"
-        ))
-    })?;
-    Ok((metres, "from the distance of the eyes"))
+        ))),
+    }
 }
 
 /// What is to be baked: a table of controls or a recipe, if it leaves room for the shapes.
@@ -257,12 +249,11 @@ fn targets(request: &Request, head: &Head, vertex: &[u32]) -> Result<Vec<Target>
         Some(path) => table(path, head, vertex, request.derive)?,
         None => of_recipe(request, head)?,
     };
-    let vertices = head.mesh.positions.len();
-    let bytes = (targets.len() * vertices).saturating_mul(SHAPE_BYTES);
+    let (shapes, vertices) = (targets.len(), head.mesh.positions.len());
+    let bytes = (shapes * vertices).saturating_mul(SHAPE_BYTES);
     if bytes > SHAPES_MOST {
         return Err(Fault::new(format!(
-            "{} shapes of {vertices} vertices would take {bytes} bytes, expected at most {SHAPES_MOST}; bake fewer shapes or a coarser mesh",
-            targets.len()
+            "{shapes} shapes of {vertices} vertices would take {bytes} bytes, expected at most {SHAPES_MOST}; bake fewer shapes or a coarser mesh"
         )));
     }
     Ok(targets)
@@ -306,7 +297,10 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     // Unpacked while the mesh is read: it takes as long.
     std::thread::spawn(Prior::shipped);
     let mut source = Source::read(&request.mesh, request.obj.is_some())?;
-    let numbers = source.landmarks(request)?;
+    let numbers = match request.landmarks.as_os_str() == "auto" {
+        true => found(request, &source)?,
+        false => source.told(&request.landmarks)?,
+    };
     let mut ordered = Ordered::new(&source.mesh);
     let numbers = ordered.landmarks(&numbers)?;
     let head = Head::new(std::mem::take(&mut ordered.mesh), &numbers)?;
@@ -377,18 +371,15 @@ pub fn skin(data: &Path, out: &Path) -> Result<(), Fault> {
 
 /// Landmarks found on the mesh, written beside the output for a person to confirm.
 fn found(request: &Request, source: &Source) -> Result<Vec<u64>, Fault> {
-    let picture = request.out.with_extension("landmarks.png");
-    let text = request.out.with_extension("landmarks.txt");
-    let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
-        .ok_or("expected vertices to find a face on, found none")
-        .map_err(Fault::within(&request.mesh))?;
+    let [picture, text] =
+        ["png", "txt"].map(|kind| request.out.with_extension(format!("landmarks.{kind}")));
+    let found = source.guess(&request.mesh)?;
+    let confidence = found.confidence;
     write(&picture, &png(&found.picture))?;
+    let (mesh, shown) = (request.mesh.display(), picture.display());
     if !found.is_face() {
         return Err(Fault::new(format!(
-            "{mesh}: expected a face, found none with more than {:.2} confidence ({} shows what was seen); place the points with: mien-studio place --mesh {mesh}",
-            found.confidence,
-            picture.display(),
-            mesh = request.mesh.display()
+            "{mesh}: expected a face, found none with more than {confidence:.2} confidence ({shown} shows what was seen); place the points with: mien-studio place --mesh {mesh}"
         )));
     }
     let numbers = landmark_text(&found.vertices, source.foreign.as_ref());
@@ -399,13 +390,9 @@ fn found(request: &Request, source: &Source) -> Result<Vec<u64>, Fault> {
         0 => String::new(),
         count => format!("; {count} points unsure, least {}", names.join(", ")),
     };
+    let (up, facing, text) = (found.up, found.facing, text.display());
     println!(
-        "face found with confidence {:.2}, up {}, facing {}{doubts}: look at {}; to correct points, use mien-studio place, or edit {} and give it with --landmarks",
-        found.confidence,
-        found.up,
-        found.facing,
-        picture.display(),
-        text.display()
+        "face found with confidence {confidence:.2}, up {up}, facing {facing}{doubts}: look at {shown}; to correct points, use mien-studio place, or edit {text} and give it with --landmarks"
     );
     Ok(found.vertices)
 }

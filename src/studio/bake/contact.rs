@@ -5,8 +5,7 @@
 //! Limits: only the front half of a ball counts; behind its widest part the socket's skin is out of sight.
 
 use super::head::Head;
-use super::mesh::Vec3;
-use super::nearest::Nearest;
+use super::mesh::{Nearest, Vec3};
 use super::recipe::Target;
 
 /// Height that moving lid skin keeps above the eyeball, in eye distances: a lid's edge is not thinner.
@@ -25,8 +24,8 @@ const BEHIND: f64 = 0.015;
 /// What can touch what on one head, measured on the neutral.
 pub(super) struct Contacts<'a> {
     pub(super) head: &'a Head,
-    /// Skin near each eyeball: vertex and the height above the ball it must keep.
-    beside: [Vec<(u32, f64)>; 2],
+    /// Skin near an eyeball: its side, the vertex and the height above the ball it must keep.
+    beside: Vec<(usize, u32, f64)>,
     /// Height of the upper above the lower inner lip line.
     lips: Vec<f64>,
     /// The mouth's inside: vertex, the nearest of the skin before it, and how far behind that it must stay.
@@ -39,16 +38,15 @@ impl<'a> Contacts<'a> {
     /// Of one head.
     pub(super) fn new(head: &'a Head) -> Self {
         let w = head.eye_distance;
-        let beside = [0, 1].map(|side: usize| {
-            let Some(ball) = &head.balls[side] else {
-                return Vec::new();
-            };
+        let mut beside = Vec::new();
+        for (side, ball) in head.balls.iter().enumerate() {
+            let Some(ball) = ball else { continue };
             let positions = head.mesh.positions.iter().enumerate();
-            positions
-                .filter(|&(v, p)| head.skin[v] && (p - ball.center).norm() <= BALL_REACH * w)
-                .map(|(v, p)| (v as u32, ball.height(p).min(LID_MARGIN * w)))
-                .collect()
-        });
+            let near = positions
+                .filter(|&(v, p)| head.skin[v] && (p - ball.center).norm() <= BALL_REACH * w);
+            let height = |p| ball.height(p).min(LID_MARGIN * w);
+            beside.extend(near.map(|(v, p)| (side, v as u32, height(p))));
+        }
         let mut corners = Vec::new();
         for f in (0..head.mesh.faces()).filter(|&f| !head.film[f]) {
             let face = head.mesh.face(f);
@@ -140,27 +138,20 @@ impl<'a> Contacts<'a> {
     pub(super) fn sunk(&self, d: &[Vec3], target: &Target) -> Vec<(u32, Vec3)> {
         let head = self.head;
         let out = head.axes.column(2);
-        let mut found = Vec::new();
-        for (side, beside) in self.beside.iter().enumerate() {
-            let Some(ball) = &head.balls[side] else {
-                continue;
-            };
-            let ball = ball.turned(target.gaze[side].as_ref());
-            for &(v, least) in beside {
-                let moved = d[v as usize];
-                if moved == Vec3::zeros() {
-                    continue;
-                }
-                let p = head.mesh.positions[v as usize];
-                let there = p + moved;
-                if (there - ball.center).dot(&out) >= 0.0
-                    && ball.height(&there) < least - SUNK * head.eye_distance
-                {
-                    found.push((v, ball.lifted(&there, least) - p));
-                }
-            }
-        }
-        found
+        let balls = [0, 1].map(|side: usize| {
+            let ball = head.balls[side].as_ref()?;
+            Some(ball.turned(target.gaze[side].as_ref()))
+        });
+        let sunk = self.beside.iter().filter_map(|&(side, v, least)| {
+            let (ball, moved) = (balls[side].as_ref()?, d[v as usize]);
+            let p = head.mesh.positions[v as usize];
+            let there = p + moved;
+            let sank = moved != Vec3::zeros()
+                && (there - ball.center).dot(&out) >= 0.0
+                && ball.height(&there) < least - SUNK * head.eye_distance;
+            sank.then(|| (v, ball.lifted(&there, least) - p))
+        });
+        sunk.collect()
     }
 
     /// Vertices of the inner lip lines that passed the other lip further than in the neutral, each half of the way back.
@@ -169,15 +160,15 @@ impl<'a> Contacts<'a> {
         let up = head.axes.column(1).into_owned();
         let moved = head.moved(d, base);
         let now = head.lip_gaps(|v| moved(v as usize));
-        let mut found = Vec::new();
-        for (&before, (upper, lower, now)) in self.lips.iter().zip(now) {
+        let both = self.lips.iter().zip(now);
+        let crossed = both.filter_map(|(&before, (upper, lower, now))| {
             let excess = before.min(0.0) - now;
-            let moves = d[upper as usize] != Vec3::zeros() || d[lower as usize] != Vec3::zeros();
-            if moves && excess > TOUCH * head.eye_distance {
-                found.push((upper, d[upper as usize] + up * (excess / 2.0)));
-                found.push((lower, d[lower as usize] - up * (excess / 2.0)));
-            }
-        }
-        found
+            let back = up * (excess / 2.0);
+            let [above, below] = [upper, lower].map(|v| d[v as usize]);
+            let moves = above != Vec3::zeros() || below != Vec3::zeros();
+            let crosses = moves && excess > TOUCH * head.eye_distance;
+            crosses.then(|| [(upper, above + back), (lower, below - back)])
+        });
+        crossed.flatten().collect()
     }
 }

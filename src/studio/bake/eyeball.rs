@@ -41,14 +41,9 @@ impl Ball {
             axes: *axes,
             radius: vec![0.0; CELLS * CELLS],
         };
-        for f in 0..mesh.faces() {
-            let face = mesh.face(f);
-            if !member(face[0].vertex as usize) {
-                continue;
-            }
-            for t in mesh.solid(f) {
-                ball.add(t.map(|c| mesh.positions[c.vertex as usize]));
-            }
+        let faces = (0..mesh.faces()).filter(|&f| member(mesh.face(f)[0].vertex as usize));
+        for t in faces.flat_map(|f| mesh.solid(f)) {
+            ball.add(t.map(|c| mesh.positions[c.vertex as usize]));
         }
         ball.fill();
         Some(ball)
@@ -56,11 +51,10 @@ impl Ball {
 
     /// The ball as it looks elsewhere: its cornea goes along.
     pub fn turned(&self, gaze: Option<&Rotation3<f64>>) -> Self {
-        let mut turned = self.clone();
-        if let Some(gaze) = gaze {
-            turned.axes = gaze.matrix() * self.axes;
+        Self {
+            axes: gaze.map_or(self.axes, |gaze| gaze.matrix() * self.axes),
+            ..self.clone()
         }
-        turned
     }
 
     /// Table coordinates of a direction in the face frame.
@@ -68,10 +62,11 @@ impl Ball {
         let across = direction.x.hypot(direction.y);
         let angle = across.atan2(direction.z).min(REACH);
         let middle = (CELLS - 1) as f64 / 2.0;
-        let mut scale = 0.0;
-        if across > 0.0 {
-            scale = angle / REACH / across;
-        }
+        let scale = if across > 0.0 {
+            angle / REACH / across
+        } else {
+            0.0
+        };
         let cell = |x: f64| middle * (1.0 + x * scale);
         (cell(direction.x), cell(direction.y))
     }
@@ -121,21 +116,24 @@ impl Ball {
     fn fill(&mut self) {
         for _ in 0..CELLS {
             let before = self.radius.clone();
+            let at = |row: usize, col: usize| {
+                let inside = row < CELLS && col < CELLS;
+                inside
+                    .then(|| before[row * CELLS + col])
+                    .filter(|&r| r > 0.0)
+            };
             let missing = (0..CELLS * CELLS).filter(|&cell| before[cell] <= 0.0);
             for cell in missing {
                 let (row, col) = (cell / CELLS, cell % CELLS);
                 let beside = [
-                    (row.wrapping_sub(1), col),
-                    (row + 1, col),
-                    (row, col.wrapping_sub(1)),
-                    (row, col + 1),
+                    at(row.wrapping_sub(1), col),
+                    at(row + 1, col),
+                    at(row, col.wrapping_sub(1)),
+                    at(row, col + 1),
                 ];
-                let inside = beside.into_iter().filter(|&(r, c)| r < CELLS && c < CELLS);
-                let beside = inside.map(|(r, c)| before[r * CELLS + c]);
-                let known = beside.filter(|&r| r > 0.0);
-                let (sum, count) = known.fold((0.0, 0.0), |(sum, n), r| (sum + r, n + 1.0));
-                if count > 0.0 {
-                    self.radius[cell] = sum / count;
+                let known: Vec<f64> = beside.into_iter().flatten().collect();
+                if !known.is_empty() {
+                    self.radius[cell] = known.iter().sum::<f64>() / known.len() as f64;
                 }
             }
         }

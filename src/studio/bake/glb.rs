@@ -114,18 +114,21 @@ impl Glb {
         push(&mut self.json["accessors"], accessor)
     }
 
-    /// Appends rows of floats as an accessor; with bounds if they are places.
-    pub(crate) fn push_rows<const N: usize>(&mut self, rows: &[[f32; N]], bounds: bool) -> usize {
-        let view = self.push_view(&bytes(rows), VERTICES);
-        let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1];
-        let mut accessor =
-            json!({"bufferView": view, "componentType": FLOAT, "count": rows.len(), "type": kind});
-        if bounds {
-            let [low, high] = extent(rows);
-            accessor["min"] = json!(&low[..]);
-            accessor["max"] = json!(&high[..]);
-        }
-        self.push_accessor(accessor)
+    /// Appends rows of floats as an accessor; `target` as of [`Self::push_view`].
+    pub(crate) fn push_rows<const N: usize>(&mut self, rows: &[[f32; N]], target: u32) -> usize {
+        let view = self.push_view(&bytes(rows), target);
+        let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"].get(N - 1);
+        let kind = kind.unwrap_or(&"MAT4");
+        self.push_accessor(
+            json!({"bufferView": view, "componentType": FLOAT, "count": rows.len(), "type": kind}),
+        )
+    }
+
+    /// The same with their bounds: places and times.
+    pub(crate) fn push_bounded<const N: usize>(&mut self, rows: &[[f32; N]], target: u32) -> usize {
+        let at = self.push_rows(rows, target);
+        bound(&mut self.json["accessors"][at], rows);
+        at
     }
 
     /// Appends corners of triangles as an accessor.
@@ -173,10 +176,7 @@ impl Glb {
     /// # Errors
     /// If the accessor does not exist, is not of floats or reaches over the data.
     pub fn floats(&self, accessor: usize, width: usize) -> Result<Vec<f32>, Fault> {
-        let content = |found: &str| {
-            let found = format!("accessor {accessor}: {found}");
-            unexpected("an accessor of floats within the data", found)
-        };
+        let content = content(accessor, "an accessor of floats within the data");
         let a = &self.json["accessors"][accessor];
         if a["componentType"] != FLOAT {
             return Err(content("another component type"));
@@ -230,10 +230,7 @@ impl Glb {
     /// # Errors
     /// If the accessor does not exist, is of another type or reaches over the data.
     pub fn indices(&self, accessor: usize) -> Result<Vec<u32>, Fault> {
-        let content = |found: &str| {
-            let found = format!("accessor {accessor}: {found}");
-            unexpected("an accessor of whole numbers within the data", found)
-        };
+        let content = content(accessor, "an accessor of whole numbers within the data");
         let a = &self.json["accessors"][accessor];
         let size = match a["componentType"].as_u64() {
             Some(5121) => 1,
@@ -249,13 +246,21 @@ impl Glb {
 
 const CUT_OFF: &str = "data that end too early";
 
+fn content(accessor: usize, expected: &str) -> impl Fn(&str) -> Fault {
+    move |found| unexpected(expected, format!("accessor {accessor}: {found}"))
+}
+
+/// Gives an accessor the smallest and largest of each column.
+pub(super) fn bound<const N: usize>(accessor: &mut Value, rows: &[[f32; N]]) {
+    let [low, high] = extent(rows);
+    accessor["min"] = json!(&low[..]);
+    accessor["max"] = json!(&high[..]);
+}
+
 /// The description, from its text.
 pub(super) fn json_of(text: &[u8]) -> Result<Value, Fault> {
-    let json: Value = serde_json::from_slice(text).map_err(|error| {
-        Fault::new(format!(
-            "the JSON chunk of the GLB file is damaged: {error}"
-        ))
-    })?;
+    let json: Value = serde_json::from_slice(text)
+        .map_err(Fault::within("the JSON chunk of the GLB file is damaged"))?;
     match json.is_object() {
         true => Ok(json),
         false => Err(no_container("JSON that is no object")),
@@ -268,7 +273,7 @@ fn number(value: &Value) -> usize {
 }
 
 /// What is in a list, nothing if it is none.
-pub(super) fn list(value: &Value) -> &[Value] {
+pub(in crate::studio) fn list(value: &Value) -> &[Value] {
     value.as_array().map_or(&[], Vec::as_slice)
 }
 

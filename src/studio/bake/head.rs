@@ -161,43 +161,6 @@ fn seams(mesh: &Mesh, rings: &Rings, points: &mut [u32], out: Vec3, slack: f64) 
     ]
 }
 
-/// Vertices of the ten derived control points, in the order of [`super::names::NAMES`] after the landmarks.
-fn derived_points(
-    mesh: &Mesh,
-    skin: &[bool],
-    axes: &Matrix3<f64>,
-    points: &[u32],
-    w: f64,
-) -> Vec<u32> {
-    let normals = mesh.vertex_normals(&mesh.positions);
-    let (up, out) = (axes.column(1), axes.column(2));
-    // Aims by combining landmarks of the left side; the right side uses the mirror partners.
-    let aims = |m: fn(usize) -> usize| {
-        let p = |k: usize| mesh.positions[points[m(k)] as usize];
-        [
-            0.5 * (p(47) + p(35)),
-            (p(46) + p(54) + p(14)) / 3.0,
-            0.5 * (p(54) + p(11)),
-            p(24) + up * (0.5 * w),
-            p(23) + up * (1.1 * w),
-        ]
-    };
-    let nearest = |aim: Vec3| {
-        // Seen from in front: distance across counts fully, distance in depth little, as the skin may bulge.
-        let cost = |v: usize| {
-            let d = mesh.positions[v] - aim;
-            let depth = d.dot(&out);
-            d.norm_squared() - 0.9 * depth * depth
-        };
-        (0..mesh.positions.len())
-            .filter(|&v| skin[v] && normals[v].dot(&out) > 0.1 && !points.contains(&(v as u32)))
-            .min_by(|&a, &b| cost(a).total_cmp(&cost(b)))
-            .map_or(points[30], |v| v as u32)
-    };
-    let both = [aims(|k| k), aims(mirrored)];
-    both.into_iter().flatten().map(nearest).collect()
-}
-
 impl Head {
     /// Analyses a neutral mesh with its 68 landmark vertices.
     ///
@@ -232,11 +195,7 @@ impl Head {
             let far = soft.iter().map(|q| (q - mesh.positions[v]).norm_squared());
             stiffness(far.fold(f64::INFINITY, f64::min).sqrt() / eye_distance)
         };
-        let (operator, derived) = rayon::join(
-            || Operator::new(&mesh, |f| film[f], stiff),
-            || derived_points(&mesh, &skin, &axes, &points, eye_distance),
-        );
-        points.extend(derived);
+        let operator = Operator::new(&mesh, |f| film[f], stiff);
         let mut head = Self {
             socket: vec![f32::NAN; n],
             from_lips: vec![f32::INFINITY; n],
@@ -258,9 +217,43 @@ impl Head {
             lids: [left, right],
             hinge,
         };
+        head.points.extend(head.derived_points());
         head.find_sockets();
         head.find_parts(&component, skin_label);
         Ok(head)
+    }
+
+    /// Vertices of the ten derived control points, in the order of [`super::names::NAMES`] after the landmarks.
+    fn derived_points(&self) -> Vec<u32> {
+        let Self { mesh, points, .. } = self;
+        let normals = mesh.vertex_normals(&mesh.positions);
+        let (up, out) = (self.axes.column(1), self.axes.column(2));
+        // Aims by combining landmarks of the left side; the right side uses the mirror partners.
+        let aims = |m: fn(usize) -> usize| {
+            let p = |k: usize| self.point(m(k));
+            [
+                0.5 * (p(47) + p(35)),
+                (p(46) + p(54) + p(14)) / 3.0,
+                0.5 * (p(54) + p(11)),
+                p(24) + up * (0.5 * self.eye_distance),
+                p(23) + up * (1.1 * self.eye_distance),
+            ]
+        };
+        let front = |v: &usize| self.skin[*v] && normals[*v].dot(&out) > 0.1;
+        let front = (0..normals.len()).filter(front);
+        let free: Vec<usize> = front.filter(|&v| !points.contains(&(v as u32))).collect();
+        let nearest = |aim: Vec3| {
+            // Seen from in front: distance across counts fully, distance in depth little, as the skin may bulge.
+            let cost = |v: usize| {
+                let d = mesh.positions[v] - aim;
+                let depth = d.dot(&out);
+                d.norm_squared() - 0.9 * depth * depth
+            };
+            let nearest = free.iter().min_by(|&&a, &&b| cost(a).total_cmp(&cost(b)));
+            nearest.map_or(points[30], |&v| v as u32)
+        };
+        let both = [aims(|k| k), aims(mirrored)];
+        both.into_iter().flatten().map(nearest).collect()
     }
 
     /// Whether skin spans the slit of the mouth, or the lips' lines are one: then the mouth does not open, it stretches.
@@ -329,24 +322,19 @@ impl Head {
     pub(super) fn lip_gaps(&self, p: impl Fn(u32) -> Vec3) -> Vec<(u32, u32, f64)> {
         let (left, up) = (self.axes.column(0), self.axes.column(1));
         let flat = |v: u32| (p(v).dot(&left), p(v).dot(&up));
-        let lower = &self.lips.lower;
-        let upper = &self.lips.upper;
-        upper[1..upper.len() - 1]
-            .iter()
-            .map(|&v| {
-                let (x, y) = flat(v);
-                let met = lower.windows(2).find_map(|s| {
-                    let ((ax, ay), (bx, by)) = (flat(s[0]), flat(s[1]));
-                    if bx == ax || (x - ax) * (x - bx) > 0.0 {
-                        return None;
-                    }
-                    let t = (x - ax) / (bx - ax);
-                    Some((s[usize::from(t > 0.5)], y - (ay + (by - ay) * t)))
-                });
-                let (other, gap) = met.unwrap_or((lower[0], f64::INFINITY));
-                (v, other, gap)
-            })
-            .collect()
+        let Seam { upper, lower } = &self.lips;
+        let gap = |&v: &u32| {
+            let (x, y) = flat(v);
+            let met = lower.windows(2).find_map(|s| {
+                let ((ax, ay), (bx, by)) = (flat(s[0]), flat(s[1]));
+                let t = (x - ax) / (bx - ax);
+                let spans = bx != ax && (x - ax) * (x - bx) <= 0.0;
+                spans.then(|| (s[usize::from(t > 0.5)], y - (ay + (by - ay) * t)))
+            });
+            let (other, gap) = met.unwrap_or((lower[0], f64::INFINITY));
+            (v, other, gap)
+        };
+        upper[1..upper.len() - 1].iter().map(gap).collect()
     }
 
     /// Height of a point below the bite line, towards the chin; the line runs from between the lips to the hinge.

@@ -59,22 +59,6 @@ pub fn propagate(
     d
 }
 
-/// Vertices joined to `center` by edges that stay within `radius` of it in space; `center` first.
-pub fn disc(rings: &Rings, positions: &[Vec3], center: u32, radius: f64) -> Vec<u32> {
-    let middle = positions[center as usize];
-    let mut found = vec![center];
-    let mut next = 0;
-    while next < found.len() {
-        for &o in rings.of(found[next] as usize) {
-            if (positions[o as usize] - middle).norm() <= radius && !found.contains(&o) {
-                found.push(o);
-            }
-        }
-        next += 1;
-    }
-    found
-}
-
 /// The screened field of one set of control points, factored once for all shapes.
 pub struct Field {
     /// Which control each vertex belongs to, `u32::MAX` for the free ones.
@@ -102,7 +86,7 @@ impl Field {
         let mut owner = vec![u32::MAX; positions.len()];
         let mut distance = vec![f64::INFINITY; positions.len()];
         for (k, &c) in controls.iter().enumerate() {
-            for v in disc(rings, positions, c, radius) {
+            for v in rings.disc(positions, c, radius) {
                 // Discs of neighbouring controls meet halfway.
                 let d = (positions[v as usize] - positions[c as usize]).norm();
                 if d < distance[v as usize] {

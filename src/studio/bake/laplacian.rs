@@ -41,9 +41,8 @@ pub struct Operator {
 /// Cotangents at the three corners and the area; `None` if degenerate.
 fn cotangents(p: [Vec3; 3]) -> Option<([f64; 3], f64)> {
     let doubled = (p[1] - p[0]).cross(&(p[2] - p[0])).norm();
-    let longest = (0..3)
-        .map(|k| (p[(k + 1) % 3] - p[k]).norm_squared())
-        .fold(0.0, f64::max);
+    let edges = (0..3).map(|k| (p[(k + 1) % 3] - p[k]).norm_squared());
+    let longest = edges.fold(0.0, f64::max);
     if doubled.is_nan() || doubled <= FLAT * longest {
         return None;
     }
@@ -108,18 +107,11 @@ impl Operator {
         let solid = |v: usize| Some(area[v]).filter(|area| *area > 0.0);
         let weight = |v: usize| solid(v).map_or(0.0, |area| stiffness(v) * mean / area);
         let weight: Vec<f64> = (0..n).map(weight).collect();
-        let (positive, (energy, elimination)) = rayon::join(
-            || rows(|w| w.max(LEAST_WEIGHT)),
-            || {
-                let energy = cotangent.squared(&weight);
-                let elimination = energy.elimination();
-                (energy, elimination)
-            },
-        );
+        let energy = cotangent.squared(&weight);
         Self {
-            positive,
+            positive: rows(|w| w.max(LEAST_WEIGHT)),
+            elimination: energy.elimination(),
             energy,
-            elimination,
             weight,
             cotangent,
             area,

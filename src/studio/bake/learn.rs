@@ -3,18 +3,22 @@
 //! Units: eye distances in the face's frame inside, the mesh's outside. Deterministic. Cost: half a minute of one core, most of
 //! it the shapes left out in turn.
 
+use std::path::Path;
+
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::benchmark::Truth;
 use super::canonical::{in_frame, places};
+use super::files::{read, read_bytes};
 use super::head::Head;
-use super::mesh::Vec3;
+use super::mesh::{Mesh, Vec3};
 use super::names::LANDMARKS;
+use super::obj;
 use super::prior::{Comparison, Place, Prior};
 use super::recipe::Target;
 use super::rig::{self, Method};
 use crate::studio::fault::Fault;
+use crate::studio::text_files::listed;
 
 /// Places of the left half, those on the middle included.
 const PLACES: usize = 360;
@@ -24,6 +28,72 @@ const DENSE: f64 = 0.2;
 const MIDDLE: f64 = 0.012;
 /// Ridge, against a mean comparison of a shape with itself of 1.
 const RIDGE: f64 = 0.5;
+
+/// The truth: mesh, landmarks and expression displacements in the source's centimetres.
+pub struct Truth {
+    /// Neutral mesh.
+    pub mesh: Mesh,
+    /// 68 vertex numbers.
+    pub landmarks: Vec<u32>,
+    /// Name and displacement per vertex.
+    pub shapes: Vec<(String, Vec<Vec3>)>,
+}
+
+impl Truth {
+    /// Vertices the error is taken over.
+    pub const FACE: std::ops::Range<usize> = 0..9409;
+
+    /// Reads the folder; leaves out the shapes that do not move the face.
+    ///
+    /// # Errors
+    /// If a file is missing or damaged.
+    pub fn read(folder: &Path) -> Result<Self, Fault> {
+        let neutral = folder.join("generic_neutral_mesh.obj");
+        let mesh = obj::parse(&read(&neutral)?).map_err(Fault::within(&neutral))?;
+        let landmarks = read(&folder.join("landmarks68.txt"))?;
+        let expressions = folder.join("expr");
+        let paths = listed(&expressions).map_err(Fault::cannot("read", &expressions, ""))?;
+        let mut shapes = Vec::new();
+        for path in paths {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+            if !name.starts_with("PupilDilate") {
+                let bytes = read_bytes(&path)?;
+                let numbers = bytes.as_chunks::<4>().0.iter();
+                let numbers: Vec<f64> =
+                    numbers.map(|b| f64::from(f32::from_le_bytes(*b))).collect();
+                let rows = numbers.as_chunks::<3>().0.iter();
+                shapes.push((name.into_owned(), rows.map(|&d| Vec3::from(d)).collect()));
+            }
+        }
+        let landmarks = landmarks.split_ascii_whitespace();
+        Ok(Self {
+            mesh,
+            landmarks: landmarks.filter_map(|w| w.parse().ok()).collect(),
+            shapes,
+        })
+    }
+
+    /// The true motion of the landmarks in shape `s`, to bake.
+    pub fn target(&self, s: usize) -> Target {
+        let (name, d) = &self.shapes[s];
+        Target {
+            name: name.clone(),
+            controls: self.landmarks.iter().map(|&v| (v, d[v as usize])).collect(),
+            exact: true,
+            ..Target::default()
+        }
+    }
+
+    /// Error of a baked shape against shape `s` over some vertices: RMS(baked − true) / RMS(true).
+    pub fn error(&self, s: usize, baked: &[Vec3], some: impl Iterator<Item = usize>) -> f64 {
+        let truth = &self.shapes[s].1;
+        let (miss, size) = some.fold((0.0, 0.0), |(miss, size), v| {
+            let off = baked[v] - truth[v];
+            (miss + off.norm_squared(), size + truth[v].norm_squared())
+        });
+        (miss / size).sqrt()
+    }
+}
 
 /// How close one shape comes to its sculpted truth: RMS error over RMS motion.
 #[derive(Clone, Debug)]
@@ -38,13 +108,11 @@ pub struct Score {
 
 /// Mean errors of the face and of the cheek: by the solve alone, and with what was learned.
 pub fn means(scores: &[Score]) -> [[f64; 2]; 2] {
-    let mean = |some: Vec<[f64; 2]>| {
+    let mean = |of: fn(&Score) -> Option<[f64; 2]>| {
+        let some: Vec<[f64; 2]> = scores.iter().filter_map(of).collect();
         [0, 1].map(|k| some.iter().map(|e| e[k]).sum::<f64>() / some.len().max(1) as f64)
     };
-    [
-        mean(scores.iter().map(|s| s.face).collect()),
-        mean(scores.iter().filter_map(|s| s.cheek).collect()),
-    ]
+    [mean(|s| Some(s.face)), mean(|s| s.cheek)]
 }
 
 /// Sculpted shapes and what the solve makes of their landmarks.
@@ -121,11 +189,8 @@ impl<'a> Lesson<'a> {
         let partner = |(name, _): &(String, _)| {
             let other = other_side(name);
             let found = truth.shapes.iter().position(|s| s.0 == other);
-            found.ok_or_else(|| {
-                Fault::new(format!(
-                    "expected every one-sided shape with its other side, found {name} alone"
-                ))
-            })
+            let expected = "expected every one-sided shape with its other side, found";
+            found.ok_or_else(|| Fault::new(format!("{expected} {name} alone")))
         };
         let mirror = truth.shapes.iter().map(partner).collect::<Result<_, _>>()?;
         Ok(Self {
@@ -222,16 +287,14 @@ impl<'a> Lesson<'a> {
             let baked = rig::bake_with(&self.head, &targets, Method::Aoi, prior, &|_| ())?;
             for (&s, shape) in pair.iter().zip(&baked) {
                 let both = [&self.solved[s], &shape.displacement];
-                let moved = |some: &mut dyn Iterator<Item = usize>| {
-                    some.map(|v| self.truth.shapes[s].1[v].norm_squared())
-                        .sum::<f64>()
-                };
-                let share = moved(&mut cheek.iter().copied()) / moved(&mut Truth::FACE.clone());
+                let on_cheek = |d: &Vec<Vec3>| self.truth.error(s, d, cheek.iter().copied());
+                let moved = |v: usize| self.truth.shapes[s].1[v].norm_squared();
+                let of_cheek: f64 = cheek.iter().map(|&v| moved(v)).sum();
+                let share = of_cheek / Truth::FACE.map(moved).sum::<f64>();
                 scores[s] = Some(Score {
                     name: shape.name.clone(),
-                    face: both.map(|d| self.truth.error(s, d)),
-                    cheek: (share > 0.05)
-                        .then(|| both.map(|d| self.truth.error_over(s, d, cheek.iter().copied()))),
+                    face: both.map(|d| self.truth.error(s, d, Truth::FACE)),
+                    cheek: (share > 0.05).then(|| both.map(on_cheek)),
                 });
             }
         }

@@ -19,11 +19,11 @@ use std::collections::HashSet;
 use image::RgbImage;
 use nalgebra::Matrix3;
 
-use self::search::{DEEP, FRAME, Face, halved, is_sure, search};
-use self::seen::{PIXELS, Parts, Seen, apart};
+use self::search::{DEEP, FRAME, Face, Search, halved};
+use self::seen::{PIXELS, Parts, apart};
 use super::by_shape;
 use super::looks::{Looks, Surfaces};
-use super::mesh::{Mesh, Rings, Vec3};
+use super::mesh::{Mesh, Rings, Vec3, extent_of};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
 use crate::face_model::scheme::MIRROR;
@@ -41,6 +41,8 @@ const UNMARKED: usize = 27;
 const DOUBTFUL: f64 = 0.1;
 /// A rim vertex further than this from a fitted point is another opening's, in widths of the head.
 const RIM: f64 = 0.03;
+/// Width of the head in the picture, pixels.
+const WIDTH: f64 = PIXELS as f64 / FRAME;
 
 /// What was found.
 pub struct Located {
@@ -75,60 +77,37 @@ impl Located {
     }
 }
 
-/// Finds the landmarks; `None` if no face is to be seen.
-pub fn locate(mesh: &Mesh, model: &FaceModel) -> Option<Located> {
-    guess(mesh, &Looks::default(), model).filter(Located::is_face)
-}
-
-/// The same with however little confidence, for a person to correct: as if of plaster, then as it is coloured. `None` if there is
-/// nothing to look at.
-pub(in crate::studio) fn guess(mesh: &Mesh, looks: &Looks, model: &FaceModel) -> Option<Located> {
+/// Finds the landmarks with however little confidence, for a person to correct: as if of plaster, then as it is coloured.
+/// `None` if there is nothing to look at.
+pub fn guess(mesh: &Mesh, looks: &Looks, model: &FaceModel) -> Option<Located> {
     let rings = mesh.rings();
-    let mut parts = Parts::new(mesh, &rings);
-    let mut best = None;
-    search(mesh, &parts, model, &mut best);
-    if !is_sure(&best) {
-        parts.surfaces = Some(Surfaces::new(mesh, looks)).filter(Surfaces::any);
-        if parts.surfaces.is_some() {
-            search(mesh, &parts, model, &mut best);
+    let mut search = Search::new(mesh, Parts::new(mesh, &rings), model);
+    search.all_around();
+    if !search.is_sure() {
+        search.parts.surfaces = Some(Surfaces::new(mesh, looks)).filter(Surfaces::any);
+        if search.parts.surfaces.is_some() {
+            search.all_around();
         }
     }
-    Some(located(best?, mesh, &rings, &parts, model))
-}
-
-/// The vertices of a face, and how sure each is.
-fn located(
-    face: Face,
-    mesh: &Mesh,
-    rings: &Rings,
-    parts: &Parts<'_>,
-    model: &FaceModel,
-) -> Located {
-    let (points, mut of_points, mut seen) = (face.points, face.of_points, face.seen);
-    let confidence = face.confidence;
-    let skin: Vec<bool> = parts.of.iter().map(|&c| c == face.skin).collect();
-    let (mut vertices, symmetric) = cast(mesh, rings, &skin, &points, &face.depths, &mut seen);
-    // A vertex that is not where the point was seen is as unsure.
-    let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
-    for ((sure, point), &v) in of_points.iter_mut().zip(&points).zip(&vertices) {
-        let at = seen.screen(&mesh.positions[v as usize]);
-        *sure /= halved(apart(*point, [at.x as f32, at.y as f32]) / eyes);
-    }
-    // What the picture says of brows and jaw is left.
-    of_points[..UNMARKED].fill(confidence);
-    let shares = by_the_rest(mesh, &skin, model, &seen, symmetric, &mut vertices);
-    for (sure, share) in of_points.iter_mut().zip(shares) {
-        *sure *= share as f32;
-    }
-    let picture = with_points(mesh, &seen, &vertices);
-    Located {
+    let face = search.best?;
+    let seen = &face.seen;
+    let on_skin = search.parts.of.iter().map(|&part| part == face.skin);
+    let placing = Placing {
+        mesh,
+        rings: &rings,
+        face: &face,
+        screen: mesh.positions.iter().map(|p| seen.screen(p)).collect(),
+        skin: on_skin.collect(),
+    };
+    let (vertices, of_points) = placing.placed(model);
+    Some(Located {
+        picture: placing.picture(&vertices),
         vertices: vertices.into_iter().map(u64::from).collect(),
-        confidence,
+        confidence: face.confidence,
         of_points,
         up: axis(&seen.to_view, 1),
         facing: axis(&seen.to_view, 2),
-        picture,
-    }
+    })
 }
 
 /// A row of a view as an axis of the mesh.
@@ -139,139 +118,155 @@ fn axis(to_view: &Matrix3<f64>, row: usize) -> &'static str {
     names[k][usize::from(along[k] > 0.0)]
 }
 
-/// The head enlarged, with the points drawn in.
-fn with_points(mesh: &Mesh, seen: &Seen, vertices: &[u32]) -> RgbImage {
-    let side = PIXELS * ENLARGED;
-    let filter = image::imageops::FilterType::Triangle;
-    let mut picture = image::imageops::resize(&seen.canvas.image, side, side, filter);
-    for (k, &v) in vertices.iter().enumerate() {
-        let p = seen.screen(&mesh.positions[v as usize]);
-        let [x, y] = [p.x, p.y].map(|c| ((c + 0.5) * f64::from(ENLARGED)) as f32);
-        // Inner lips and lids in another colour than what lies beside them.
-        let lines = matches!(k, 36..=47 | 60..=67);
-        let colour = if lines { [250, 220, 40] } else { [30, 220, 70] };
-        canvas::square(&mut picture, x, y, 2, colour);
+/// A face that was found and the mesh that it is on.
+struct Placing<'a> {
+    mesh: &'a Mesh,
+    rings: &'a Rings,
+    face: &'a Face,
+    /// Where each vertex is seen: pixels, and depth in pixels.
+    screen: Vec<Vec3>,
+    skin: Vec<bool>,
+}
+
+impl Placing<'_> {
+    /// The vertices of the points, and how sure each is.
+    fn placed(&self, model: &FaceModel) -> (Vec<u32>, [f32; LANDMARKS]) {
+        let (points, mut of_points) = (&self.face.points, self.face.of_points);
+        let mirror = self.mirror();
+        let mut vertices = self.cast(mirror);
+        // A vertex that is not where the point was seen is as unsure.
+        let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
+        for ((sure, point), &v) in of_points.iter_mut().zip(points).zip(&vertices) {
+            let at = self.screen[v as usize];
+            *sure /= halved(apart(*point, [at.x as f32, at.y as f32]) / eyes);
+        }
+        // What the picture says of brows and jaw is left.
+        of_points[..UNMARKED].fill(self.face.confidence);
+        let shares = self.by_the_rest(model, mirror, &mut vertices);
+        for (sure, share) in of_points.iter_mut().zip(shares) {
+            *sure *= share as f32;
+        }
+        (vertices, of_points)
     }
-    picture
-}
 
-/// Puts brows and jaw where the other points say that they are. Share of the confidence of each point.
-fn by_the_rest(
-    mesh: &Mesh,
-    skin: &[bool],
-    model: &FaceModel,
-    seen: &Seen,
-    symmetric: bool,
-    vertices: &mut [u32],
-) -> [f64; LANDMARKS] {
-    let view: Vec<Vec3> = mesh.positions.iter().map(|p| seen.to_view * p).collect();
-    let found: [Vec3; LANDMARKS] = std::array::from_fn(|k| view[vertices[k] as usize]);
-    let Some(laid) = by_shape::laid(&model.shape, &found) else {
-        return [0.0; LANDMARKS];
-    };
-    let eyes = (found[39] - found[42]).norm();
-    // None stands in the way of another.
-    vertices[..UNMARKED].fill(u32::MAX);
-    std::array::from_fn(|k| {
-        let mut there = laid[k];
-        if symmetric {
-            let mut other = laid[MIRROR[k]];
-            other.x = 2.0 * seen.plane - other.x;
-            there = (there + other) / 2.0;
+    /// The head enlarged, with the points drawn in.
+    fn picture(&self, vertices: &[u32]) -> RgbImage {
+        let side = PIXELS * ENLARGED;
+        let filter = image::imageops::FilterType::Triangle;
+        let drawn = &self.face.seen.canvas.image;
+        let mut picture = image::imageops::resize(drawn, side, side, filter);
+        for (k, &v) in vertices.iter().enumerate() {
+            let p = self.screen[v as usize];
+            let [x, y] = [p.x, p.y].map(|c| ((c + 0.5) * f64::from(ENLARGED)) as f32);
+            // Inner lips and lids in another colour than what lies beside them.
+            let lines = matches!(k, 36..=47 | 60..=67);
+            let colour = if lines { [250, 220, 40] } else { [30, 220, 70] };
+            canvas::square(&mut picture, x, y, 2, colour);
         }
-        if k < UNMARKED {
-            let far = |v: u32| (view[v as usize] - there).norm_squared();
-            let free =
-                (0..view.len() as u32).filter(|&v| skin[v as usize] && !vertices.contains(&v));
-            let nearest = free.min_by(|&a, &b| far(a).total_cmp(&far(b)));
-            vertices[k] = nearest.unwrap_or(0);
-        }
-        let miss = (view[vertices[k] as usize] - there).norm() / (DOUBTFUL * eyes);
-        (-0.5 * miss * miss).exp()
-    })
-}
-
-/// The vertex under each fitted point, and whether the head mirrors itself.
-fn cast(
-    mesh: &Mesh,
-    rings: &Rings,
-    skin: &[bool],
-    points: &[[f32; 2]; LANDMARKS],
-    depths: &[f64; LANDMARKS],
-    seen: &mut Seen,
-) -> (Vec<u32>, bool) {
-    let n = mesh.positions.len();
-    let width_px = f64::from(PIXELS) / FRAME;
-    let screen: Vec<Vec3> = mesh.positions.iter().map(|p| seen.screen(p)).collect();
-    let normals = mesh.vertex_normals(&mesh.positions);
-    let towards = seen.to_view.transpose() * Vec3::z();
-    let faces = |v: usize| normals[v].dot(&towards) > 0.0 && seen.canvas.shows(&screen[v]);
-    let visible: Vec<bool> = (0..n).map(|v| skin[v] && faces(v)).collect();
-    let border = mesh.border();
-    let ends = |v: usize| border[v] || rings.of(v).iter().any(|&o| !visible[o as usize]);
-    let rim: Vec<bool> = (0..n).map(|v| visible[v] && ends(v)).collect();
-    // Mirrored points in a mirrored head: the mean of both sides.
-    let (middle, symmetric) = plane(&screen, skin, points, width_px);
-    seen.plane = seen.middle.x + (middle - f64::from(PIXELS) / 2.0) / seen.scale;
-    let aim = |k: usize| {
-        let [p, q] = [k, MIRROR[k]].map(|k| points[k].map(f64::from));
-        let both = [0.5 * (p[0] + 2.0 * middle - q[0]), 0.5 * (p[1] + q[1])];
-        if symmetric { both } else { p }
-    };
-    let up = |v: usize| (seen.to_view * normals[v]).y;
-    let deep = DEEP * f64::from(apart(points[39], points[42]));
-    let mut taken: Vec<u32> = Vec::with_capacity(LANDMARKS);
-    for k in 0..LANDMARKS {
-        let [x, y] = aim(k);
-        let far = |v: usize| (screen[v].x - x).hypot(screen[v].y - y);
-        let nearest = |fits: &dyn Fn(usize) -> bool| {
-            let free = |v: &usize| visible[*v] && fits(*v) && !taken.contains(&(*v as u32));
-            let free = (0..n).filter(free);
-            free.min_by(|&a, &b| far(a).total_cmp(&far(b)))
-        };
-        // An upper edge looks down, a lower one up; corners look anywhere.
-        let lines = |v: usize| match k {
-            37 | 38 | 43 | 44 | 61..=63 => rim[v] && up(v) < 0.1,
-            40 | 41 | 46 | 47 | 65..=67 => rim[v] && up(v) > -0.1,
-            _ => rim[v],
-        };
-        // What is seen through an opening lies too deep.
-        let level = |v: usize| (screen[v].z - depths[k]).abs() < deep;
-        let mut vertex = None;
-        if matches!(k, 36..=47 | 60..=67) {
-            vertex = nearest(&|v| lines(v) && level(v)).filter(|&v| far(v) < RIM * width_px);
-        }
-        let vertex = vertex.or_else(|| nearest(&level));
-        let vertex = vertex.or_else(|| nearest(&|_| true));
-        taken.push(vertex.unwrap_or(0) as u32);
+        picture
     }
-    (taken, symmetric)
-}
 
-/// Where the plane is that mirrors the face, in pixels from the left, and whether nearly all of the face has a partner there.
-fn plane(
-    screen: &[Vec3],
-    skin: &[bool],
-    points: &[[f32; 2]; LANDMARKS],
-    width_px: f64,
-) -> (f64, bool) {
-    let mean = points.iter().map(|p| f64::from(p[0])).sum::<f64>() / LANDMARKS as f64;
-    let [top, chin] = [27, 8].map(|k| f64::from(points[k][1]));
-    // Shoulders and hair need not mirror.
-    let tall = (chin - top).abs();
-    let near = |p: &&Vec3| p.y > top - 0.5 * tall && p.y < chin && (p.x - mean).abs() < width_px;
-    let of_skin = screen.iter().zip(skin).filter(|s| *s.1).map(|s| s.0);
-    let all: Vec<&Vec3> = of_skin.filter(near).collect();
-    let across = || all.iter().map(|p| p.x);
-    let low = across().reduce(f64::min).unwrap_or(mean);
-    let high = across().reduce(f64::max).unwrap_or(mean);
-    let tip = all.iter().max_by(|a, b| a.z.total_cmp(&b.z));
-    let middles = [tip.map_or(mean, |p| p.x), 0.5 * (low + high), mean];
-    let alone = middles.map(|at| (alone(&all, at, 0.02 * width_px), at));
-    let least = alone.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-    let (alone, at) = least.unwrap_or((1.0, mean));
-    let symmetric = alone < 0.05;
-    (if symmetric { at } else { mean }, symmetric)
+    /// Puts brows and jaw where the other points say that they are. Share of the confidence of each point.
+    fn by_the_rest(
+        &self,
+        model: &FaceModel,
+        mirror: Option<f64>,
+        vertices: &mut [u32],
+    ) -> [f64; LANDMARKS] {
+        let upright = |p: &Vec3| Vec3::new(p.x, -p.y, p.z);
+        let view: Vec<Vec3> = self.screen.iter().map(upright).collect();
+        let found: [Vec3; LANDMARKS] = std::array::from_fn(|k| view[vertices[k] as usize]);
+        let Some(laid) = by_shape::laid(&model.shape, &found) else {
+            return [0.0; LANDMARKS];
+        };
+        let eyes = (found[39] - found[42]).norm();
+        // None stands in the way of another.
+        vertices[..UNMARKED].fill(u32::MAX);
+        std::array::from_fn(|k| {
+            let mut there = laid[k];
+            if let Some(plane) = mirror {
+                let mut other = laid[MIRROR[k]];
+                other.x = 2.0 * plane - other.x;
+                there = (there + other) / 2.0;
+            }
+            if k < UNMARKED {
+                let far = |v: u32| (view[v as usize] - there).norm_squared();
+                let free = |v: &u32| self.skin[*v as usize] && !vertices.contains(v);
+                let free = (0..view.len() as u32).filter(free);
+                let nearest = free.min_by(|&a, &b| far(a).total_cmp(&far(b)));
+                vertices[k] = nearest.unwrap_or(0);
+            }
+            let miss = (view[vertices[k] as usize] - there).norm() / (DOUBTFUL * eyes);
+            (-0.5 * miss * miss).exp()
+        })
+    }
+
+    /// The vertex under each fitted point.
+    fn cast(&self, mirror: Option<f64>) -> Vec<u32> {
+        let Face { points, seen, .. } = self.face;
+        let (screen, rings) = (&self.screen, self.rings);
+        let n = screen.len();
+        let normals = self.mesh.vertex_normals(&self.mesh.positions);
+        let towards = seen.to_view.transpose() * Vec3::z();
+        let faces = |v: usize| normals[v].dot(&towards) > 0.0 && seen.canvas.shows(&screen[v]);
+        let visible: Vec<bool> = (0..n).map(|v| self.skin[v] && faces(v)).collect();
+        let border = self.mesh.border();
+        let ends = |v: usize| border[v] || rings.of(v).iter().any(|&o| !visible[o as usize]);
+        let rim: Vec<bool> = (0..n).map(|v| visible[v] && ends(v)).collect();
+        // Mirrored points in a mirrored head: the mean of both sides.
+        let aim = |k: usize| {
+            let [p, q] = [k, MIRROR[k]].map(|k| points[k].map(f64::from));
+            mirror.map_or(p, |plane| {
+                [0.5 * (p[0] + 2.0 * plane - q[0]), 0.5 * (p[1] + q[1])]
+            })
+        };
+        let up = |v: usize| (seen.to_view * normals[v]).y;
+        let deep = DEEP * f64::from(apart(points[39], points[42]));
+        let mut taken: Vec<u32> = Vec::with_capacity(LANDMARKS);
+        for k in 0..LANDMARKS {
+            let [x, y] = aim(k);
+            let far = |v: usize| (screen[v].x - x).hypot(screen[v].y - y);
+            let nearest = |fits: &dyn Fn(usize) -> bool| {
+                let free = |v: &usize| visible[*v] && fits(*v) && !taken.contains(&(*v as u32));
+                let free = (0..n).filter(free);
+                free.min_by(|&a, &b| far(a).total_cmp(&far(b)))
+            };
+            // An upper edge looks down, a lower one up; corners look anywhere.
+            let lines = |v: usize| match k {
+                37 | 38 | 43 | 44 | 61..=63 => rim[v] && up(v) < 0.1,
+                40 | 41 | 46 | 47 | 65..=67 => rim[v] && up(v) > -0.1,
+                _ => rim[v],
+            };
+            // What is seen through an opening lies too deep.
+            let level = |v: usize| (screen[v].z - self.face.depths[k]).abs() < deep;
+            let mut vertex = None;
+            if matches!(k, 36..=47 | 60..=67) {
+                vertex = nearest(&|v| lines(v) && level(v)).filter(|&v| far(v) < RIM * WIDTH);
+            }
+            let vertex = vertex.or_else(|| nearest(&level));
+            let vertex = vertex.or_else(|| nearest(&|_| true));
+            taken.push(vertex.unwrap_or(0) as u32);
+        }
+        taken
+    }
+
+    /// Where the plane is that mirrors the face, in pixels from the left, if nearly all of the face has a partner there.
+    fn mirror(&self) -> Option<f64> {
+        let points = &self.face.points;
+        let mean = points.iter().map(|p| f64::from(p[0])).sum::<f64>() / LANDMARKS as f64;
+        let [top, chin] = [27, 8].map(|k| f64::from(points[k][1]));
+        // Shoulders and hair need not mirror.
+        let tall = (chin - top).abs();
+        let near = |p: &&Vec3| p.y > top - 0.5 * tall && p.y < chin && (p.x - mean).abs() < WIDTH;
+        let of_skin = self.screen.iter().zip(&self.skin).filter(|s| *s.1);
+        let all: Vec<&Vec3> = of_skin.map(|s| s.0).filter(near).collect();
+        let tip = all.iter().max_by(|a, b| a.z.total_cmp(&b.z))?;
+        let (low, high) = extent_of(all.iter().copied());
+        let middles = [tip.x, 0.5 * (low.x + high.x), mean];
+        let alone = middles.map(|at| (alone(&all, at, 0.02 * WIDTH), at));
+        let least = alone.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        least.filter(|least| least.0 < 0.05).map(|least| least.1)
+    }
 }
 
 /// Share of places that have no partner on the other side.

@@ -38,7 +38,7 @@ impl Look {
 
 /// Materials by name.
 #[derive(Debug, Default, PartialEq)]
-pub(in crate::studio) struct Looks(HashMap<String, Look>);
+pub struct Looks(HashMap<String, Look>);
 
 /// Pictures as files beside one by material: their names, and what is in them.
 pub(super) type Beside<'a> = HashMap<String, (String, &'a [u8])>;

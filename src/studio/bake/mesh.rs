@@ -8,6 +8,7 @@
 
 use std::collections::HashMap;
 
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Vector3;
 
 /// A position or displacement in the file's unit.
@@ -70,22 +71,45 @@ impl Lists {
     pub(super) fn new(owners: usize, mut pairs: Vec<[u32; 2]>) -> Self {
         pairs.sort_unstable();
         pairs.dedup();
-        let mut starts = vec![0_u32; owners + 1];
-        for [owner, _] in &pairs {
-            starts[*owner as usize + 1] += 1;
-        }
-        for k in 0..owners {
-            starts[k + 1] += starts[k];
-        }
+        let start = |owner| pairs.partition_point(|pair| pair[0] < owner) as u32;
         Self {
-            starts,
-            all: pairs.into_iter().map(|[_, number]| number).collect(),
+            starts: (0..=owners as u32).map(start).collect(),
+            all: pairs.iter().map(|pair| pair[1]).collect(),
         }
     }
 
     /// How many owners there are.
     pub(super) fn owners(&self) -> usize {
         self.starts.len() - 1
+    }
+
+    /// Some vertices, their neighbours, the neighbours of these and so on: each vertex once, by its distance in edges.
+    pub(super) fn about(&self, some: &[u32], most: usize) -> Vec<Vec<u32>> {
+        let mut seen = vec![false; self.owners()];
+        let mut new = |v: &u32| !std::mem::replace(&mut seen[*v as usize], true);
+        let mut out: Vec<Vec<u32>> = vec![some.iter().copied().filter(&mut new).collect()];
+        for ring in 0..most {
+            let near = out[ring].iter().flat_map(|&v| self.of(v as usize));
+            let next = near.copied().filter(&mut new).collect();
+            out.push(next);
+        }
+        out
+    }
+
+    /// Vertices joined to `center` by edges that stay nearer than `radius` to it in space; `center` first.
+    pub(super) fn disc(&self, positions: &[Vec3], center: u32, radius: f64) -> Vec<u32> {
+        let middle = positions[center as usize];
+        let mut found = vec![center];
+        let mut next = 0;
+        while next < found.len() {
+            for &o in self.of(found[next] as usize) {
+                if (positions[o as usize] - middle).norm() < radius && !found.contains(&o) {
+                    found.push(o);
+                }
+            }
+            next += 1;
+        }
+        found
     }
 
     /// What belongs to one, ascending.
@@ -162,8 +186,7 @@ impl Mesh {
     /// Unit normal of a corner: as given, or the vertex's.
     pub(super) fn normal(&self, corner: &Corner, smooth: &[Vec3]) -> Vec3 {
         let given = corner.normal.map(|k| self.normals[k as usize]);
-        let given = given.map(|n| Vec3::from(n.map(f64::from)));
-        let given = given.and_then(|n| n.try_normalize(0.0));
+        let given = given.and_then(|n| Vec3::from(n.map(f64::from)).try_normalize(0.0));
         given.unwrap_or(smooth[corner.vertex as usize])
     }
 
@@ -184,7 +207,7 @@ impl Mesh {
 
     /// Connected component of every vertex, numbered in order of their first vertex, and their number.
     pub fn components(&self, rings: &Rings) -> (Vec<u32>, usize) {
-        connected(rings, self.positions.len(), |_| true)
+        connected(rings, |_| true)
     }
 
     /// Twice the area of face `f` along its normal, by Newell's sum: exact for planar faces, the mean plane for others, no choice of
@@ -222,19 +245,18 @@ impl Mesh {
             .map(|(p, v)| *first.entry([p.x, p.y, p.z].map(f64::to_bits)).or_insert(v))
             .collect();
         // By place, with its face: faces at an edge belong together, those at a corner do not.
-        let mut edges: Vec<([u32; 2], u32)> = Vec::new();
-        for f in 0..self.faces() {
-            for side in self.sides(f) {
-                let mut ends = side.map(|v| place[v as usize]);
-                ends.sort_unstable();
-                edges.push((ends, f as u32));
-            }
-        }
+        let edge = |f: usize, side: [u32; 2]| {
+            let mut ends = side.map(|v| place[v as usize]);
+            ends.sort_unstable();
+            (ends, f as u32)
+        };
+        let edges = (0..self.faces()).flat_map(|f| self.sides(f).map(move |side| (f, side)));
+        let mut edges: Vec<_> = edges.map(|(f, side)| edge(f, side)).collect();
         edges.sort_unstable();
         let groups = || edges.chunk_by(|a, b| a.0 == b.0);
         let beside = groups().flat_map(|same| same.windows(2).map(|pair| [pair[0].1, pair[1].1]));
         let rings = rings_of(self.faces(), beside);
-        let (part, parts) = connected(&rings, self.faces(), |_| true);
+        let (part, parts) = connected(&rings, |_| true);
         let part_of = |f: usize| part[f] as usize;
         let (mut border, mut area) = (vec![0.0; parts], vec![0.0; parts]);
         for (ends, f) in groups().filter(|same| same.len() == 1).map(|same| same[0]) {
@@ -266,6 +288,33 @@ impl Mesh {
     }
 }
 
+/// A set of vertices of which the nearest to a place is found in microseconds, by a k-d tree.
+pub(in crate::studio) struct Nearest {
+    /// `None` for an empty set.
+    tree: Option<ImmutableKdTree<f64, 3>>,
+    vertices: Vec<u32>,
+}
+
+impl Nearest {
+    /// Of some vertices of a mesh.
+    pub(in crate::studio) fn new(positions: &[Vec3], some: &[u32]) -> Self {
+        let points: Vec<[f64; 3]> = some.iter().map(|&v| positions[v as usize].into()).collect();
+        let tree = (!points.is_empty()).then(|| ImmutableKdTree::new_from_slice(&points).ok());
+        Self {
+            tree: tree.flatten(),
+            vertices: some.to_vec(),
+        }
+    }
+
+    /// The vertex nearest to a point; `None` if the set is empty.
+    pub(in crate::studio) fn of(&self, p: &Vec3) -> Option<u32> {
+        let point = [p.x, p.y, p.z];
+        let found = self.tree.as_ref()?.query(&point);
+        let found = found.nearest_one::<SquaredEuclidean<f64>>().execute();
+        self.vertices.get(found.item as usize).copied()
+    }
+}
+
 /// Smallest and largest coordinates of some places; beyond all bounds if there are none.
 pub(in crate::studio) fn extent_of<'a>(places: impl IntoIterator<Item = &'a Vec3>) -> (Vec3, Vec3) {
     let none = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
@@ -274,22 +323,17 @@ pub(in crate::studio) fn extent_of<'a>(places: impl IntoIterator<Item = &'a Vec3
 }
 
 /// Components of the subgraph of vertices that pass `keep`; `u32::MAX` for the others. Returns labels and their number.
-pub fn connected(
-    rings: &Rings,
-    vertices: usize,
-    keep: impl Fn(usize) -> bool,
-) -> (Vec<u32>, usize) {
-    let mut label = vec![u32::MAX; vertices];
+pub fn connected(rings: &Rings, keep: impl Fn(usize) -> bool) -> (Vec<u32>, usize) {
+    let mut label = vec![u32::MAX; rings.owners()];
     let (mut stack, mut count) = (Vec::new(), 0);
-    for start in 0..vertices {
+    for start in 0..label.len() {
         if label[start] != u32::MAX || !keep(start) {
             continue;
         }
         label[start] = count;
         stack.push(start);
         while let Some(v) = stack.pop() {
-            for &o in rings.of(v) {
-                let o = o as usize;
+            for o in rings.of(v).iter().map(|&o| o as usize) {
                 if label[o] == u32::MAX && keep(o) {
                     label[o] = count;
                     stack.push(o);
@@ -378,5 +422,22 @@ pub(super) mod tests {
             mesh.push_face(&[0, 1, 2, 3].map(corner), 1);
         }
         assert_eq!(mesh.sheets(), [true, false]);
+    }
+
+    #[test]
+    fn finds_what_looking_at_all_of_them_finds() {
+        let mut random = fastrand::Rng::with_seed(7);
+        let mut point = |size: f64| Vec3::from_fn(|_, _| (random.f64() - 0.5) * size);
+        let positions: Vec<Vec3> = (0..500).map(|_| point(2.0)).collect();
+        let some: Vec<u32> = (0..500).filter(|v| v % 3 == 0).collect();
+        let nearest = Nearest::new(&positions, &some);
+        for _ in 0..300 {
+            let p = point(4.0);
+            let far = |v: u32| (positions[v as usize] - p).norm();
+            let best = some.iter().map(|&v| far(v)).fold(f64::INFINITY, f64::min);
+            assert!((far(nearest.of(&p).unwrap()) - best).abs() < 1e-12);
+        }
+        assert_eq!(Nearest::new(&positions, &[]).of(&positions[0]), None);
+        assert_eq!(Nearest::new(&positions, &[5]).of(&positions[9]), Some(5));
     }
 }

@@ -13,44 +13,38 @@
 //! mesh, laplacian       positions and faces; the operator on them
 //! names, locate         the 68 points; found where nobody gives them, brows and jaw by_shape
 //! prior, canonical      how skin moves beyond the solve; laid onto a head
-//! learn                 learned from sculpted shapes
-//! head                  axes, ten points more on cheeks and forehead, lids and lips (seam), eyeball, mouth, parts, nearest
-//! recipe, entry, table  targets: which point goes where
+//! learn                 learned from sculpted shapes, and how close to them
+//! head                  axes, ten points more on cheeks and forehead, lids and lips (seam), eyeball, mouth, parts
+//! recipe, table         targets: which point goes where
 //! influence             how far a point acts
 //! solve, sparse         the deformation, and its linear systems
-//! goals, skin           one shape's points, and its skin; contact: lids on eyeballs, lips on lips
+//! skin                  one shape's points, and its skin; contact: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
 //! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
 //! morphs, usd           a new glTF or USD with them; looks: the colours of an OBJ
-//! measure, render, report   figures and pictures of what was baked
-//! benchmark             how close to sculpted shapes
+//! render, report        figures and pictures of what was baked
 //! ```
 //!
 //! Distances in recipes and settings are in units of the face (inner-eye-corner distance), so that one recipe fits any
 //! head; everything inside is in the mesh's own unit and axes, and becomes metres in the GLB.
 
-pub mod benchmark;
 mod by_shape;
 mod canonical;
 pub mod command;
 mod contact;
-mod entry;
 pub mod eyeball;
 pub(in crate::studio) mod files;
 pub mod glb;
-mod goals;
 pub mod head;
 pub mod influence;
 pub mod laplacian;
 pub mod learn;
 pub mod locate;
-mod looks;
-pub mod measure;
+pub mod looks;
 pub mod mesh;
 pub mod morphs;
 mod mouth;
 pub mod names;
-pub(in crate::studio) mod nearest;
 pub mod neck;
 pub mod obj;
 pub mod order;
@@ -63,7 +57,7 @@ mod relax;
 pub mod render;
 pub mod report;
 pub mod rig;
-mod scene;
+pub(in crate::studio) mod scene;
 pub mod seam;
 pub mod shape;
 mod skin;

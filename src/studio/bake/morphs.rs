@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::glb::{FLOAT, Glb, U16, U32, VERTICES, bytes, extent, push};
+use super::glb::{FLOAT, Glb, U16, U32, VERTICES, bound, bytes, push};
 use super::mesh::{Corner, Mesh, Vec3};
 use super::neck::{self, Neck};
 use super::shape::Shape;
@@ -25,50 +25,35 @@ const NORMAL_NOTHING: f32 = 1e-3;
 pub(super) const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
 pub(super) const ROUGHNESS: f64 = 0.6;
 
-/// A target's accessor and its data: nothing, the numbers and values of the rows that move, or all rows, whichever fits.
-pub(super) struct Encoded {
-    accessor: Value,
-    data: Vec<Vec<u8>>,
-}
-
-impl Encoded {
-    /// Prepares the rows of one target.
-    pub(super) fn new(values: &[[f32; 3]], dense: bool, with_bounds: bool) -> Self {
-        let moved = (0..values.len()).filter(|&v| values[v] != [0.0; 3]);
-        let moved: Vec<usize> = moved.collect();
-        let mut accessor = json!({"componentType": FLOAT, "count": values.len(), "type": "VEC3"});
-        if with_bounds {
-            let [low, high] = extent(values);
-            accessor["min"] = json!(low);
-            accessor["max"] = json!(high);
-        }
-        let mut data = Vec::new();
-        if dense || moved.len() as f64 > DENSE_ABOVE * values.len() as f64 {
-            data.push(bytes(values));
-        } else if !moved.is_empty() {
-            let small = values.len() <= usize::from(u16::MAX);
-            let (kind, size) = if small { (U16, 2) } else { (U32, 4) };
-            accessor["sparse"] =
-                json!({"count": moved.len(), "indices": {"componentType": kind}, "values": {}});
-            let number = |v: &usize| v.to_le_bytes().into_iter().take(size);
-            let rows: Vec<[f32; 3]> = moved.iter().map(|&v| values[v]).collect();
-            data = vec![moved.iter().flat_map(number).collect(), bytes(&rows)];
-        }
-        Self { accessor, data }
+/// Appends the rows of a target, as many of them as move if that is smaller and not `dense`, and returns its accessor.
+pub(super) fn push_target(
+    glb: &mut Glb,
+    values: &[[f32; 3]],
+    dense: bool,
+    with_bounds: bool,
+) -> usize {
+    let moved = (0..values.len()).filter(|&v| values[v] != [0.0; 3]);
+    let moved: Vec<usize> = moved.collect();
+    let mut accessor = json!({"componentType": FLOAT, "count": values.len(), "type": "VEC3"});
+    if with_bounds {
+        bound(&mut accessor, values);
     }
-
-    /// Appends it to a file and returns the accessor's number.
-    pub(super) fn push(mut self, glb: &mut Glb) -> usize {
-        if let [rows] = &self.data[..] {
-            self.accessor["bufferView"] = glb.push_view(rows, VERTICES).into();
-        }
-        if let [numbers, rows] = &self.data[..] {
-            let sparse = &mut self.accessor["sparse"];
-            sparse["indices"]["bufferView"] = glb.push_view(numbers, 0).into();
-            sparse["values"]["bufferView"] = glb.push_view(rows, 0).into();
-        }
-        glb.push_accessor(self.accessor)
+    if dense || moved.len() as f64 > DENSE_ABOVE * values.len() as f64 {
+        accessor["bufferView"] = glb.push_view(&bytes(values), VERTICES).into();
+    } else if !moved.is_empty() {
+        let small = values.len() <= usize::from(u16::MAX);
+        let (kind, size) = if small { (U16, 2) } else { (U32, 4) };
+        let number = |v: &usize| v.to_le_bytes().into_iter().take(size);
+        let numbers: Vec<u8> = moved.iter().flat_map(number).collect();
+        let rows: Vec<[f32; 3]> = moved.iter().map(|&v| values[v]).collect();
+        let numbers = glb.push_view(&numbers, 0);
+        accessor["sparse"] = json!({
+            "count": moved.len(),
+            "indices": {"componentType": kind, "bufferView": numbers},
+            "values": {"bufferView": glb.push_view(&bytes(&rows), 0)},
+        });
     }
+    glb.push_accessor(accessor)
 }
 
 /// How a shape turns the normals of the vertices.
@@ -138,28 +123,24 @@ impl<'a> Split<'a> {
         let mesh = self.mesh;
         let positions = self.rows(|v| single(&(mesh.positions[v] * self.metres)));
         let mut attributes = json!({
-            "POSITION": glb.push_rows(&positions, true),
-            "NORMAL": glb.push_rows(&self.normal, false),
+            "POSITION": glb.push_bounded(&positions, VERTICES),
+            "NORMAL": glb.push_rows(&self.normal, VERTICES),
         });
         if !mesh.tints.is_empty() {
             let tints = self.rows(|v| mesh.tints[v]);
-            attributes["COLOR_0"] = glb.push_rows(&tints, false).into();
+            attributes["COLOR_0"] = glb.push_rows(&tints, VERTICES).into();
         }
         if !mesh.uv.is_empty() {
-            attributes["TEXCOORD_0"] = glb.push_rows(&self.uv, false).into();
+            attributes["TEXCOORD_0"] = glb.push_rows(&self.uv, VERTICES).into();
         }
         attributes
     }
 
     /// How a shape moves the vertices, and how it turns their normals.
-    fn encoded(&self, shape: &Shape, dense: bool) -> [Encoded; 2] {
+    fn target(&self, shape: &Shape) -> [Vec<[f32; 3]>; 2] {
         let moved = self.rows(|v| single(&(shape.displacement[v] * self.metres)));
         let turned = turned(self.mesh, self.smooth, shape);
-        let bent = self.rows(|v| turned[v]);
-        [
-            Encoded::new(&moved, dense, true),
-            Encoded::new(&bent, dense, false),
-        ]
+        [moved, self.rows(|v| turned[v])]
     }
 
     /// Writes a primitive and its material for every material that is used.
@@ -213,11 +194,12 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
         [attributes["JOINTS_0"], attributes["WEIGHTS_0"]] =
             neck::weighed(&mut glb, shares).map(Value::from);
     }
-    let encoded = shapes.par_iter().map(|shape| split.encoded(shape, dense));
-    let encoded: Vec<[Encoded; 2]> = encoded.collect();
+    let moved = shapes.par_iter().map(|shape| split.target(shape));
+    let moved: Vec<[Vec<[f32; 3]>; 2]> = moved.collect();
     let mut targets = Vec::new();
-    for [moved, bent] in encoded {
-        let (position, normal) = (moved.push(&mut glb), bent.push(&mut glb));
+    for [moved, bent] in moved {
+        let position = push_target(&mut glb, &moved, dense, true);
+        let normal = push_target(&mut glb, &bent, dense, false);
         targets.push(json!({"POSITION": position, "NORMAL": normal}));
     }
     let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();

@@ -13,8 +13,7 @@
 
 use super::head::Head;
 use super::laplacian::Operator;
-use super::mesh::Vec3;
-use super::nearest::Nearest;
+use super::mesh::{Nearest, Vec3};
 use super::seam::distances;
 use super::sparse::Factor;
 use crate::base::geometry::smoothstep;

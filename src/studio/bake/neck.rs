@@ -6,7 +6,7 @@
 use crate::base::geometry::smoothstep;
 use serde_json::json;
 
-use super::glb::{FLOAT, Glb, VERTICES};
+use super::glb::{Glb, VERTICES};
 use super::head::Head;
 use super::mesh::Vec3;
 
@@ -63,7 +63,7 @@ pub(in crate::studio) fn weighed(
         json!({"bufferView": view, "componentType": U8, "count": shares.len(), "type": "VEC4"}),
     );
     let rows: Vec<[f32; 4]> = shares.map(|head| [1.0 - head, head, 0.0, 0.0]).collect();
-    [joints, glb.push_rows(&rows, false)]
+    [joints, glb.push_rows(&rows, VERTICES)]
 }
 
 /// Adds the joints at `places`, metres, to the scene and puts every node with a mesh on them.
@@ -77,10 +77,7 @@ pub(in crate::studio) fn joined(glb: &mut Glb, places: &[Vec3; 2]) {
         [m[12], m[13], m[14]] = [x, y, z];
         m
     });
-    let view = glb.push_view(&super::glb::bytes(&back), 0);
-    let inverse = glb.push_accessor(
-        json!({"bufferView": view, "componentType": FLOAT, "count": 2, "type": "MAT4"}),
-    );
+    let inverse = glb.push_rows(&back, 0);
     let nodes = glb.json["nodes"].as_array_mut().expect("written here");
     let neck = nodes.len();
     for node in nodes.iter_mut().filter(|node| !node["mesh"].is_null()) {

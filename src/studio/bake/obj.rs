@@ -65,14 +65,13 @@ pub fn parse(text: &str) -> Result<Mesh, Fault> {
             Fault::new(format!("line {line}: expected {expected}, found {found:?}"))
         })?;
     }
-    if mesh.positions.is_empty() || mesh.faces() == 0 {
+    let (vertices, faces) = (mesh.positions.len(), mesh.faces());
+    if vertices == 0 || faces == 0 {
         return Err(Fault::new(format!(
-            "expected a mesh with v and f lines, found {} vertices and {} faces",
-            mesh.positions.len(),
-            mesh.faces()
+            "expected a mesh with v and f lines, found {vertices} vertices and {faces} faces"
         )));
     }
-    if mesh.tints.len() != mesh.positions.len() {
+    if mesh.tints.len() != vertices {
         mesh.tints.clear();
     }
     Ok(mesh)
@@ -130,8 +129,8 @@ fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'sta
     Ok(())
 }
 
-/// The source text with other positions, in the source's unit. `keep_normals` is for an undeformed mesh.
-pub fn with_positions(source: &str, positions: &[Vec3], keep_normals: bool) -> String {
+/// The source text with other positions, in the source's unit, and without normals.
+pub fn with_positions(source: &str, positions: &[Vec3]) -> String {
     let mut out = String::with_capacity(source.len() + positions.len() * 8);
     let mut next = positions.iter();
     for line in unmarked(source).lines() {
@@ -145,8 +144,8 @@ pub fn with_positions(source: &str, positions: &[Vec3], keep_normals: bool) -> S
                     let _ = write!(out, " {word}");
                 }
             }
-            Some("vn") if !keep_normals => continue,
-            Some("f") if !keep_normals => {
+            Some("vn") => continue,
+            Some("f") => {
                 out.push('f');
                 for word in words {
                     let mut parts = word.split('/');
@@ -210,10 +209,14 @@ mod tests {
             (2, 4, 3)
         );
         assert_eq!(mesh.face(1)[0].vertex, 0);
-        let same = with_positions(QUAD, &mesh.positions, true);
-        assert_eq!(same, QUAD);
+        let same = with_positions(QUAD, &mesh.positions);
+        let bare = QUAD.replace("vn 0 0 1\n", "");
+        assert_eq!(
+            same,
+            bare.replace("1/1/1 2/2/1 3/2/1 4/1/1", "1/1 2/2 3/2 4/1")
+        );
         let moved: Vec<Vec3> = mesh.positions.iter().map(|p| p + Vec3::x()).collect();
-        let text = with_positions(QUAD, &moved, false);
+        let text = with_positions(QUAD, &moved);
         assert!(text.contains("v 2 0 0 0.5 0.5 0.5") && text.contains("f 1/1 2/2 3/2 4/1"));
         assert!(!text.contains("vn"));
         assert_eq!(parse(&text).unwrap().positions, moved);
@@ -239,7 +242,7 @@ mod tests {
         let twice = format!("\u{feff}\u{feff}v 9 9 9\n{QUAD}");
         let of_twice = parse(&twice).unwrap().positions;
         assert_eq!((of_twice.len(), of_twice[0]), (5, Vec3::repeat(9.0)));
-        let printed = with_positions(&twice, &of_twice, true);
+        let printed = with_positions(&twice, &of_twice);
         assert_eq!(parse(&printed).unwrap().positions, of_twice);
         let marked = format!(
             "\u{feff}{}",
@@ -250,7 +253,7 @@ mod tests {
         assert_eq!(same.positions, mesh.positions);
         assert_eq!(same.corners, mesh.corners);
         assert_eq!(same.materials, mesh.materials);
-        let moved = with_positions(&marked, &mesh.positions, true);
+        let moved = with_positions(&marked, &mesh.positions);
         assert_eq!(parse(&moved).unwrap().positions, mesh.positions);
     }
 

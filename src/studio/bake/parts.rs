@@ -4,10 +4,9 @@
 
 use super::eyeball::Ball;
 use super::head::{Follow, Head};
-use super::mesh::{Vec3, connected};
+use super::mesh::{Nearest, Vec3, connected};
 use super::mouth::Piece;
 use super::names::LANDMARKS;
-use super::nearest::Nearest;
 use super::seam::{Seam, distances};
 use crate::base::geometry::smoothstep;
 
@@ -88,7 +87,7 @@ impl Head {
             line[v as usize] = true;
         }
         let skin = &self.skin;
-        let (label, count) = connected(&self.rings, n, |v| skin[v] && !line[v]);
+        let (label, count) = connected(&self.rings, |v| skin[v] && !line[v]);
         let chin = label[self.points[8] as usize];
         // A piece cut off belongs to the line it touches.
         let mut owner = vec![0_u8; count];

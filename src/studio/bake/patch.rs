@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use super::glb::{FLOAT, Glb, list, unexpected};
 use super::looks::material_names;
 use super::mesh::{Corner, Mesh, Vec3};
-use super::morphs::{Encoded, single};
+use super::morphs::{push_target, single};
 use super::scene::placed;
 use super::shape::Shape;
 use super::vrm::{Bound, add_expressions, add_expressions_to, beginning};
@@ -77,10 +77,11 @@ impl Gathered {
         };
         let placed = placed(glb);
         let meshes = list(&glb.json["meshes"]).iter().zip(&placed);
-        for (primitive, placed) in meshes.flat_map(|(mesh, placed)| {
+        let primitives = meshes.flat_map(|(mesh, placed)| {
             let primitives = list(&mesh["primitives"]).iter();
-            primitives.map(move |primitive| (primitive, placed))
-        }) {
+            primitives.map(move |primitive| (primitive, placed.as_ref()))
+        });
+        for (primitive, placed) in primitives {
             let Some(accessor) = position(primitive) else {
                 continue;
             };
@@ -94,7 +95,7 @@ impl Gathered {
                 None => {
                     take(count)?;
                     known.insert(accessor, all.sources.len());
-                    all.add(glb, &primitive["attributes"], accessor, placed.as_ref())?;
+                    all.add(glb, &primitive["attributes"], accessor, placed)?;
                     all.sources.len() - 1
                 }
             };
@@ -127,13 +128,11 @@ impl Gathered {
     ) -> Result<(), Fault> {
         let first = self.places.len();
         let rows = glb.floats(accessor, 3)?;
-        self.places.extend(rows.chunks_exact(3).map(|r| {
-            let stored = [r[0], r[1], r[2]];
-            placed.map_or(stored, |placed| {
-                let p = Point3::from(stored).cast();
-                single(&placed.transform_point(&p).coords)
-            })
-        }));
+        let place = |&stored: &[f32; 3]| {
+            let moved = |m: &Matrix4<f64>| m.transform_point(&Point3::from(stored).cast()).coords;
+            placed.map_or(stored, |placed| single(&moved(placed)))
+        };
+        self.places.extend(rows.as_chunks().0.iter().map(place));
         let count = self.places.len() - first;
         self.sources.push(Rows {
             accessor,
@@ -153,13 +152,13 @@ impl Gathered {
         if let Some((rows, width)) = of_corners("TEXCOORD_0", 2) {
             self.uv.resize(first, [0.0; 2]);
             // From the top in glTF.
-            self.uv
-                .extend(rows.chunks_exact(width).map(|r| [r[0], 1.0 - r[1]]));
+            let rows = rows.chunks_exact(width).map(|r| [r[0], 1.0 - r[1]]);
+            self.uv.extend(rows);
         }
         if let Some((rows, width)) = of_corners("COLOR_0", 3) {
             self.tints.resize(first, [1.0; 3]);
-            self.tints
-                .extend(rows.chunks_exact(width).map(|r| [r[0], r[1], r[2]]));
+            let rows = rows.chunks_exact(width).map(|r| [r[0], r[1], r[2]]);
+            self.tints.extend(rows);
         }
         Ok(())
     }
@@ -317,10 +316,8 @@ impl Foreign {
         let positions = list(&mesh["primitives"]).iter().filter_map(position);
         let mut sources = positions.filter_map(|accessor| self.rows_of(accessor));
         sources.any(|source| {
-            let moves = |s: &Shape, v: u32| s.displacement[v as usize] != Vec3::zeros();
-            shapes
-                .iter()
-                .any(|s| source.vertices.iter().any(|&v| moves(s, v)))
+            let moved = |v: usize| shapes.iter().any(|s| s.displacement[v] != Vec3::zeros());
+            source.vertices.iter().any(|&v| moved(v as usize))
         })
     }
 
@@ -329,14 +326,13 @@ impl Foreign {
         let rows: Vec<[f32; 3]> = match self.rows_of(accessor) {
             Some(Rows { vertices, back, .. }) => {
                 let moved = vertices.iter().map(|&v| shape.displacement[v as usize]);
-                moved
-                    .map(|d| single(&back.map_or(d, |back| back * d)))
-                    .collect()
+                let stored = moved.map(|d| back.map_or(d, |back| back * d));
+                stored.map(|d| single(&d)).collect()
             }
             // Lines and points: they have targets too, which move nothing.
             None => vec![[0.0; 3]; self.glb.count(accessor).unwrap_or(1).max(1)],
         };
-        Encoded::new(&rows, dense, true).push(&mut self.glb)
+        push_target(&mut self.glb, &rows, dense, true)
     }
 }
 
@@ -369,18 +365,22 @@ fn describe(mesh: &mut Value, names: &[String], shapes: &[Shape]) {
     set_extra(&mut mesh["extras"], "mien", ours);
 }
 
+/// Extensions by which positions are not what they seem.
+const PACKED: [&str; 3] = [
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "KHR_draco_mesh_compression",
+];
+
 /// Whether positions are stored as they are, not packed: by the name of the extension if not.
 fn is_plain(json: &Value) -> Result<(), Fault> {
     let is_float = |accessor: usize| json["accessors"][accessor]["componentType"] == FLOAT;
     let used = list(&json["extensionsUsed"]).iter();
     let mut used = used.filter_map(Value::as_str);
     let packed = used.find(|&name| match name {
-        "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => {
-            true
-        }
         // Often of normals and texture coordinates only.
         "KHR_mesh_quantization" => !primitives(json).filter_map(position).all(is_float),
-        _ => false,
+        _ => PACKED.contains(&name),
     });
     packed.map_or(Ok(()), |name| {
         let undo = "undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb";

@@ -5,12 +5,12 @@
 
 use rayon::prelude::*;
 
-use super::goals::goals;
 use super::head::Head;
 use super::influence;
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
 use super::recipe::Target;
+use super::skin::goals;
 use super::solve::System;
 use crate::studio::fault::Fault;
 

@@ -197,22 +197,19 @@ impl Prior {
         let mut square = vec![0.0_f32; places * count];
         for kind in 0..3 {
             // k of every learned shape with itself, by this kind alone.
-            let mut own = vec![0.0_f32; places * count];
-            let mut one = vec![0.0_f32; places];
-            for (s, shape) in learned.iter().enumerate() {
-                one.fill(0.0);
+            let own = learned.iter().map(|shape| {
+                let mut own = vec![0.0_f32; places];
                 let itself = std::slice::from_ref(shape);
-                comparison.add_alike(kind, shape, itself, |_| 1.0, &mut one);
-                for (q, k) in one.iter().enumerate() {
-                    own[q * count + s] = *k;
-                }
-            }
+                comparison.add_alike(kind, shape, itself, |_| 1.0, &mut own);
+                own
+            });
+            let own: Vec<Vec<f32>> = own.collect();
             // Each kind says as much as it is told to, whatever its size.
-            for (q, own) in own.chunks(count).enumerate() {
-                let mean = own.iter().sum::<f32>() / count as f32;
+            for q in 0..places {
+                let mean = own.iter().map(|own| own[q]).sum::<f32>() / count as f32;
                 scale[q][kind] = SAYS[kind] as f32 / mean.max(1e-20);
-                for (square, own) in square[q * count..].iter_mut().zip(own) {
-                    *square += scale[q][kind] * own;
+                for (s, own) in own.iter().enumerate() {
+                    square[q * count + s] += scale[q][kind] * own[q];
                 }
             }
         }
@@ -248,12 +245,10 @@ impl Prior {
     pub(super) fn beyond(&self, controls: Vec<Vec3>, skin: Vec<Vec3>) -> Vec<Vec3> {
         let k = self.compared(&self.comparison.motion(controls, skin));
         let count = self.learned.len();
-        let at = |(k, adds): (&[f32], &[Vec3])| {
-            let sum = k.iter().zip(adds).map(|(&k, add)| add * f64::from(k));
-            sum.sum::<Vec3>()
-        };
         let rows = k.chunks(count).zip(self.adds.chunks(count));
-        rows.map(at).collect()
+        let added = |(k, add): (&f32, &Vec3)| add * f64::from(*k);
+        rows.map(|(k, adds)| k.iter().zip(adds).map(added).sum())
+            .collect()
     }
 
     /// The shipped one.

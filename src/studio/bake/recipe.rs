@@ -3,11 +3,14 @@
 //! The format is explained at the top of `config/blendshapes.toml`, which is built into the program. Lengths there are in
 //! distances of the face itself; [`Recipe::targets`] turns them into displacements in the mesh's unit and axes.
 
+use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion};
 use serde::Deserialize;
 
-use super::entry::Entry;
 use super::head::Head;
+use super::mesh::Vec3;
+use super::names::{self, NAMES, mirrored, swapped};
 pub use super::shape::Target;
+use super::shape::{Deed, Promise};
 use crate::studio::fault::Fault;
 
 /// The shipped recipe.
@@ -101,6 +104,296 @@ impl Recipe {
         let together = |of: [String; 2]| Some(named(&of[0])?.with(named(&of[1])?, of));
         pairs.into_iter().filter_map(together).collect()
     }
+}
+
+/// What the numbers of `move` count.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Measure {
+    #[default]
+    EyeDistance,
+    EyeOpening,
+    MouthWidth,
+}
+
+/// A row of `must`: with one group of points or with two.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+enum Asked {
+    Of(String, String, f64),
+    Between(String, String, String, f64),
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    name: String,
+    unit: Option<String>,
+    mirror: Option<String>,
+    upon: Option<String>,
+    #[serde(rename = "why")]
+    _why: String,
+    #[serde(default, rename = "in")]
+    measure: Measure,
+    #[serde(default, rename = "move")]
+    moves: Vec<(String, f64, f64, f64)>,
+    #[serde(default)]
+    jaw: Vec<(String, f64)>,
+    #[serde(default)]
+    jaw_turn: [f64; 2],
+    #[serde(default)]
+    jaw_shift: [f64; 3],
+    #[serde(default)]
+    close: Vec<(String, f64, f64)>,
+    gaze: Option<(String, f64, f64)>,
+    #[serde(default)]
+    undo: Vec<(String, String, f64)>,
+    tongue: Option<[f64; 2]>,
+    #[serde(default)]
+    must: Vec<Asked>,
+}
+
+/// +1 for a point of the left side or the middle, −1 for one of the right.
+fn outward(point: usize) -> f64 {
+    let name = NAMES[point];
+    let right = mirrored(point) != point && name.contains("_R");
+    if right { -1.0 } else { 1.0 }
+}
+
+const POINTS: &str = "names of control points; the list stands at the top of the shipped recipe";
+const DEEDS: &str = "part, meet, less, lids, up, down, out, in, forward or back in `must`";
+const ABOVE: &str = "the name of a shape above it in the recipe, to take back";
+
+impl Entry {
+    /// The shape as it is written, and mirrored if it has a name for that.
+    fn sides(&self) -> impl Iterator<Item = Side<'_>> {
+        let side = |mirror| Side {
+            entry: self,
+            mirror,
+        };
+        std::iter::once(side(false)).chain(self.mirror.is_some().then(|| side(true)))
+    }
+}
+
+/// One side of an entry.
+struct Side<'a> {
+    entry: &'a Entry,
+    mirror: bool,
+}
+
+/// Displacements of all control points; those without are free.
+type Moves = Vec<Option<Vec3>>;
+
+fn add(d: &mut Moves, point: usize, moved: Vec3) {
+    *d[point].get_or_insert_with(Vec3::zeros) += moved;
+}
+
+impl<'a> Side<'a> {
+    fn name(&self) -> &'a str {
+        let Entry { name, mirror, .. } = self.entry;
+        mirror.as_ref().filter(|_| self.mirror).unwrap_or(name)
+    }
+
+    fn unit(&self) -> Option<String> {
+        let unit = self.entry.unit.as_ref()?;
+        Some(match self.mirror {
+            true => swapped(unit),
+            false => unit.clone(),
+        })
+    }
+
+    /// −1 where left and right are swapped.
+    fn flip(&self) -> f64 {
+        if self.mirror { -1.0 } else { 1.0 }
+    }
+
+    fn refuse(&self, expected: &str, found: &str) -> Fault {
+        let shape = &self.entry.name;
+        Fault::new(format!(
+            "shape {shape}: expected {expected}, found {found:?}"
+        ))
+    }
+
+    /// Control points of a row; `_S` stands for both sides.
+    fn points(&self, words: &str) -> Result<Vec<usize>, Fault> {
+        let mut points = Vec::new();
+        for word in words.split_whitespace() {
+            let both = word.contains("_S");
+            let sides: &[&str] = if both { &["_L", "_R"] } else { &[""] };
+            for side in sides {
+                let point = names::index(&word.replace("_S", side));
+                let point = point.ok_or_else(|| self.refuse(POINTS, word))?;
+                points.push(if self.mirror { mirrored(point) } else { point });
+            }
+        }
+        Ok(points)
+    }
+
+    fn side(&self, word: &str) -> Result<usize, Fault> {
+        match word {
+            "L" => Ok(usize::from(self.mirror)),
+            "R" => Ok(usize::from(!self.mirror)),
+            _ => Err(self.refuse("side \"L\" or \"R\"", word)),
+        }
+    }
+
+    /// What counts as outwards at a point: to its own side, in the middle to the left.
+    fn outwards(&self, point: usize) -> f64 {
+        let middle = mirrored(point) == point;
+        if middle { self.flip() } else { outward(point) }
+    }
+
+    /// What the shape must do.
+    fn promise(&self, asked: &Asked, head: &Head) -> Result<Promise, Fault> {
+        let (what, first, other, bound) = match asked {
+            Asked::Of(what, one, bound) => (what.as_str(), one, "", *bound),
+            Asked::Between(what, one, other, bound) => (what.as_str(), one, &**other, *bound),
+        };
+        // Of lids a side is named, not points.
+        let named = if what == "lids" { "" } else { first };
+        let (one, other) = (self.points(named)?, self.points(other)?);
+        let along =
+            |axis: usize, sign: f64| Deed::Move(vec![head.axes.column(axis) * sign; one.len()]);
+        let aside = |sign: f64| {
+            let way = |&point: &usize| head.axes.column(0) * (sign * self.outwards(point));
+            Deed::Move(one.iter().map(way).collect())
+        };
+        let deed = match what {
+            "lids" => Deed::Lids(self.side(first)?),
+            "part" => Deed::Part,
+            "meet" => Deed::Meet,
+            "less" => Deed::Less,
+            "up" => along(1, 1.0),
+            "down" => along(1, -1.0),
+            "forward" => along(2, 1.0),
+            "back" => along(2, -1.0),
+            "out" => aside(1.0),
+            "in" => aside(-1.0),
+            _ => return Err(self.refuse(DEEDS, what)),
+        };
+        let words = one.iter().chain(&other).map(|&point| NAMES[point]);
+        let words: Vec<&str> = std::iter::once(what).chain(words).collect();
+        let vertices = |points: &[usize]| points.iter().map(|&p| head.points[p]).collect();
+        Ok(Promise {
+            deed,
+            one: vertices(&one),
+            other: vertices(&other),
+            bound,
+            words: words.join(" "),
+        })
+    }
+
+    /// What `move` says.
+    fn moved(&self, head: &Head, d: &mut Moves) -> Result<(), Fault> {
+        for (words, outwards, up, forwards) in &self.entry.moves {
+            for point in self.points(words)? {
+                let unit = match self.entry.measure {
+                    Measure::EyeDistance => head.eye_distance,
+                    Measure::MouthWidth => head.mouth_width,
+                    Measure::EyeOpening => head.eye_opening[usize::from(outward(point) < 0.0)],
+                };
+                let left = outwards * self.outwards(point);
+                add(d, point, head.axes * Vec3::new(left, *up, *forwards) * unit);
+            }
+        }
+        Ok(())
+    }
+
+    /// The jaw's motion, and what points take of it.
+    fn jaw(&self, head: &Head, d: &mut Moves) -> Result<Option<Isometry3<f64>>, Fault> {
+        let (turn, shift) = (self.entry.jaw_turn, self.entry.jaw_shift);
+        if turn == [0.0; 2] && shift == [0.0; 3] {
+            return Ok(None);
+        }
+        let [open, left] = turn.map(f64::to_radians);
+        // Opening turns the chin down and back: from "out" towards "down", positive about the left axis.
+        let turn = UnitQuaternion::from_axis_angle(&axis(head, 1), left * self.flip())
+            * UnitQuaternion::from_axis_angle(&axis(head, 0), open);
+        let [l, u, o] = shift;
+        let shift = head.axes * Vec3::new(l * self.flip(), u, o) * head.eye_distance;
+        let about = head.hinge;
+        let jaw = Isometry3::from_parts(Translation3::from(about + shift - turn * about), turn);
+        for (words, share) in &self.entry.jaw {
+            for point in self.points(words)? {
+                let p = head.point(point);
+                let moved = jaw.transform_point(&p.into()).coords - p;
+                add(d, point, moved * *share);
+            }
+        }
+        Ok(Some(jaw))
+    }
+
+    /// What is taken back of a shape above; also if that is of the lips.
+    fn undo(
+        &self,
+        head: &Head,
+        above: &[Target],
+        d: &mut Moves,
+    ) -> Result<Option<(String, f64)>, Fault> {
+        let mut undo = None;
+        for (words, shape, share) in &self.entry.undo {
+            let other = above.iter().find(|t| t.name == *shape);
+            let other = other.ok_or_else(|| self.refuse(ABOVE, shape))?;
+            for point in self.points(words)? {
+                let vertex = head.points[point];
+                if let Some(&(_, moved)) = other.controls.iter().find(|(v, _)| *v == vertex) {
+                    add(d, point, moved * -*share);
+                }
+                if matches!(point, 60..68) {
+                    undo = Some((shape.clone(), *share));
+                }
+            }
+        }
+        Ok(undo)
+    }
+
+    fn target(&self, head: &Head, above: &[Target]) -> Result<Target, Fault> {
+        let entry = self.entry;
+        let mut d: Moves = vec![None; NAMES.len()];
+        d[..names::LANDMARKS].fill(Some(Vec3::zeros()));
+        self.moved(head, &mut d)?;
+        let jaw = self.jaw(head, &mut d)?;
+        let undo = self.undo(head, above, &mut d)?;
+        let mut close = [None; 2];
+        for (side, amount, line) in &entry.close {
+            close[self.side(side)?] = Some((*amount, *line));
+        }
+        let mut gaze = [None; 2];
+        if let Some((side, up, outwards)) = &entry.gaze {
+            let side = self.side(side)?;
+            let out = if side == 0 { 1.0 } else { -1.0 };
+            let aside = Rotation3::from_axis_angle(&axis(head, 1), out * outwards.to_radians());
+            let up = Rotation3::from_axis_angle(&axis(head, 0), -up.to_radians());
+            gaze[side] = Some(aside * up);
+        }
+        let controls = d.into_iter().zip(&head.points);
+        let must = entry.must.iter().map(|asked| self.promise(asked, head));
+        Ok(Target {
+            name: self.name().to_owned(),
+            unit: self.unit(),
+            upon: entry.upon.clone(),
+            controls: controls.filter_map(|(d, &v)| Some((v, d?))).collect(),
+            exact: false,
+            // What is taken back was placed already.
+            derive: undo.is_none(),
+            close,
+            gaze,
+            jaw,
+            tongue: entry.tongue.map(|[up, forwards]| {
+                // The tongue lies in the jaw: its directions turn with the jaw of the shape it is added to.
+                let base = above.iter().find(|t| Some(&t.name) == entry.upon.as_ref());
+                let turn = base.and_then(|t| t.jaw).unwrap_or_default().rotation;
+                turn * (head.axes * Vec3::new(0.0, up, forwards) * head.eye_distance)
+            }),
+            undo,
+            corrects: None,
+            must: must.collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+fn axis(head: &Head, k: usize) -> Unit<Vec3> {
+    Unit::new_normalize(head.axes.column(k).into_owned())
 }
 
 #[cfg(test)]

@@ -10,9 +10,10 @@
 
 use super::contact::Contacts;
 use super::head::Head;
-use super::mesh::{Rings, Vec3};
+use super::mesh::Vec3;
 use super::recipe::Target;
-use super::surroundings::{Flattened, Scratch, Surroundings};
+use super::skin::Solved;
+use super::surroundings::{Flattened, Surroundings};
 
 /// Rounds of turning, those of them before lids that meet may move too and before smoothing; and of spanning.
 const TURNS: usize = 36;
@@ -37,28 +38,25 @@ struct Relaxing<'a> {
     /// Vertices of lids that meet or follow a gaze: what gives way first is the skin behind them.
     held: Vec<bool>,
     /// Displacement of this shape, and with the one beneath: that is what is seen and has to be smooth.
-    d: &'a mut Vec<Vec3>,
+    d: Vec<Vec3>,
     all: Vec<Vec3>,
     began: Vec<Vec3>,
-    scratch: Scratch,
 }
 
-/// Turns back what is inverted, or with `spans` spanned over; `base` is the displacement of the shape this one is
-/// added to. What is left is the round with the fewest inverted.
+/// Displacements of a skin with what is inverted turned back, or with `spans` spanned over; `base` is the displacement of the
+/// shape this one is added to. The round with the fewest inverted counts.
 pub(super) fn relax(
     around: &Surroundings,
     contacts: &Contacts,
     target: &Target,
     base: Option<&[Vec3]>,
-    (d, area): (&mut Vec<Vec3>, &[bool]),
+    Solved { d, area }: &Solved,
     spans: bool,
-) {
+) -> Vec<Vec3> {
     let head = contacts.head;
     let below = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
     let all: Vec<Vec3> = d.iter().enumerate().map(|(v, d)| d + below(v)).collect();
-    let changed = (0..d.len() as u32).filter(|&v| all[v as usize] != Vec3::zeros());
-    let changed: Vec<u32> = changed.collect();
-    let mut relaxing = Relaxing {
+    let relaxing = Relaxing {
         head,
         around,
         contacts,
@@ -66,12 +64,11 @@ pub(super) fn relax(
         base,
         area,
         held: held(head, target),
-        d,
+        d: d.clone(),
         began: all.clone(),
         all,
-        scratch: around.scratch(),
     };
-    relaxing.settle(&changed, spans);
+    relaxing.settled(spans)
 }
 
 /// Lids that meet stay so, and lids that follow a gaze follow it; what the jaw alone moves is out of sight and gives way to nothing.
@@ -92,17 +89,18 @@ fn held(head: &Head, target: &Target) -> Vec<bool> {
 
 impl Relaxing<'_> {
     /// Round by round until nothing is inverted; then the best round's.
-    fn settle(&mut self, changed: &[u32], spans: bool) {
-        let mut flat = self.inverted(changed);
-        let (mut patch, mut best, mut fewest) = (Vec::new(), None, usize::MAX);
+    fn settled(mut self, spans: bool) -> Vec<Vec3> {
+        let changed = (0..self.d.len() as u32).filter(|&v| self.all[v as usize] != Vec3::zeros());
+        let mut flat = self.flattened(&changed.collect::<Vec<u32>>());
+        let (mut patch, mut best, mut fewest) = (Vec::new(), Vec::new(), usize::MAX);
         for round in 0..if spans { SPANNED } else { TURNS } {
             let inverted = flat.iter().filter(|t| t.inverted);
             let inverted: Vec<u32> = inverted.flat_map(|t| t.corners).collect();
             if inverted.is_empty() {
-                return;
+                return self.d;
             }
             if inverted.len() < fewest {
-                (fewest, best) = (inverted.len(), Some(self.d.clone()));
+                (fewest, best) = (inverted.len(), self.d.clone());
             }
             patch.extend(flat.iter().flat_map(|t| &t.corners));
             if spans {
@@ -120,13 +118,10 @@ impl Relaxing<'_> {
                 self.turn(&flat);
             }
             self.part(&mut patch);
-            flat = self.inverted(&patch);
+            flat = self.flattened(&patch);
         }
-        if !flat.is_empty()
-            && let Some(best) = best
-        {
-            *self.d = best;
-        }
+        let inverted = flat.iter().any(|t| t.inverted);
+        if inverted { best } else { self.d }
     }
 
     fn below(&self, v: u32) -> Vec3 {
@@ -142,21 +137,23 @@ impl Relaxing<'_> {
         self.area[v as usize] && !self.held[v as usize]
     }
 
-    /// The triangles that see the patch and are inverted or nearly so, with the normals of their surroundings; none if none is
-    /// inverted.
-    fn inverted(&mut self, patch: &[u32]) -> Vec<Flattened> {
-        let some = self.around.seeing(patch, &mut self.scratch);
-        let moved = |v: usize| self.head.mesh.positions[v] + self.all[v];
-        self.around
-            .flattened(&moved, &some, TURNED, &mut self.scratch)
+    /// The triangles that see the patch and are inverted or nearly so.
+    fn flattened(&self, patch: &[u32]) -> Vec<Flattened> {
+        let some = self.around.seeing(patch);
+        let at = |v: usize| self.at(v as u32);
+        self.around.flattened(&at, &some, TURNED)
+    }
+
+    /// Where a vertex is now.
+    fn at(&self, v: u32) -> Vec3 {
+        self.head.mesh.positions[v as usize] + self.all[v as usize]
     }
 
     /// Turns triangles until they rise towards their surroundings, corners moving in proportion to what each lifts; in turns, as
     /// one moves another.
     fn turn(&mut self, flat: &[Flattened]) {
         for t in std::iter::repeat_n(flat, SWEEPS).flatten() {
-            let at = |v: u32| self.head.mesh.positions[v as usize] + self.all[v as usize];
-            let [a, b, c] = t.corners.map(at);
+            let [a, b, c] = t.corners.map(|v| self.at(v));
             let (by_b, by_c) = ((c - a).cross(&t.normal), t.normal.cross(&(b - a)));
             let lacks = t.wanted - by_c.dot(&(c - a));
             let by = [-by_b - by_c, by_b, by_c];
@@ -178,14 +175,13 @@ impl Relaxing<'_> {
 
     /// Half of the way to the mean of the neighbours, within `rings` of some vertices.
     fn smooth(&mut self, some: &[u32], rings: usize, patch: &mut Vec<u32>) {
-        let mut inside = rings_about(&self.head.rings, some, rings).concat();
+        let mut inside = self.head.rings.about(some, rings).concat();
         inside.retain(|&v| self.free(v));
         let mean = |&v: &u32| {
             let ring = self.head.rings.of(v as usize);
-            let at = |v: u32| self.head.mesh.positions[v as usize] + self.all[v as usize];
-            let sum: Vec3 = ring.iter().map(|&o| at(o)).sum();
-            (sum / ring.len() as f64 - self.head.mesh.positions[v as usize] + self.all[v as usize])
-                / 2.0
+            let sum: Vec3 = ring.iter().map(|&o| self.at(o)).sum();
+            let (p, all) = (self.head.mesh.positions[v as usize], self.all[v as usize]);
+            (sum / ring.len() as f64 - p + all) / 2.0
         };
         let smoothed: Vec<Vec3> = inside.iter().map(mean).collect();
         for (&v, all) in inside.iter().zip(smoothed) {
@@ -196,7 +192,7 @@ impl Relaxing<'_> {
 
     /// Spans the displacement evenly over the skin within `rings` of some vertices.
     fn span(&mut self, some: &[u32], rings: usize, patch: &mut Vec<u32>) {
-        let mut inside = rings_about(&self.head.rings, some, rings).concat();
+        let mut inside = self.head.rings.about(some, rings).concat();
         inside.retain(|&v| self.area[v as usize]);
         for &v in std::iter::repeat_n(&inside, SPANS).flatten() {
             let ring = self.head.rings.of(v as usize);
@@ -208,9 +204,9 @@ impl Relaxing<'_> {
 
     /// Turning and smoothing must not bring back what the contacts have mended.
     fn part(&mut self, patch: &mut Vec<u32>) {
-        let mut touched = self.contacts.sunk(self.d, self.target);
+        let mut touched = self.contacts.sunk(&self.d, self.target);
         touched.retain(|(v, _)| !self.held[*v as usize]);
-        touched.extend(self.contacts.crossed(self.d, self.base));
+        touched.extend(self.contacts.crossed(&self.d, self.base));
         for (v, moved) in touched {
             if self.area[v as usize] {
                 self.put(v, moved + self.below(v));
@@ -220,18 +216,4 @@ impl Relaxing<'_> {
         patch.sort_unstable();
         patch.dedup();
     }
-}
-
-/// Some vertices, their neighbours, the neighbours of these and so on: each vertex once, by its distance in edges.
-pub(super) fn rings_about(rings: &Rings, some: &[u32], most: usize) -> Vec<Vec<u32>> {
-    // Only asked, never listed: its order is another one in every run.
-    let mut seen = std::collections::HashSet::new();
-    let first = some.iter().copied().filter(|&v| seen.insert(v));
-    let mut out = vec![first.collect::<Vec<u32>>()];
-    for ring in 0..most {
-        let near = out[ring].iter().flat_map(|&v| rings.of(v as usize));
-        let next = near.copied().filter(|&v| seen.insert(v)).collect();
-        out.push(next);
-    }
-    out
 }

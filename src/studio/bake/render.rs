@@ -11,64 +11,32 @@ use super::looks::{Looks, Surfaces};
 use super::mesh::{Mesh, Vec3};
 use crate::simulator::virtual_head::raster::{self, DepthBuffer};
 
-/// Where to look from and at what.
-#[derive(Clone, Copy, Debug)]
-pub struct View {
-    /// Turn about the vertical, radians; positive shows the subject's left cheek.
-    pub yaw: f64,
-    /// Middle of the picture in the face frame.
-    pub middle: Vec3,
-    /// Height of the picture, mesh units.
-    pub height: f64,
-}
-
-impl View {
-    /// The whole face from in front.
-    pub fn face(head: &Head) -> Self {
-        let face = head.axes.transpose();
-        let (brow, chin) = (face * head.point(24), face * head.point(8));
-        let root = face * head.point(27);
-        let tall = brow.y - chin.y;
-        Self {
-            yaw: 0.0,
-            middle: Vec3::new(root.x, chin.y + 0.52 * tall, root.z),
-            height: 1.5 * tall,
-        }
-    }
-}
-
 /// What is drawn of a head: its file's mesh, and the head's vertex for each of its own.
 pub struct Outside<'a> {
     mesh: &'a Mesh,
-    vertex: Option<&'a [u32]>,
-    surfaces: Option<Surfaces<'a>>,
+    vertex: &'a [u32],
+    surfaces: Surfaces<'a>,
 }
 
 impl<'a> Outside<'a> {
-    /// The head itself.
-    pub fn plain(head: &'a Head) -> Self {
-        Self {
-            mesh: &head.mesh,
-            vertex: None,
-            surfaces: None,
-        }
-    }
-
     /// As its file has it.
-    pub(super) fn new(mesh: &'a Mesh, vertex: &'a [u32], looks: &Looks) -> Self {
+    pub fn new(mesh: &'a Mesh, vertex: &'a [u32], looks: &Looks) -> Self {
+        let surfaces = Surfaces::new(mesh, looks);
         Self {
             mesh,
-            vertex: Some(vertex),
-            surfaces: Some(Surfaces::new(mesh, looks)),
+            vertex,
+            surfaces,
         }
     }
 
-    /// Draws it with the head's vertices moved by `d` (or neutral if empty) as a square picture.
-    pub fn draw(&self, head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
-        let (sin, cos) = view.yaw.sin_cos();
+    /// Draws it with the head's vertices moved by `d` (or neutral if empty) as a square picture of the face; a `yaw` above 0,
+    /// radians, shows the subject's left cheek.
+    pub fn draw(&self, head: &Head, d: &[Vec3], yaw: f64, pixels: u32) -> RgbImage {
+        let (sin, cos) = yaw.sin_cos();
         let turn = Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos);
-        let to_view = turn * head.axes.transpose();
-        let of = |v: usize| self.vertex.map_or(v, |vertex| vertex[v] as usize);
+        let to_face = head.axes.transpose();
+        let to_view = turn * to_face;
+        let of = |v: usize| self.vertex[v] as usize;
         let moved = |v: usize| d.get(of(v)).copied().unwrap_or_default();
         let places = self.mesh.positions.iter().enumerate();
         let seen: Vec<Vec3> = places.map(|(v, p)| to_view * (p + moved(v))).collect();
@@ -83,10 +51,20 @@ impl<'a> Outside<'a> {
                 Follow::Nearest(_) | Follow::Still => known.then_some([90.0, 90.0, 96.0]),
             }
         };
-        let middle = turn * view.middle;
-        let surfaces = self.surfaces.as_ref();
-        let height = view.height;
-        paint(self.mesh, &seen, &middle, height, pixels, surfaces, tint).image
+        let [brow, chin, root] = [24, 8, 27].map(|k| to_face * head.point(k));
+        let tall = brow.y - chin.y;
+        let middle = turn * Vec3::new(root.x, chin.y + 0.52 * tall, root.z);
+        let surfaces = Some(&self.surfaces);
+        paint(
+            self.mesh,
+            &seen,
+            &middle,
+            1.5 * tall,
+            pixels,
+            surfaces,
+            tint,
+        )
+        .image
     }
 }
 
@@ -94,9 +72,9 @@ impl<'a> Outside<'a> {
 pub(in crate::studio) struct Canvas {
     pub(in crate::studio) image: RgbImage,
     depth: DepthBuffer,
-    middle: Vec3,
+    pub(super) middle: Vec3,
     /// Pixels per unit of the mesh.
-    scale: f64,
+    pub(super) scale: f64,
 }
 
 /// The rasteriser wants a number above 0 that is linear in the picture and grows towards the viewer, the inverse distance of a

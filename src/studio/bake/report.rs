@@ -1,18 +1,136 @@
-//! The report: one HTML file with a picture and the figures of every shape.
+//! The report: one HTML file with a picture and the figures of every shape: leakage, inverted and collapsed triangles, lids and
+//! lips.
 
 use std::fmt::Write as _;
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
+use nalgebra::{Matrix3, Rotation3};
 use rayon::prelude::*;
 
-use super::head::Head;
-use super::measure::{Figures, Judge};
+use super::eyeball::Ball;
+use super::head::{Follow, Head};
 use super::mesh::Vec3;
-use super::render::{Outside, View};
+use super::render::Outside;
 use super::shape::Shape;
+use super::surroundings::Surroundings;
 use crate::studio::picture_files::jpeg;
 
+/// A triangle with less of its area than this has collapsed.
+const COLLAPSED: f64 = 0.02;
+
+/// Figures of one shape. Lengths in eye distances.
+#[derive(Clone, Debug, Default)]
+pub struct Figures {
+    /// Largest displacement.
+    pub largest: f64,
+    /// Largest displacement of a vertex outside the area of influence.
+    pub outside: f64,
+    /// Vertices that move.
+    pub moved: usize,
+    /// Inverted triangles of the skin, local test.
+    pub inverted: usize,
+    /// Triangles of the skin whose area fell below a fiftieth of what it was.
+    pub collapsed: usize,
+    /// How much deeper than in the neutral a skin vertex lies in an eyeball.
+    pub eye_depth: f64,
+    /// Widest gap left between the lid lines of an eye that the shape closes.
+    pub lid_gap: Option<f64>,
+    /// Deepest crossing of the inner lip lines, beyond what the neutral has.
+    pub lips_cross: f64,
+}
+
+/// Prepared for one head.
+pub struct Judge<'a> {
+    head: &'a Head,
+    around: Surroundings,
+}
+
+impl<'a> Judge<'a> {
+    /// Prepares the neutral's figures.
+    pub fn new(head: &'a Head) -> Self {
+        Self {
+            head,
+            around: Surroundings::new(head),
+        }
+    }
+
+    /// Figures of shape `k`; shapes meant for another one are judged upon it.
+    pub fn judge(&self, shapes: &[Shape], k: usize) -> Figures {
+        let (head, shape, w) = (self.head, &shapes[k], self.head.eye_distance);
+        let neutral = &head.mesh.positions;
+        let base: Vec<&Shape> = shape.beneath(shapes).collect();
+        let moved = neutral.iter().zip(&shape.displacement).enumerate();
+        let moved: Vec<Vec3> = moved
+            .map(|(v, (p, d))| p + base.iter().map(|b| b.displacement[v]).sum::<Vec3>() + d)
+            .collect();
+        let mut out = Figures::default();
+        for (d, inside) in shape.displacement.iter().zip(&shape.area) {
+            let length = d.norm() / w;
+            out.largest = out.largest.max(length);
+            out.moved += usize::from(length > 0.0);
+            if !inside {
+                out.outside = out.outside.max(length);
+            }
+        }
+        let all = 0..moved.len() as u32;
+        let changed = all.filter(|&v| moved[v as usize] != neutral[v as usize]);
+        let changed: Vec<u32> = changed.collect();
+        let some = self.around.seeing(&changed);
+        for flat in self.around.flattened(&|v| moved[v], &some, COLLAPSED) {
+            out.inverted += usize::from(flat.inverted);
+            out.collapsed += usize::from(flat.area < flat.wanted);
+        }
+        for (side, closes) in ["eyeBlinkLeft", "eyeBlinkRight"].into_iter().enumerate() {
+            if head.balls[side].is_some() {
+                out.eye_depth = out.eye_depth.max(self.eye_depth(side, &moved) / w);
+                if shape.name == closes {
+                    out.lid_gap = Some(head.lid_gap(side, |v| moved[v as usize]) / w);
+                }
+            }
+        }
+        let before = head.lip_gaps(|v| neutral[v as usize]);
+        let now = head.lip_gaps(|v| moved[v as usize]);
+        for ((.., before), (.., now)) in before.into_iter().zip(now) {
+            let crossing = (-now).max(0.0) - (-before).max(0.0);
+            out.lips_cross = out.lips_cross.max(crossing / w);
+        }
+        out
+    }
+
+    /// How much deeper skin lies in an eyeball where vertices are at `moved`.
+    fn eye_depth(&self, side: usize, moved: &[Vec3]) -> f64 {
+        let head = self.head;
+        let Some(ball) = &head.balls[side] else {
+            return 0.0;
+        };
+        let turned = ball.turned(gaze(head, side, ball, moved).as_ref());
+        let reach = 0.75 * head.eye_distance;
+        let places = head.mesh.positions.iter().zip(moved).zip(&head.skin);
+        let near = places.filter(|((p, now), skin)| {
+            let before = (*now - ball.center).dot(&head.axes.column(2)) > 0.0;
+            **skin && before && (*p - ball.center).norm() < reach
+        });
+        near.map(|((p, now), _)| (-turned.height(now)).max(0.0) - (-ball.height(p)).max(0.0))
+            .fold(0.0, f64::max)
+    }
+}
+
+/// How an eyeball is turned where vertices are at `moved`.
+fn gaze(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> Option<Rotation3<f64>> {
+    let mut sum = Matrix3::zeros();
+    let mut turns = false;
+    for (v, p) in head.mesh.positions.iter().enumerate() {
+        if head.follow[v] == Follow::Eyeball(side) {
+            turns |= moved[v] != *p;
+            sum += (moved[v] - ball.center) * (p - ball.center).transpose();
+        }
+    }
+    turns.then(|| Rotation3::from_matrix(&sum))
+}
+
+/// Turn of the head in its pictures, radians.
+const YAW: f64 = 0.35;
 const PIXELS: u32 = 300;
 const JPEG_QUALITY: u8 = 75;
 
@@ -74,18 +192,14 @@ pub fn html(
     title: &str,
 ) -> (String, Vec<Figures>) {
     let judge = Judge::new(head);
-    let view = View {
-        yaw: 0.35,
-        ..View::face(head)
-    };
     let one = |k: usize| {
-        let picture = outside.draw(head, &shown(shapes, k), &view, PIXELS);
+        let picture = outside.draw(head, &shown(shapes, k), YAW, PIXELS);
         (judge.judge(shapes, k), embedded(&picture))
     };
     let all = (0..shapes.len()).into_par_iter().map(one);
     let (figures, pictures): (Vec<Figures>, Vec<String>) = all.unzip();
     let (count, vertices) = (shapes.len(), head.mesh.positions.len());
-    let neutral = embedded(&outside.draw(head, &[], &view, PIXELS));
+    let neutral = embedded(&outside.draw(head, &[], YAW, PIXELS));
     let mut out = format!(
         "{STYLE}<h1>{title}</h1><p>{}</p><p>{count} shapes on {vertices} vertices. \
          Lengths are in distances between the inner eye corners. A shape made to be added to another one is shown and \

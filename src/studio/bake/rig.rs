@@ -6,13 +6,12 @@
 //!
 //! Units: the mesh's. Cost: one factor of the area per shape, two to four for lids; shapes run in parallel.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
 use super::canonical::Canonical;
 use super::contact::Contacts;
-use super::goals::goals;
 use super::head::{Follow, Head};
 use super::influence::Field;
 use super::mesh::Vec3;
@@ -20,9 +19,9 @@ use super::names::LANDMARKS;
 use super::printed::{self, printed};
 use super::prior::Prior;
 use super::recipe::Target;
-use super::relax::{relax, rings_about};
+use super::relax::relax;
 use super::shape::Shape;
-use super::skin::{Kept, Placing, Solved};
+use super::skin::{Placing, Solved, goals};
 use super::solve::{DISC, REACH};
 use super::surroundings::Surroundings;
 use crate::studio::fault::Fault;
@@ -109,9 +108,8 @@ fn rows(targets: &[Target]) -> Vec<Vec<usize>> {
     for (k, target) in targets.iter().enumerate() {
         let base = beneath(target);
         let base = base.and_then(|name| targets[..k].iter().position(|t| t.name == *name));
-        let row = rows.iter_mut();
-        let mut row = row.filter(|row| base.is_some_and(|b| row.contains(&b)));
-        match row.next() {
+        let of_base = |row: &&mut Vec<usize>| base.is_some_and(|b| row.contains(&b));
+        match rows.iter_mut().find(of_base) {
             Some(row) => row.push(k),
             None => rows.push(vec![k]),
         }
@@ -139,16 +137,19 @@ struct Faults {
     places: Vec<u32>,
 }
 
-/// The skin that is kept so far.
-struct Best {
-    solved: Solved,
-    faults: Faults,
-}
-
 impl Faults {
     fn rank(&self) -> (usize, usize) {
         (self.missed, self.places.len())
     }
+}
+
+/// The skin of a shape that is kept so far.
+struct Best<'a> {
+    rig: &'a Rig<'a>,
+    target: &'a Target,
+    base: Option<&'a [Vec3]>,
+    solved: Solved,
+    faults: Faults,
 }
 
 impl<'a> Rig<'a> {
@@ -210,7 +211,7 @@ impl<'a> Rig<'a> {
     /// ever wider; the plain one; and each of them relaxed only if that makes it no worse.
     fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
-        let mut kept = Kept::default();
+        let mut kept = None;
         let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
             let placing = Placing {
                 contacts: &self.contacts,
@@ -234,50 +235,22 @@ impl<'a> Rig<'a> {
             return Ok(solved);
         }
         let mut best = Best {
+            rig: self,
+            target,
+            base,
             faults: self.faults(target, base, &solved.d),
             solved,
         };
         if learned.is_some() && best.faults.rank() > (0, 0) {
-            let plain = place(target, None)?.d;
-            self.blend(target, base, plain, &mut best);
+            best.blend(place(target, None)?.d);
         }
         for spans in [false, true] {
             if !best.faults.places.is_empty() {
-                let mut d = best.solved.d.clone();
-                let moving = (&mut d, &best.solved.area[..]);
-                relax(&self.around, &self.contacts, target, base, moving, spans);
-                self.take(target, base, d, &mut best);
+                let (around, contacts) = (&self.around, &self.contacts);
+                best.take(relax(around, contacts, target, base, &best.solved, spans));
             }
         }
         Ok(best.solved)
-    }
-
-    /// Tries the plain solution around the faults that it does not have itself, then all of it.
-    fn blend(&self, target: &Target, base: Option<&[Vec3]>, plain: Vec<Vec3>, best: &mut Best) {
-        let others = self.faults(target, base, &plain);
-        let own = |v: &u32| others.places.binary_search(v).is_err();
-        let places: Vec<u32> = best.faults.places.iter().copied().filter(own).collect();
-        let whole = best.solved.d.clone();
-        let nowhere = places.is_empty();
-        for rings in BLENDED_RINGS.into_iter().filter(|_| !nowhere) {
-            let mut d = self.blended(&whole, &plain, &places, rings);
-            let sunk = self.contacts.sunk(&d, target).into_iter();
-            for (v, moved) in sunk.chain(self.contacts.crossed(&d, base)) {
-                if best.solved.area[v as usize] {
-                    d[v as usize] = moved;
-                }
-            }
-            self.take(target, base, d, best);
-        }
-        self.take(target, base, plain, best);
-    }
-
-    /// Takes another skin if it has fewer faults.
-    fn take(&self, target: &Target, base: Option<&[Vec3]>, d: Vec<Vec3>, best: &mut Best) {
-        let faults = self.faults(target, base, &d);
-        if faults.rank() < best.faults.rank() {
-            (best.solved.d, best.faults) = (d, faults);
-        }
     }
 
     fn faults(&self, target: &Target, base: Option<&[Vec3]>, d: &[Vec3]) -> Faults {
@@ -288,19 +261,41 @@ impl<'a> Rig<'a> {
             places: self.around.faults(head, d, &at),
         }
     }
+}
 
-    /// `plain` around some places, `learned` so many rings away, evenly from one to the other.
-    fn blended(&self, learned: &[Vec3], plain: &[Vec3], places: &[u32], rings: usize) -> Vec<Vec3> {
-        let mut out = learned.to_vec();
-        let around = rings_about(&self.head.rings, places, rings);
-        for (ring, some) in around.iter().enumerate() {
-            let share = (2.0 * ring as f64 / rings as f64 - 1.0).max(0.0);
-            for &v in some {
-                let v = v as usize;
-                out[v] = plain[v] + (learned[v] - plain[v]) * share;
+impl Best<'_> {
+    /// Tries the plain solution around the faults that it does not have itself, then all of it.
+    fn blend(&mut self, plain: Vec<Vec3>) {
+        let others = self.rig.faults(self.target, self.base, &plain).places;
+        let mut own = self.faults.places.clone();
+        own.retain(|v| others.binary_search(v).is_err());
+        let (whole, contacts) = (self.solved.d.clone(), &self.rig.contacts);
+        for rings in BLENDED_RINGS.into_iter().filter(|_| !own.is_empty()) {
+            let mut d = whole.clone();
+            let around = self.rig.head.rings.about(&own, rings);
+            for (ring, some) in around.iter().enumerate() {
+                let share = (2.0 * ring as f64 / rings as f64 - 1.0).max(0.0);
+                for v in some.iter().map(|&v| v as usize) {
+                    d[v] = plain[v] + (whole[v] - plain[v]) * share;
+                }
             }
+            let sunk = contacts.sunk(&d, self.target).into_iter();
+            for (v, moved) in sunk.chain(contacts.crossed(&d, self.base)) {
+                if self.solved.area[v as usize] {
+                    d[v as usize] = moved;
+                }
+            }
+            self.take(d);
         }
-        out
+        self.take(plain);
+    }
+
+    /// Takes another skin if it has fewer faults.
+    fn take(&mut self, d: Vec<Vec3>) {
+        let faults = self.rig.faults(self.target, self.base, &d);
+        if faults.rank() < self.faults.rank() {
+            (self.solved.d, self.faults) = (d, faults);
+        }
     }
 }
 
@@ -335,23 +330,21 @@ fn landmarks_alone(head: &Head, target: &Target) -> Target {
 fn fields(head: &Head, targets: &[Target]) -> Result<Vec<Vec<f64>>, Fault> {
     let w = head.eye_distance;
     // One field per set of control vertices; a recipe has one set, a table of controls may have several.
-    let mut sets: BTreeMap<Vec<u32>, Vec<usize>> = BTreeMap::new();
+    let mut sets: BTreeMap<BTreeSet<u32>, Vec<usize>> = BTreeMap::new();
     for (k, target) in targets.iter().enumerate() {
         let controls = target.controls.iter().map(|c| c.0);
         let own = controls.filter(|v| !head.points[LANDMARKS..].contains(v));
-        let mut vertices: Vec<u32> = own.collect();
-        vertices.sort_unstable();
-        vertices.dedup();
-        sets.entry(vertices).or_default().push(k);
+        sets.entry(own.collect()).or_default().push(k);
     }
     let mut influence: Vec<Vec<f64>> = vec![Vec::new(); targets.len()];
-    for (vertices, members) in &sets {
+    for (vertices, members) in sets {
+        let vertices = Vec::from_iter(vertices);
         let field = Field::new(
             &head.operator,
             &head.rings,
             &head.mesh.positions,
             &head.skin,
-            vertices,
+            &vertices,
             REACH * w,
             DISC * w,
         )?;

@@ -18,7 +18,8 @@ const DEEPEST: usize = 256;
 /// What a matrix may differ from none at all, in parts of the head's unit.
 const NOTHING: f64 = 1e-6;
 
-fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
+/// Numbers of a node; `None` if they are not so many.
+pub(in crate::studio) fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
     let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(Value::as_f64).collect();
     numbers?.try_into().ok()
 }
@@ -36,20 +37,34 @@ fn local(node: &Value) -> Matrix4<f64> {
         * Matrix4::new_nonuniform_scaling(&vector("scale", 1.0))
 }
 
+/// What each node hangs on.
+pub(in crate::studio) struct Parents(Vec<Option<usize>>);
+
+impl Parents {
+    pub(in crate::studio) fn of(nodes: &[Value]) -> Self {
+        let mut parents = vec![None; nodes.len()];
+        for (k, node) in nodes.iter().enumerate() {
+            for child in list(&node["children"]).iter().filter_map(Value::as_u64) {
+                if let Some(parent) = parents.get_mut(child as usize) {
+                    *parent = Some(k);
+                }
+            }
+        }
+        Self(parents)
+    }
+
+    /// A node, what it hangs on, and so on upwards.
+    pub(in crate::studio) fn chain(&self, node: usize) -> impl Iterator<Item = usize> {
+        std::iter::successors(Some(node), |&k| self.0[k]).take(DEEPEST)
+    }
+}
+
 /// From each mesh to the scene; `None` where that is nothing, or cannot be undone.
 pub(super) fn placed(glb: &Glb) -> Vec<Option<Matrix4<f64>>> {
     let nodes = list(&glb.json["nodes"]);
-    let mut parent = vec![usize::MAX; nodes.len()];
-    for (k, node) in nodes.iter().enumerate() {
-        for child in list(&node["children"]).iter().filter_map(Value::as_u64) {
-            if let Some(parent) = parent.get_mut(child as usize) {
-                *parent = k;
-            }
-        }
-    }
+    let parents = Parents::of(nodes);
     let world = |node: usize| {
-        let chain = std::iter::successors(Some(node), |&k| parent.get(k).copied());
-        let chain = chain.take_while(|&k| k < nodes.len()).take(DEEPEST);
+        let chain = parents.chain(node);
         chain.fold(Matrix4::identity(), |below, k| local(&nodes[k]) * below)
     };
     let mut placed = vec![None; list(&glb.json["meshes"]).len()];

@@ -209,17 +209,10 @@ fn ways(
 /// The vertices within `slack` of a landmark, nearest first; going through another than itself costs `pull` times its distance.
 fn place(mesh: &Mesh, rings: &Rings, landmark: u32, slack: f64, pull: f64) -> Place {
     let at = |v: u32| mesh.positions[v as usize];
-    let mut place = vec![(landmark, 0.0)];
-    let mut k = 0;
-    while k < place.len() {
-        for &o in rings.of(place[k].0 as usize) {
-            let far = (at(o) - at(landmark)).norm();
-            if far < slack && place.iter().all(|p| p.0 != o) {
-                place.push((o, far * pull));
-            }
-        }
-        k += 1;
-    }
+    let near = rings.disc(&mesh.positions, landmark, slack).into_iter();
+    let mut place: Place = near
+        .map(|v| (v, (at(v) - at(landmark)).norm() * pull))
+        .collect();
     place.sort_by(|a, b| a.1.total_cmp(&b.1));
     place.truncate(PLACES);
     place

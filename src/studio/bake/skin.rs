@@ -1,6 +1,6 @@
 //! The skin of one shape: its area of influence, the solve, and contacts until nothing touches.
 //!
-//! * lids: both lid lines go to one common line, on paths lifted around the eyeball ([`super::goals`]); skin that would sink
+//! * lids: both lid lines go to one common line, on paths lifted around the eyeball ([`goals`]); skin that would sink
 //!   into the ball deeper than it was (or than a margin) is lifted out, held, and the shape is solved again;
 //! * jaw: the lower half of the mouth's inside moves rigidly with it, and would otherwise hang as a sheet in the open mouth.
 //!
@@ -9,13 +9,13 @@
 
 use std::collections::BTreeMap;
 
-use super::contact::Contacts;
-use super::goals::goals;
+use super::contact::{Contacts, LID_MARGIN};
 use super::head::{Head, LIP_FREE};
 use super::mesh::{Vec3, extent_of};
 use super::names::LANDMARKS;
 use super::recipe::Target;
-use super::solve::{DISC, EDGE, FULL, REACH, ROUNDS, System};
+use super::solve::{DISC, EDGE, FULL, REACH, ROUNDS, System, unknown};
+use crate::base::geometry::smoothstep;
 use crate::studio::fault::Fault;
 
 /// Skin nearer than this to a lid line that closes takes part, in eye distances.
@@ -29,6 +29,51 @@ const CONTACT_REACH: f64 = 0.4;
 /// distances: 0.1 mm.
 const FADES: f64 = 0.003;
 
+/// All control vertices of a shape with their displacements.
+pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
+    let mut goal: BTreeMap<u32, Vec3> = target.controls.iter().copied().collect();
+    let at = |v: u32| head.mesh.positions[v as usize];
+    for side in 0..2 {
+        let seam = &head.lids[side];
+        let lines = [&seam.upper, &seam.lower];
+        if let Some((amount, line)) = target.close[side] {
+            for &v in lines.iter().flat_map(|line| &line[1..line.len() - 1]) {
+                let p = at(v);
+                let t = seam.across(&head.mesh, &p);
+                let [u, l] = lines.map(|line| seam.on_line(&head.mesh, line, t));
+                let meeting = l + (u - l) * line;
+                // Both lines go to the same curve; the depth there is the ball's, given below.
+                let moved = (meeting - p) * (amount * near_corner(t));
+                *goal.entry(v).or_insert_with(Vec3::zeros) += moved;
+            }
+        }
+        let Some(ball) = head.balls[side].as_ref().filter(|_| !target.exact) else {
+            continue;
+        };
+        let turned = ball.turned(target.gaze[side].as_ref());
+        for v in seam.both() {
+            let Some(d) = goal.get_mut(&v).filter(|d| d.norm() > 0.0) else {
+                continue;
+            };
+            let (p, moved) = (at(v), at(v) + *d);
+            let least = match target.close[side] {
+                // Lines that meet go to the same point, so that no lid stands before the other.
+                Some((amount, _)) if amount > 0.99 => 2.0 * LID_MARGIN * head.eye_distance,
+                _ => ball.height(&p).min(LID_MARGIN * head.eye_distance),
+            };
+            if turned.height(&moved) < least {
+                *d = turned.lifted(&moved, least) - p;
+            }
+        }
+    }
+    goal
+}
+
+/// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 across.
+fn near_corner(t: f64) -> f64 {
+    smoothstep(0.0, 0.035, t) * smoothstep(1.0, 0.965, t)
+}
+
 /// Whether a place lies further than `reach` from a box.
 fn apart((low, high): (Vec3, Vec3), reach: f64) -> impl Fn(&Vec3) -> bool {
     move |p| (p - p.sup(&low).inf(&high)).norm_squared() > reach * reach
@@ -40,29 +85,6 @@ pub(super) struct Solved {
     pub(super) d: Vec<Vec3>,
     /// Vertices that could move.
     pub(super) area: Vec<bool>,
-}
-
-/// The last system of a shape: the shape by its landmarks alone often has the same as the whole one.
-#[derive(Default)]
-pub(super) struct Kept(Option<(Vec<bool>, Vec<u32>, System)>);
-
-impl Kept {
-    /// The system of an area with these given vertices.
-    fn system(
-        &mut self,
-        head: &Head,
-        area: &[bool],
-        goal: &BTreeMap<u32, Vec3>,
-    ) -> Result<&System, Fault> {
-        let same = |(known, given, _): &(Vec<bool>, Vec<u32>, System)| {
-            known == area && goal.keys().eq(given)
-        };
-        if !self.0.as_ref().is_some_and(same) {
-            let system = System::new(&head.operator, area, goal.keys().copied())?;
-            self.0 = Some((area.to_vec(), goal.keys().copied().collect(), system));
-        }
-        Ok(&self.0.as_ref().expect("just made").2)
-    }
 }
 
 /// One shape to be placed.
@@ -83,7 +105,8 @@ struct Asked {
 
 impl Placing<'_> {
     /// Places the skin; `u` is the influence of the landmarks, `beyond` what the skin is expected to do beyond the solve: the
-    /// energy then is that of the difference, inside the area; `kept` what other solves of the same shape left.
+    /// energy then is that of the difference, inside the area. `kept` is the last system of the shape: by its landmarks alone it
+    /// often has the same as whole.
     ///
     /// # Errors
     /// If a system is singular.
@@ -91,7 +114,7 @@ impl Placing<'_> {
         &self,
         u: &[f64],
         beyond: Option<&[Vec3]>,
-        kept: &mut Kept,
+        kept: &mut Option<System>,
     ) -> Result<Solved, Fault> {
         let (head, edge) = (self.contacts.head, EDGE * self.contacts.head.eye_distance);
         let mut asked = Asked {
@@ -111,15 +134,18 @@ impl Placing<'_> {
         let fades = FADES * head.eye_distance;
         let fade = |v: usize| ((asked.u[v] - edge) / fades).clamp(0.0, 1.0);
         let share = |v: usize| if asked.area[v] { fade(v) } else { 0.0 };
-        let faded = |(v, d): (usize, &Vec3)| d * share(v);
-        let beyond: Option<Vec<Vec3>> =
-            beyond.map(|beyond| beyond.iter().enumerate().map(faded).collect());
+        let beyond = beyond.into_iter().flatten().enumerate();
+        let beyond: Vec<Vec3> = beyond.map(|(v, d)| d * share(v)).collect();
         let mut d = vec![Vec3::zeros(); asked.u.len()];
-        let system = kept.system(head, &asked.area, &asked.goal)?;
-        self.solve(system, &asked, beyond.as_deref(), &mut d);
+        let unknown = unknown(&asked.area, asked.goal.keys().copied());
+        let system = match kept.take().filter(|kept| kept.unknown == unknown) {
+            Some(same) => kept.insert(same),
+            None => kept.insert(System::of(&head.operator, unknown)?),
+        };
+        self.solve(system, &asked, &beyond, &mut d);
         // A table of controls says itself how lids and lips go.
         if !self.target.exact {
-            self.part(&mut asked, beyond.as_deref(), &mut d)?;
+            self.part(&mut asked, &beyond, &mut d)?;
         }
         let Asked { goal, mut area, .. } = asked;
         for &v in goal.keys() {
@@ -156,14 +182,10 @@ impl Placing<'_> {
             let reach = BESIDE_LID * head.eye_distance;
             let acts = |v: u32| Some((positions[v as usize], asked.goal.get(&v)?.norm()));
             let line: Vec<(Vec3, f64)> = head.lids[side].both().filter_map(acts).collect();
-            let apart = apart(extent_of(line.iter().map(|(p, _)| p)), reach);
-            for (k, u) in asked.u.iter_mut().enumerate() {
-                let q = positions[k];
-                if head.skin[k] && !apart(&q) {
-                    for (p, size) in &line {
-                        *u = u.max(size * (1.0 - (q - p).norm() / reach));
-                    }
-                }
+            for k in (0..positions.len()).filter(|&k| head.skin[k]) {
+                let acts =
+                    |(p, size): &(Vec3, f64)| size * (1.0 - (positions[k] - p).norm() / reach);
+                asked.u[k] = line.iter().map(acts).fold(asked.u[k], f64::max);
             }
         }
     }
@@ -201,7 +223,7 @@ impl Placing<'_> {
         }
     }
 
-    fn solve(&self, system: &System, asked: &Asked, beyond: Option<&[Vec3]>, d: &mut [Vec3]) {
+    fn solve(&self, system: &System, asked: &Asked, beyond: &[Vec3], d: &mut [Vec3]) {
         let put = |d: &mut [Vec3]| {
             for (&v, &moved) in &asked.goal {
                 d[v as usize] = moved;
@@ -211,23 +233,18 @@ impl Placing<'_> {
         let full = FULL * head.eye_distance;
         let delta = |v: usize| (asked.u[v] / full).min(1.0);
         put(d);
-        for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
+        for (d, beyond) in d.iter_mut().zip(beyond) {
             *d -= beyond;
         }
         system.deform(&head.operator, &head.mesh.positions, d, delta, ROUNDS);
-        for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
+        for (d, beyond) in d.iter_mut().zip(beyond) {
             *d += beyond;
         }
         put(d);
     }
 
     /// Lifts sunk lid skin, parts crossed lips, and solves what lies around the contact again; further away its effect has faded.
-    fn part(
-        &self,
-        asked: &mut Asked,
-        beyond: Option<&[Vec3]>,
-        d: &mut [Vec3],
-    ) -> Result<(), Fault> {
+    fn part(&self, asked: &mut Asked, beyond: &[Vec3], d: &mut [Vec3]) -> Result<(), Fault> {
         let (head, positions) = (self.contacts.head, &self.contacts.head.mesh.positions);
         for round in 0..=CONTACT_ROUNDS {
             let sunk = self.contacts.sunk(d, self.target);

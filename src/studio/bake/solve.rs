@@ -46,8 +46,19 @@ pub const FULL: f64 = 0.14;
 /// Rounds of Procedure 1 after the first solve.
 pub const ROUNDS: usize = 1;
 
+/// The vertices of an area but those whose displacement is given.
+pub(super) fn unknown(area: &[bool], given: impl IntoIterator<Item = u32>) -> Vec<bool> {
+    let mut unknown = area.to_vec();
+    for v in given {
+        unknown[v as usize] = false;
+    }
+    unknown
+}
+
 /// The unknowns of one area of influence, factored. Serves every shape with the same area and the same control vertices.
 pub struct System {
+    /// Which vertices are unknown.
+    pub(super) unknown: Vec<bool>,
     unknowns: Unknowns,
     /// The unknown vertices, ascending: what is near in the mesh is near in memory.
     free: Vec<u32>,
@@ -66,14 +77,15 @@ impl System {
         area: &[bool],
         given: impl IntoIterator<Item = u32>,
     ) -> Result<Self, Fault> {
-        let mut unknown = area.to_vec();
-        for v in given {
-            unknown[v as usize] = false;
-        }
+        Self::of(operator, unknown(area, given))
+    }
+
+    /// Of these unknown vertices.
+    pub(super) fn of(operator: &Operator, unknown: Vec<bool>) -> Result<Self, Fault> {
         let unknowns = operator.unknowns(|v| unknown[v]);
         let mut free = unknowns.rows.clone();
         free.sort_unstable();
-        let mut seen = vec![false; area.len()];
+        let mut seen = vec![false; unknown.len()];
         let mut rows = Vec::with_capacity(free.len() * 5 / 4);
         for &v in &free {
             let row = operator.cotangent.row(v as usize).map(|(c, _)| c);
@@ -82,6 +94,7 @@ impl System {
         Ok(Self {
             factor: Factor::of(&operator.energy, &unknowns, |_| 0.0)?,
             rows: rows.into_iter().map(|c| c as u32).collect(),
+            unknown,
             unknowns,
             free,
         })
@@ -119,11 +132,8 @@ impl System {
                 // Step 2: L' = M V; step 3: L'' = (|L0| / |L'|) L'.
                 let now = l0 + operator.cotangent.row_times(r as usize, d);
                 let (had, has) = (l0.norm(), now.norm());
-                let restored = if has > FLAT_ROW * mean && had > FLAT_ROW * mean {
-                    now * (had / has)
-                } else {
-                    *l0
-                };
+                let counts = has.min(had) > FLAT_ROW * mean;
+                let restored = if counts { now * (had / has) } else { *l0 };
                 // Step 4: L = D L'' + (I − D) L0, kept as L − L0 times the row's weight.
                 let share = delta(r as usize) * operator.weight[r as usize];
                 wanted[r as usize] = (restored - l0) * share;

@@ -67,26 +67,19 @@ fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace(char::is_control, " "))
 }
 
-/// Names of the prims beneath one prim: identifiers, each given once.
-#[derive(Default)]
-struct Siblings(HashSet<String>);
-
-impl Siblings {
-    /// The name of the prim for `name`: the same if it is an identifier that nobody has yet.
-    fn name(&mut self, name: &str) -> String {
-        let mut valid: String = name.chars().map(plain).collect();
-        if !valid.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {
-            valid.insert(0, '_');
-        }
-        let mut free = valid.clone();
-        for k in 2.. {
-            if self.0.insert(free.clone()) {
-                break;
-            }
-            free = format!("{valid}_{k}");
-        }
-        free
+/// The name of the prim for `name`: the same if it is an identifier that none of its `siblings` has yet.
+fn prim(siblings: &mut HashSet<String>, name: &str) -> String {
+    let mut valid: String = name.chars().map(plain).collect();
+    if !valid.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {
+        valid.insert(0, '_');
     }
+    let mut free = valid.clone();
+    let mut k = 2;
+    while !siblings.insert(free.clone()) {
+        free = format!("{valid}_{k}");
+        k += 1;
+    }
+    free
 }
 
 /// A matrix that moves by `v`, in USD's order of rows.
@@ -103,8 +96,8 @@ fn normals(mesh: &Mesh, smooth: &[Vec3]) -> Option<(Vec<[f32; 3]>, &'static str)
     if mesh.normals.is_empty() {
         return None;
     }
-    let corners = mesh.corners.iter().map(|c| single(&mesh.normal(c, smooth)));
-    let corners: Vec<[f32; 3]> = corners.collect();
+    let normal = |c| single(&mesh.normal(c, smooth));
+    let corners: Vec<[f32; 3]> = mesh.corners.iter().map(normal).collect();
     let mut vertices: Vec<[f32; 3]> = smooth.iter().map(single).collect();
     let mut first: HashMap<u32, [f32; 3]> = HashMap::new();
     for (corner, &n) in mesh.corners.iter().zip(&corners) {
@@ -184,7 +177,7 @@ struct Used {
 }
 
 fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside<'_>) -> Vec<Used> {
-    let mut names = Siblings::default();
+    let mut names = HashSet::new();
     let mut faces: Vec<Vec<usize>> = vec![Vec::new(); mesh.materials.len()];
     for (f, &material) in mesh.face_material.iter().enumerate() {
         faces[material as usize].push(f);
@@ -194,12 +187,14 @@ fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside<'_>) -> Vec<Used> {
         .map(|(name, faces)| {
             let picture = pictures.get(name).map(|(file, _)| file.clone());
             let (colour, opacity) = looks.get(name).map_or((None, 1.0), Look::surface);
-            let plain = match picture {
-                Some(_) => [1.0; 3],
-                None => [COLOUR[0], COLOUR[1], COLOUR[2]],
+            let [r, g, b, _] = COLOUR;
+            let plain = if picture.is_some() {
+                [1.0; 3]
+            } else {
+                [r, g, b]
             };
             Used {
-                prim: names.name(name),
+                prim: prim(&mut names, name),
                 colour: colour.unwrap_or(plain),
                 opacity,
                 picture,
@@ -280,12 +275,16 @@ fn binding(out: &mut String, names: &str, prims: &[String]) {
 }
 
 /// Which faces have which material, if there are several.
-fn subsets(out: &mut String, used: &[Used], siblings: &mut Siblings) {
+fn subsets(out: &mut String, used: &[Used], siblings: &mut HashSet<String>) {
     if used.len() < 2 {
         return;
     }
-    for Used { prim, faces, .. } in used {
-        let (name, faces) = (siblings.name(prim), whole(faces.iter().copied()));
+    for used in used {
+        let (name, faces) = (
+            prim(siblings, &used.prim),
+            whole(used.faces.iter().copied()),
+        );
+        let material = &used.prim;
         let _ = write!(
             out,
             r#"
@@ -296,7 +295,7 @@ fn subsets(out: &mut String, used: &[Used], siblings: &mut Siblings) {
             uniform token elementType = "face"
             uniform token familyName = "materialBind"
             int[] indices = {faces}
-            rel material:binding = </head/materials/{prim}>
+            rel material:binding = </head/materials/{material}>
         }}
 "#
         );
@@ -370,7 +369,7 @@ fn material(used: &Used, tinted: bool) -> String {
     )
 }
 
-/// Metadata of the layer, the skeleton and the weights.
+/// Metadata of the layer, the skeleton, the weights, and the beginning of the mesh.
 fn skeleton(mesh: &Mesh, metres: f64, names: &str, shapes: usize) -> String {
     let (low, high) = extent_of(&mesh.positions);
     let middle = moved_by(&((low + high) / 2.0));
@@ -404,6 +403,10 @@ def SkelRoot "head" (
         float[] blendShapeWeights = {rest}
     }}
 
+    def Mesh "face" (
+        prepend apiSchemas = ["SkelBindingAPI", "MaterialBindingAPI"]
+    )
+    {{
 "#
     )
 }
@@ -417,17 +420,15 @@ pub(super) fn emit(
     metres: f64,
     dense: bool,
 ) -> String {
-    let mut siblings = Siblings::default();
-    let prims: Vec<String> = shapes.iter().map(|s| siblings.name(&s.name)).collect();
+    let mut siblings = HashSet::new();
+    let prims = shapes.iter().map(|s| prim(&mut siblings, &s.name));
+    let prims: Vec<String> = prims.collect();
     let names = array(shapes, |s| quoted(&s.name));
     let smooth = mesh.vertex_normals(&mesh.positions);
     let normals = normals(mesh, &smooth);
     let used = used(mesh, looks, pictures);
 
     let mut out = skeleton(mesh, metres, &names, shapes.len());
-    out.push_str(
-        "    def Mesh \"face\" (\n        prepend apiSchemas = [\"SkelBindingAPI\", \"MaterialBindingAPI\"]\n    )\n    {\n",
-    );
     geometry(&mut out, mesh, normals.as_ref());
     colours(&mut out, mesh, &used);
     // Of the whole mesh here, not of a material.
@@ -435,26 +436,20 @@ pub(super) fn emit(
         set(&mut out, "uniform bool doubleSided", 1);
     }
     // Which material a face has: the mesh's one, or that of the subset it is in.
-    match &used[..] {
-        [one] => {
-            let material = format!("</head/materials/{}>", one.prim);
-            set(&mut out, "rel material:binding", material);
-        }
-        _ => {
-            let family = "uniform token subsetFamily:materialBind:familyType";
-            set(&mut out, family, "\"partition\"");
-        }
+    if let [one] = &used[..] {
+        let material = format!("</head/materials/{}>", one.prim);
+        set(&mut out, "rel material:binding", material);
+    } else {
+        let family = "uniform token subsetFamily:materialBind:familyType";
+        set(&mut out, family, "\"partition\"");
     }
     binding(&mut out, &names, &prims);
     let turning = normals.filter(|(_, interpolation)| *interpolation == PER_VERTEX);
     let turning = turning.map(|_| &smooth[..]);
     let each = shapes.par_iter().zip(&prims);
     let written = each.map(|(shape, prim)| blend_shape(mesh, shape, prim, turning, dense));
-    let written: Vec<String> = written.collect();
     // Each is freed once appended: holding all of them twice would be the peak of memory use.
-    for shape in written {
-        out.push_str(&shape);
-    }
+    out.extend(written.collect::<Vec<String>>());
     subsets(&mut out, &used, &mut siblings);
     out.push_str("    }\n");
     out += "\n    def Scope \"materials\"\n    {\n";

@@ -17,22 +17,16 @@ pub(super) fn add_expressions_to(json: &Value) -> Result<(), Fault> {
     let old = &json["extensions"]["VRM"]["blendShapeMaster"];
     let new = &json["extensions"]["VRMC_vrm"]["expressions"];
     let (groups, custom) = (&old["blendShapeGroups"], &new["custom"]);
-    for (expected, value, fits) in [
-        ("blendShapeMaster of VRM as an object", old, old.is_object()),
-        (
-            "blendShapeGroups of VRM as a list",
-            groups,
-            groups.is_array(),
-        ),
-        ("expressions of VRMC_vrm as an object", new, new.is_object()),
-        (
-            "custom expressions of VRMC_vrm as an object",
-            custom,
-            custom.is_object(),
-        ),
+    let object = (Value::is_object as fn(&Value) -> bool, "an object");
+    let list = (Value::is_array as fn(&Value) -> bool, "a list");
+    for (name, value, (fits, kind)) in [
+        ("blendShapeMaster of VRM", old, object),
+        ("blendShapeGroups of VRM", groups, list),
+        ("expressions of VRMC_vrm", new, object),
+        ("custom expressions of VRMC_vrm", custom, object),
     ] {
-        if !fits && !value.is_null() {
-            return Err(unexpected(expected, beginning(value)));
+        if !fits(value) && !value.is_null() {
+            return Err(unexpected(&format!("{name} as {kind}"), beginning(value)));
         }
     }
     Ok(())

@@ -52,7 +52,6 @@ fn no_box(file: &str) -> Fault {
 }
 
 /// Parses `x,y,w,h` of `--box`; `None` if it is not four finite numbers with a positive size.
-#[must_use]
 pub fn parse_box(text: &str) -> Option<FaceBox> {
     let numbers = text.split(',').map(|word| word.trim().parse().ok());
     let numbers: Vec<f32> = numbers.collect::<Option<_>>()?;
@@ -111,7 +110,6 @@ fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
 }
 
 /// Offsets as a file, see [`FitArgs::offsets`].
-#[must_use]
 pub fn emit_offsets(offsets: &[[f32; 2]; LANDMARKS]) -> String {
     let mut text = String::from("landmark,dx,dy\n");
     for (i, [x, y]) in offsets.iter().enumerate() {

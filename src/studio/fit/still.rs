@@ -18,14 +18,8 @@ use crate::studio::train::samples::STUDIO_INVERSE_DISTANCE;
 
 /// Pictures are shrunk until a face is at most this many pixels wide: the window is 100.
 const MOST_FACE_PX: f32 = 150.0;
-/// Guesses of (yaw, pitch), degrees.
-const GUESSES_DEG: [(f32, f32); 5] = [
-    (0.0, 0.0),
-    (22.0, 0.0),
-    (-22.0, 0.0),
-    (0.0, 14.0),
-    (0.0, -14.0),
-];
+/// Guesses of yaw and pitch, degrees.
+const GUESSES_DEG: [[i8; 2]; 5] = [[0, 0], [22, 0], [-22, 0], [0, 14], [0, -14]];
 
 /// A box about the 68 points: left, top, width, height, pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +36,6 @@ pub struct FaceBox {
 
 impl FaceBox {
     /// The box of points.
-    #[must_use]
     pub fn around(points: &[[f32; 2]; LANDMARKS]) -> Self {
         let [[left, top], [right, bottom]] = ends(*points);
         Self {
@@ -107,7 +100,6 @@ pub struct StillFitter<'a> {
 
 impl<'a> StillFitter<'a> {
     /// A fitter.
-    #[must_use]
     pub fn new(model: &'a FaceModel) -> Self {
         Self {
             model,
@@ -145,19 +137,14 @@ impl<'a> StillFitter<'a> {
         placement.resample(picture, &Region::WHOLE, &mut self.window);
         self.maps.compute(&self.window, &Region::WHOLE);
         let shape = &self.model.shape;
+        let (solver, maps) = (&mut self.solver, &self.maps);
         let start = FaceFit {
             view: placement.start,
             shape: [0.0; MAX_MODES],
         };
-        let cold = self
-            .solver
-            .run(&self.model.cold, shape, &self.maps, &start, &start.view);
-        let fit = self
-            .solver
-            .run(&self.model.warm, shape, &self.maps, &cold, &start.view);
-        let belief = self
-            .solver
-            .belief(&self.model.confidence, shape, &self.maps, &fit);
+        let cold = solver.run(&self.model.cold, shape, maps, &start, &start.view);
+        let fit = solver.run(&self.model.warm, shape, maps, &cold, &start.view);
+        let belief = solver.belief(&self.model.confidence, shape, maps, &fit);
         (belief.log_odds, fit, placement)
     }
 
@@ -198,8 +185,9 @@ impl<'a> StillFitter<'a> {
     /// Fits the face in a box; `roll` in radians, clockwise in the picture.
     pub fn fit(&mut self, picture: &Picture, face_box: &FaceBox, roll: f32) -> FittedFace {
         let mut best: Option<(f32, FaceFit, Placement)> = None;
-        for (yaw, pitch) in GUESSES_DEG {
-            let view = self.view_in_box(face_box, yaw.to_radians(), pitch.to_radians(), roll);
+        for guess in GUESSES_DEG {
+            let [yaw, pitch] = guess.map(|degrees| f32::from(degrees).to_radians());
+            let view = self.view_in_box(face_box, yaw, pitch, roll);
             let end = self.run(picture, &view);
             if best.as_ref().is_none_or(|b| end.0 > b.0) {
                 best = Some(end);

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use super::hero::{Hero, JOINT, Layer, Look, NECK, turns};
 use crate::studio::bake::files::write;
-use crate::studio::bake::glb::{Glb, push};
+use crate::studio::bake::glb::{Glb, VERTICES, push};
 use crate::studio::bake::head::Head;
 use crate::studio::bake::mesh::Vec3;
 use crate::studio::bake::morphs::single;
@@ -41,10 +41,10 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
     let shares = mesh.positions.iter().map(|p| turns(p) as f32);
     let [joints, weights] = neck::weighed(glb, shares);
     let attributes = json!({
-        "POSITION": glb.push_rows(&places, true),
-        "NORMAL": glb.push_rows(&normals, false),
-        "COLOR_0": glb.push_rows(&layer.tints, false),
-        "TEXCOORD_0": glb.push_rows(&layer.uv, false),
+        "POSITION": glb.push_bounded(&places, VERTICES),
+        "NORMAL": glb.push_rows(&normals, VERTICES),
+        "COLOR_0": glb.push_rows(&layer.tints, VERTICES),
+        "TEXCOORD_0": glb.push_rows(&layer.uv, VERTICES),
         "JOINTS_0": joints,
         "WEIGHTS_0": weights,
     });

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 
 use super::bake::command::{Source, landmark_text};
 use super::bake::head::{Head, apart, miscounted};
-use super::bake::locate::{LOW, guess};
+use super::bake::locate::LOW;
 use super::bake::mesh::{Mesh, Vec3};
 use super::bake::names::{LANDMARKS, NAMES, mirrored};
 use super::bake::order::Ordered;
@@ -29,7 +29,6 @@ use super::heads::default_head;
 use super::preview;
 use super::preview::http::{self, Answer, Request as Asked, Site};
 use super::text_files::name_of;
-use crate::face_model::FaceModel;
 use surface::{Ray, Surface};
 
 /// Port of the page.
@@ -71,9 +70,7 @@ impl Place {
     pub fn new(mesh: &Path, landmarks: &Path, out: Option<PathBuf>) -> Result<Self, Fault> {
         let source = Source::read(mesh, false)?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
-            let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
-                .ok_or("expected vertices to find a face on, found none")
-                .map_err(Fault::within(mesh))?;
+            let found = source.guess(mesh)?;
             (found.vertices, Some(found.of_points.to_vec()))
         } else {
             (source.told(landmarks)?, None)

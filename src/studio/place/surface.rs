@@ -6,9 +6,8 @@
 //! Units and frame: the mesh's. Cost: linear in the mesh per point, milliseconds. Limits: a head that is not its own mirror
 //! image is mirrored about the middle of its present points.
 
-use crate::studio::bake::mesh::{Mesh, Vec3, extent_of};
+use crate::studio::bake::mesh::{Mesh, Nearest, Vec3, extent_of};
 use crate::studio::bake::names::{LANDMARKS, mirrored};
-use crate::studio::bake::nearest::Nearest;
 use crate::studio::bake::order::Ordered;
 
 /// Cosine between a normal and the line of sight from which a vertex looks away.
@@ -45,7 +44,6 @@ impl Plane {
     }
 
     /// The point on the other side.
-    #[must_use]
     pub fn mirrored(&self, p: &Vec3) -> Vec3 {
         p - self.across * (2.0 * self.off(p))
     }
@@ -64,7 +62,6 @@ pub struct Surface {
 
 impl Surface {
     /// Of a mesh and the same in the one order; the skin is what carries the chin's vertex.
-    #[must_use]
     pub fn new(mesh: &Mesh, ordered: &Ordered, chin: u64) -> Self {
         let rings = ordered.mesh.rings();
         let (component, _) = ordered.mesh.components(&rings);
@@ -85,38 +82,28 @@ impl Surface {
     }
 
     /// Whether a vertex is of the skin.
-    #[must_use]
     pub fn is_skin(&self, vertex: u64) -> bool {
         usize::try_from(vertex).is_ok_and(|v| self.skin.get(v) == Some(&true))
     }
 
     /// Whether the head mirrors itself.
-    #[must_use]
     pub fn is_symmetric(&self) -> bool {
         self.plane.is_some()
     }
 
     /// Position and unit normal of a vertex.
-    #[must_use]
     pub fn at(&self, vertex: u64) -> (Vec3, Vec3) {
-        (
-            self.positions[vertex as usize],
-            self.normals[vertex as usize],
-        )
+        let v = vertex as usize;
+        (self.positions[v], self.normals[v])
     }
 
     fn find_plane(&mut self) -> Option<Plane> {
-        let skin: Vec<u32> = (0..self.positions.len() as u32)
-            .filter(|&v| self.skin[v as usize])
-            .collect();
+        let all = 0..self.positions.len() as u32;
+        let skin: Vec<u32> = all.filter(|&v| self.skin[v as usize]).collect();
         let (low, high) = extent_of(skin.iter().map(|&v| &self.positions[v as usize]));
         self.size = (high - low).max();
         let nearest = Nearest::new(&self.positions, &skin);
-        let looked: Vec<u32> = skin
-            .iter()
-            .step_by((skin.len() / SOME).max(1))
-            .copied()
-            .collect();
+        let looked = || skin.iter().step_by((skin.len() / SOME).max(1));
         // The face looks along z or x.
         [Vec3::x(), Vec3::z()].into_iter().find_map(|across| {
             let at = 0.5 * (low + high).dot(&across);
@@ -126,8 +113,8 @@ impl Surface {
                 let twin = nearest.of(&there);
                 twin.is_some_and(|t| (self.positions[t as usize] - there).norm() < TWIN * self.size)
             };
-            let twins = looked.iter().filter(has_twin).count();
-            (twins as f64 > MOST * looked.len() as f64).then_some(plane)
+            let twins = looked().filter(has_twin).count();
+            (twins as f64 > MOST * looked().count() as f64).then_some(plane)
         })
     }
 
@@ -135,11 +122,8 @@ impl Surface {
     fn plane(&self, points: &[u64]) -> Plane {
         self.plane.unwrap_or_else(|| {
             let at = |k: usize| self.positions[points[k] as usize];
-            let pairs = || {
-                (0..LANDMARKS)
-                    .map(|k| (k, mirrored(k)))
-                    .filter(|(a, b)| a < b)
-            };
+            let all = (0..LANDMARKS).map(|k| (k, mirrored(k)));
+            let pairs = || all.clone().filter(|(a, b)| a < b);
             let across = pairs().map(|(a, b)| at(b) - at(a)).sum::<Vec3>();
             let across = across.try_normalize(0.0).unwrap_or_else(Vec3::x);
             let middles = pairs().map(|(a, b)| 0.5 * (at(a) + at(b)).dot(&across));
@@ -149,7 +133,6 @@ impl Surface {
     }
 
     /// Where a ray first meets the mesh.
-    #[must_use]
     pub fn hit(&self, ray: &Ray) -> Option<Vec3> {
         let met = self.triangles.iter().filter_map(|t| {
             let [a, b, c] = t.map(|v| self.positions[v as usize]);
@@ -197,42 +180,36 @@ impl Surface {
 
     /// The points after landmark `k` was dragged to where `ray` meets the head, or passes nearest by; with `mirror` its
     /// partner on the other side follows, and a point of the middle stays in it.
-    #[must_use]
     pub fn moved(&self, points: &[u64], k: usize, ray: &Ray, mirror: bool) -> Vec<u64> {
-        let mut points = points.to_vec();
         let partner = mirrored(k);
         let sight = ray.along.normalize();
-        let plane = mirror.then(|| self.plane(&points));
-        let others = |points: &[u64], own: &[usize]| -> Vec<u64> {
-            let all = points.iter().enumerate();
-            all.filter(|(j, _)| !own.contains(j))
-                .map(|(_, &v)| v)
-                .collect()
-        };
+        let plane = mirror.then(|| self.plane(points));
         let place = self.hit(ray).map(|p| match plane {
             Some(plane) if partner == k => p - plane.across * plane.off(&p),
             _ => p,
         });
-        // The partner moves too, so that its place is free.
-        let own: &[usize] = if mirror { &[k, partner] } else { &[k] };
-        let taken = others(&points, own);
+        let mut now = points.to_vec();
+        // What moves leaves its place free.
+        now[k] = u64::MAX;
+        if mirror {
+            now[partner] = u64::MAX;
+        }
         let found = match place {
-            Some(place) => self.snapped(k, &sight, &taken, &|p| (p - place).norm()),
-            None => self.snapped(k, &sight, &taken, &|p| (p - ray.from).cross(&sight).norm()),
+            Some(place) => self.snapped(k, &sight, &now, &|p| (p - place).norm()),
+            None => self.snapped(k, &sight, &now, &|p| (p - ray.from).cross(&sight).norm()),
         };
         let Some(found) = found else {
-            return points;
+            return points.to_vec();
         };
-        points[k] = found;
+        now[k] = found;
         if let Some(plane) = plane
             && partner != k
         {
             let there = plane.mirrored(&self.positions[found as usize]);
             let sight = sight - plane.across * (2.0 * sight.dot(&plane.across));
-            let taken = others(&points, &[partner]);
-            let twin = self.snapped(partner, &sight, &taken, &|p| (p - there).norm());
-            points[partner] = twin.unwrap_or(points[partner]);
+            let twin = self.snapped(partner, &sight, &now, &|p| (p - there).norm());
+            now[partner] = twin.unwrap_or(points[partner]);
         }
-        points
+        now
     }
 }

@@ -56,57 +56,6 @@ pub(super) type Points = [[f32; 2]; LANDMARKS];
 /// One fit: how good it is, the model's confidence, the points.
 type Fit = (f32, f32, Points);
 
-pub(super) fn is_sure(best: &Option<Face>) -> bool {
-    best.as_ref().is_some_and(|b| b.confidence > SURE)
-}
-
-/// Looks from all sides until a face is sure.
-pub(super) fn search(mesh: &Mesh, parts: &Parts<'_>, model: &FaceModel, best: &mut Option<Face>) {
-    let mut search = Search {
-        mesh,
-        parts,
-        model,
-        fitter: StillFitter::new(model),
-        by_eyes: false,
-    };
-    for by_eyes in [true, false] {
-        search.by_eyes = by_eyes;
-        if by_eyes && parts.balls.is_none() {
-            continue;
-        }
-        let mut glances: Vec<Glance> = Vec::new();
-        let frames = parts.frames(by_eyes).into_iter();
-        for (to_view, &skin) in frames.flat_map(|f| parts.skins.iter().map(move |s| (f, s))) {
-            let first = glances.len();
-            search.glances(skin, &to_view, &mut glances);
-            // Looked at closely where it is, before anything else is looked at.
-            let likeliest = glances[first..]
-                .iter()
-                .max_by(|a, b| a.score.total_cmp(&b.score));
-            if let Some(seen) = likeliest.filter(|g| g.score > PROMISING) {
-                better(best, search.closely(seen));
-                if is_sure(best) {
-                    return;
-                }
-            }
-        }
-        glances.sort_by(|a, b| b.score.total_cmp(&a.score));
-        for seen in glances.iter().take(CLOSELY) {
-            better(best, search.closely(seen));
-        }
-        if is_sure(best) {
-            return;
-        }
-    }
-}
-
-/// Keeps the face that is surer.
-fn better(best: &mut Option<Face>, face: Option<Face>) {
-    if face.as_ref().map(|f| f.confidence) > best.as_ref().map(|b| b.confidence) {
-        *best = face;
-    }
-}
-
 /// Squares about eyeballs so far apart, and their sides.
 fn about_eyes(middle: &Vec3, apart: f64) -> Vec<(Vec3, f64)> {
     let sizes = EYE_SIDES.iter().flat_map(|&s| EYES_BELOW.map(|b| (s, b)));
@@ -136,30 +85,85 @@ pub(super) struct Face {
     pub(super) seen: Seen,
 }
 
-/// What is needed to look somewhere.
-struct Search<'a> {
+/// Looks for the face of a mesh.
+pub(super) struct Search<'a> {
     mesh: &'a Mesh,
-    parts: &'a Parts<'a>,
+    pub(super) parts: Parts<'a>,
     model: &'a FaceModel,
     fitter: StillFitter<'a>,
-    /// Where eyeballs are, not anywhere.
-    by_eyes: bool,
+    /// The surest face so far.
+    pub(super) best: Option<Face>,
 }
 
-impl Search<'_> {
-    /// Short looks at one direction: about the eyes if there are any, else below the top of the head, in all sizes.
-    fn glances(&mut self, skin: u32, to_view: &Matrix3<f64>, found: &mut Vec<Glance>) {
-        let balls = self.parts.balls.as_ref().filter(|_| self.by_eyes);
+impl<'a> Search<'a> {
+    pub(super) fn new(mesh: &'a Mesh, parts: Parts<'a>, model: &'a FaceModel) -> Self {
+        Self {
+            mesh,
+            parts,
+            model,
+            fitter: StillFitter::new(model),
+            best: None,
+        }
+    }
+
+    pub(super) fn is_sure(&self) -> bool {
+        self.best.as_ref().is_some_and(|b| b.confidence > SURE)
+    }
+
+    /// Looks from all sides until a face is sure: about the eyes if there are any, then anywhere.
+    pub(super) fn all_around(&mut self) {
+        for by_eyes in [true, false] {
+            if by_eyes && self.parts.balls.is_none() {
+                continue;
+            }
+            let mut glances: Vec<Glance> = Vec::new();
+            let (frames, skins) = (self.parts.frames(by_eyes), self.parts.skins.clone());
+            for (to_view, skin) in frames
+                .iter()
+                .flat_map(|f| skins.iter().map(move |s| (f, *s)))
+            {
+                let some = self.glances(skin, to_view, by_eyes);
+                // Looked at closely where it is, before anything else is looked at.
+                let likeliest = some.iter().max_by(|a, b| a.score.total_cmp(&b.score));
+                if let Some(glance) = likeliest.filter(|g| g.score > PROMISING) {
+                    self.closely(glance);
+                    if self.is_sure() {
+                        return;
+                    }
+                }
+                glances.extend(some);
+            }
+            glances.sort_by(|a, b| b.score.total_cmp(&a.score));
+            for glance in glances.iter().take(CLOSELY) {
+                self.closely(glance);
+            }
+            if self.is_sure() {
+                return;
+            }
+        }
+    }
+
+    /// Short looks at one direction: about the eyes, or below the top of the head, in all sizes.
+    fn glances(&mut self, skin: u32, to_view: &Matrix3<f64>, by_eyes: bool) -> Vec<Glance> {
+        let balls = self.parts.balls.as_ref().filter(|_| by_eyes);
         let squares = match balls {
             Some((_, [a, b])) => about_eyes(&(to_view * (a + b) / 2.0), (b - a).norm()),
             None => self.below_top(skin, to_view),
         };
         // One picture for squares of about a size.
         let mut drawn: Option<(Seen, f64)> = None;
+        let mut found = Vec::with_capacity(squares.len());
         for (middle, side) in squares {
             let fits = |d: &(Seen, f64)| (0.55 * d.1..=1.001 * d.1).contains(&side);
             let (seen, largest) = drawn.take().filter(fits).unwrap_or_else(|| {
-                let seen = look(self.mesh, self.parts, skin, to_view, &middle, side * AROUND);
+                let seen = look(
+                    self.mesh,
+                    &self.parts,
+                    skin,
+                    to_view,
+                    &middle,
+                    side * AROUND,
+                );
                 (seen, side)
             });
             let grey = seen.grey();
@@ -176,6 +180,7 @@ impl Search<'_> {
             });
             drawn = Some((seen, largest));
         }
+        found
     }
 
     /// Squares below the top of a head.
@@ -244,12 +249,12 @@ impl Search<'_> {
         (like as f32, laid.map(|p| p.z))
     }
 
-    /// The full fit in boxes about a face that was glanced at.
-    fn closely(&mut self, glance: &Glance) -> Option<Face> {
+    /// The full fit in boxes about a face that was glanced at; kept if it is surer.
+    fn closely(&mut self, glance: &Glance) {
         let width = glance.side / BOX;
         let middle = glance.middle - Vec3::y() * (MIDDLE * width);
         let (skin, to_view, height) = (glance.skin, &glance.to_view, FRAME * width);
-        let seen = look(self.mesh, self.parts, skin, to_view, &middle, height);
+        let seen = look(self.mesh, &self.parts, skin, to_view, &middle, height);
         let grey = seen.grey();
         let mut fits: Vec<Fit> = Vec::with_capacity(BOXES.len() * MIDDLES.len());
         for (share, above) in BOXES.iter().flat_map(|&s| MIDDLES.map(|m| (s, m))) {
@@ -260,17 +265,18 @@ impl Search<'_> {
         }
         // The first of equals.
         fits.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let &(confidence, _, points) = fits.first()?;
-        let of_points = agreed(&fits);
-        let (_, depths) = self.plausible(&seen, &points);
-        Some(Face {
-            skin,
-            confidence,
-            points,
-            of_points,
-            depths,
-            seen,
-        })
+        let (confidence, _, points) = fits[0];
+        if self.best.as_ref().is_none_or(|b| confidence > b.confidence) {
+            let (_, depths) = self.plausible(&seen, &points);
+            self.best = Some(Face {
+                skin,
+                confidence,
+                points,
+                of_points: agreed(&fits),
+                depths,
+                seen,
+            });
+        }
     }
 }
 
@@ -282,9 +288,7 @@ pub(super) fn halved(off: f32) -> f32 {
 /// Confidence of each point of the best of these fits: that of the face, halved where the next best ones put it `HALF` eye
 /// distances away on average.
 fn agreed(fits: &[Fit]) -> [f32; LANDMARKS] {
-    let Some((_, confidence, points)) = fits.first() else {
-        return [0.0; LANDMARKS];
-    };
+    let (_, confidence, points) = fits[0];
     let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
     let others = &fits[1..fits.len().min(1 + OTHERS)];
     std::array::from_fn(|k| {

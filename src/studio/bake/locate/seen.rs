@@ -52,9 +52,8 @@ impl Parts<'_> {
         let holds = |c: u32| {
             let (low, high) = boxes[c as usize];
             let within = |p: &Vec3| p.inf(&high) == *p && p.sup(&low) == *p;
-            balls
-                .as_ref()
-                .is_some_and(|(_, centers)| centers.iter().all(within))
+            let both = |(_, centers): &(Vec<u32>, [Vec3; 2])| centers.iter().all(within);
+            balls.as_ref().is_some_and(both)
         };
         let mut skins: Vec<u32> = (0..count as u32).collect();
         skins.sort_by_key(|&c| std::cmp::Reverse((holds(c), size[c as usize])));
@@ -130,12 +129,6 @@ fn eyeballs(boxes: &[(Vec3, Vec3)]) -> Option<(Vec<u32>, [Vec3; 2])> {
 pub(super) struct Seen {
     /// Mesh to (right, up, towards the viewer).
     pub(super) to_view: Matrix3<f64>,
-    /// The middle of the picture there.
-    pub(super) middle: Vec3,
-    /// What mirrors the head lies there, to the right.
-    pub(super) plane: f64,
-    /// Pixels per unit.
-    pub(super) scale: f64,
     pub(super) canvas: Canvas,
 }
 
@@ -156,7 +149,7 @@ impl Seen {
 
     /// Pixels of a square in the view.
     pub(super) fn square(&self, middle: &Vec3, side: f64) -> FaceBox {
-        let (at, side) = (self.canvas.screen(middle), side * self.scale);
+        let (at, side) = (self.canvas.screen(middle), side * self.canvas.scale);
         FaceBox {
             x: (at.x - 0.5 * side) as f32,
             y: (at.y - 0.5 * side) as f32,
@@ -170,9 +163,10 @@ impl Seen {
         let b = FaceBox::around(points);
         let half = f64::from(PIXELS) / 2.0;
         let [x, y] = [b.x + 0.5 * b.width, b.y + 0.5 * b.height].map(f64::from);
-        let off = Vec3::new(x - half, half - y, 0.0) / self.scale;
-        let side = f64::from(b.width * b.height).sqrt() / self.scale;
-        (self.middle + off, side)
+        let Canvas { scale, middle, .. } = self.canvas;
+        let off = Vec3::new(x - half, half - y, 0.0) / scale;
+        let side = f64::from(b.width * b.height).sqrt() / scale;
+        (middle + off, side)
     }
 }
 
@@ -201,11 +195,8 @@ pub(super) fn look(
         let [a, b] = centers.map(|c| at - c);
         let off = if a.norm() < b.norm() { a } else { b };
         let iris = off.z > IRIS * off.norm();
-        Some(if iris {
-            [60.0, 45.0, 35.0]
-        } else {
-            [235.0, 238.0, 245.0]
-        })
+        let white = [235.0, 238.0, 245.0];
+        Some(if iris { [60.0, 45.0, 35.0] } else { white })
     };
     let draw = |surfaces, tint: &dyn Fn([u32; 3], bool) -> _| {
         paint(mesh, &view, middle, height, PIXELS, surfaces, tint)
@@ -219,9 +210,6 @@ pub(super) fn look(
     }
     Seen {
         to_view: *to_view,
-        middle: *middle,
-        plane: middle.x,
-        scale: f64::from(PIXELS) / height,
         canvas,
     }
 }
