@@ -14,7 +14,6 @@ use crate::studio::bake::patch::position;
 use crate::studio::bake::scene::{self, Parents};
 
 /// A node and how it turns.
-#[derive(Debug)]
 pub(super) struct Turned {
     /// Number of the node.
     pub(super) node: usize,

@@ -39,14 +39,20 @@ pub struct Args {
     pub user: Option<String>,
 }
 
-/// Times in seconds, weights and rotations of the head (x, y, z, w), one row per frame.
+/// A rotation of the head: x, y, z, w.
+type Turn = [f32; 4];
+
+/// The two targets that one is the corrective of, if it is one.
+type Pair = Option<[usize; 2]>;
+
+/// Times in seconds, weights and rotations of the head, one row per frame.
 #[derive(Default)]
 struct Track {
     times: Vec<[f32; 1]>,
     /// Those of a frame's targets follow each other.
     weights: Vec<[f32; 1]>,
     /// As the sensor gives them, each on the side of the one before; empty if the table has none.
-    poses: Vec<[f32; 4]>,
+    poses: Vec<Turn>,
 }
 
 /// The slots that a table has, for people to read.
@@ -91,11 +97,7 @@ impl Columns {
 
     /// Weights of a row's targets, 0 where nothing stands, those of correctives the product of their `pairs`'; the first
     /// cell that is no number instead.
-    fn weights<'a>(
-        &self,
-        cells: &[&'a str],
-        pairs: &[Option<[usize; 2]>],
-    ) -> Result<Vec<[f32; 1]>, &'a str> {
+    fn weights<'a>(&self, cells: &[&'a str], pairs: &[Pair]) -> Result<Vec<[f32; 1]>, &'a str> {
         let weight = |at: &Option<usize>| match at.map_or("", |at| cells[at]) {
             "" => Ok([0.0]),
             cell => finite(cell).map(|weight| [weight]).ok_or(cell),
@@ -111,11 +113,7 @@ impl Columns {
     }
 
     /// The rotation of a row's head, that of the row before if there is none now; the first cell that is no number instead.
-    fn pose<'a>(
-        &self,
-        cells: &[&'a str],
-        before: Option<&[f32; 4]>,
-    ) -> Result<Option<[f32; 4]>, &'a str> {
+    fn pose<'a>(&self, cells: &[&'a str], before: Option<&Turn>) -> Result<Option<Turn>, &'a str> {
         let Some(columns) = self.pose else {
             return Ok(None);
         };
@@ -193,7 +191,7 @@ struct Targets {
     /// The columns that may drive each, the best first.
     columns: Vec<Vec<String>>,
     /// The two targets that one is the corrective of: it counts as much as both.
-    pairs: Vec<Option<[usize; 2]>>,
+    pairs: Vec<Pair>,
 }
 
 impl Targets {
@@ -251,7 +249,7 @@ fn animated(
     let recipe = Recipe::read(SHIPPED).map(|r| r.units()).unwrap_or_default();
     let mut animation = json!({"name": "run"});
     let (mut frames, mut most, mut total) = (0, 0, 0);
-    let mut turning: Option<(usize, Vec<[f32; 4]>)> = None;
+    let mut turning: Option<(usize, Vec<Turn>)> = None;
     let mut driven_meshes = Vec::new();
     for (m, mesh) in meshes.iter().enumerate() {
         let Some(targets) = Targets::of(mesh, &recipe) else {

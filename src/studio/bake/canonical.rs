@@ -14,9 +14,8 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{DMatrix, Matrix3};
 use rayon::prelude::*;
 
-use super::head::Head;
+use super::head::{Head, LANDMARKS};
 use super::mesh::Vec3;
-use super::names::LANDMARKS;
 use super::prior::{Place, Prior};
 use crate::studio::thin_plate::ThinPlate;
 

@@ -19,10 +19,10 @@ use super::obj;
 use super::order::Ordered;
 use super::patch::Foreign;
 use super::prior::Prior;
-use super::recipe::{Recipe, SHIPPED, Target};
+use super::recipe::{Recipe, SHIPPED};
 use super::render::Outside;
 use super::rig::{self, Method};
-use super::shape::Shape;
+use super::shape::{Shape, Target};
 use super::table::table;
 use super::{morphs, report, usd};
 use crate::appliance::memory::peak_resident_bytes;
@@ -149,7 +149,10 @@ impl Source {
             let looks = Looks::in_glb(&glb);
             let (mesh, foreign) = Foreign::read(glb).map_err(Fault::within(path))?;
             return Ok(Self {
-                obj: as_obj.then(|| obj::emit(&mesh)).unwrap_or_default(),
+                obj: match as_obj {
+                    true => obj::emit(&mesh),
+                    false => String::new(),
+                },
                 mesh,
                 looks,
                 foreign: Some(foreign),

@@ -16,7 +16,8 @@ use nalgebra::Matrix3;
 use super::eyeball::Ball;
 use super::laplacian::Operator;
 use super::mesh::{Mesh, Rings, Vec3};
-use super::names::{LANDMARKS, mirrored};
+pub use super::names::LANDMARKS;
+use super::names::mirrored;
 use super::seam::{Seam, films, lines};
 use super::solve::stiffness;
 use crate::studio::fault::Fault;
@@ -293,8 +294,11 @@ impl Head {
         &'a self,
         d: &'a [Vec3],
         base: Option<&'a [Vec3]>,
-    ) -> impl Fn(usize) -> Vec3 + 'a {
-        move |v| self.mesh.positions[v] + d[v] + base.map_or(Vec3::zeros(), |b| b[v])
+    ) -> impl Fn(u32) -> Vec3 + 'a {
+        move |v| {
+            let v = v as usize;
+            self.mesh.positions[v] + d[v] + base.map_or(Vec3::zeros(), |b| b[v])
+        }
     }
 
     /// Position of a control point.

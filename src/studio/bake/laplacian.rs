@@ -83,13 +83,9 @@ fn halves(mesh: &Mesh, skip: impl Fn(usize) -> bool) -> (Vec<(u32, u32, f64)>, V
 }
 
 impl Operator {
-    /// Builds the operators for the positions of `mesh`. Faces that pass `skip` tie nothing together; `stiffness` is ρ of a
+    /// Builds the operators for the positions of `mesh`. Faces that pass `skip` tie nothing together; `stiff` is ρ of a
     /// vertex, a pure number.
-    pub fn new(
-        mesh: &Mesh,
-        skip: impl Fn(usize) -> bool,
-        stiffness: impl Fn(usize) -> f64,
-    ) -> Self {
+    pub fn new(mesh: &Mesh, skip: impl Fn(usize) -> bool, stiff: impl Fn(usize) -> f64) -> Self {
         let n = mesh.positions.len();
         let (mut halves, area) = halves(mesh, skip);
         halves.sort_unstable_by_key(|&(a, b, _)| (a, b));
@@ -105,7 +101,7 @@ impl Operator {
         // In units of the mean area, so that numbers stay near 1 in any unit of the mesh.
         let mean = area.iter().sum::<f64>() / n.max(1) as f64;
         let solid = |v: usize| Some(area[v]).filter(|area| *area > 0.0);
-        let weight = |v: usize| solid(v).map_or(0.0, |area| stiffness(v) * mean / area);
+        let weight = |v: usize| solid(v).map_or(0.0, |area| stiff(v) * mean / area);
         let weight: Vec<f64> = (0..n).map(weight).collect();
         let energy = cotangent.squared(&weight);
         Self {

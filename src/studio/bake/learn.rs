@@ -10,13 +10,12 @@ use rayon::prelude::*;
 
 use super::canonical::{in_frame, places};
 use super::files::{read, read_bytes};
-use super::head::Head;
+use super::head::{Head, LANDMARKS};
 use super::mesh::{Mesh, Vec3};
-use super::names::LANDMARKS;
 use super::obj;
 use super::prior::{Comparison, Place, Prior};
-use super::recipe::Target;
 use super::rig::{self, Method};
+use super::shape::Target;
 use crate::studio::fault::Fault;
 use crate::studio::text_files::listed;
 

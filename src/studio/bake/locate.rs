@@ -93,13 +93,14 @@ pub fn guess(mesh: &Mesh, looks: &Looks, model: &FaceModel) -> Option<Located> {
     let seen = &face.seen;
     let on_skin = search.parts.of.iter().map(|&part| part == face.skin);
     let placing = Placing {
+        model,
         mesh,
         rings: &rings,
         face: &face,
         screen: mesh.positions.iter().map(|p| seen.screen(p)).collect(),
         skin: on_skin.collect(),
     };
-    let (vertices, of_points) = placing.placed(model);
+    let (vertices, of_points) = placing.placed();
     Some(Located {
         picture: placing.picture(&vertices),
         vertices: vertices.into_iter().map(u64::from).collect(),
@@ -120,6 +121,7 @@ fn axis(to_view: &Matrix3<f64>, row: usize) -> &'static str {
 
 /// A face that was found and the mesh that it is on.
 struct Placing<'a> {
+    model: &'a FaceModel,
     mesh: &'a Mesh,
     rings: &'a Rings,
     face: &'a Face,
@@ -130,7 +132,7 @@ struct Placing<'a> {
 
 impl Placing<'_> {
     /// The vertices of the points, and how sure each is.
-    fn placed(&self, model: &FaceModel) -> (Vec<u32>, [f32; LANDMARKS]) {
+    fn placed(&self) -> (Vec<u32>, [f32; LANDMARKS]) {
         let (points, mut of_points) = (&self.face.points, self.face.of_points);
         let mirror = self.mirror();
         let mut vertices = self.cast(mirror);
@@ -142,7 +144,7 @@ impl Placing<'_> {
         }
         // What the picture says of brows and jaw is left.
         of_points[..UNMARKED].fill(self.face.confidence);
-        let shares = self.by_the_rest(model, mirror, &mut vertices);
+        let shares = self.by_the_rest(mirror, &mut vertices);
         for (sure, share) in of_points.iter_mut().zip(shares) {
             *sure *= share as f32;
         }
@@ -167,16 +169,11 @@ impl Placing<'_> {
     }
 
     /// Puts brows and jaw where the other points say that they are. Share of the confidence of each point.
-    fn by_the_rest(
-        &self,
-        model: &FaceModel,
-        mirror: Option<f64>,
-        vertices: &mut [u32],
-    ) -> [f64; LANDMARKS] {
+    fn by_the_rest(&self, mirror: Option<f64>, vertices: &mut [u32]) -> [f64; LANDMARKS] {
         let upright = |p: &Vec3| Vec3::new(p.x, -p.y, p.z);
         let view: Vec<Vec3> = self.screen.iter().map(upright).collect();
         let found: [Vec3; LANDMARKS] = std::array::from_fn(|k| view[vertices[k] as usize]);
-        let Some(laid) = by_shape::laid(&model.shape, &found) else {
+        let Some(laid) = by_shape::laid(&self.model.shape, &found) else {
             return [0.0; LANDMARKS];
         };
         let eyes = (found[39] - found[42]).norm();

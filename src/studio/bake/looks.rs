@@ -38,7 +38,7 @@ impl Look {
 
 /// Materials by name.
 #[derive(Debug, Default, PartialEq)]
-pub struct Looks(HashMap<String, Look>);
+pub struct Looks(pub(super) HashMap<String, Look>);
 
 /// Pictures as files beside one by material: their names, and what is in them.
 pub(super) type Beside<'a> = HashMap<String, (String, &'a [u8])>;
@@ -136,18 +136,13 @@ impl Looks {
         !self.0.values().any(known)
     }
 
-    /// The look of a material.
-    pub(super) fn get(&self, name: &str) -> Option<&Look> {
-        self.0.get(name)
-    }
-
     /// The pictures of these materials as files beside one.
     pub(super) fn beside<'a>(&'a self, out: &Path, names: &[String]) -> Beside<'a> {
         let stem = out.file_stem().unwrap_or_default().to_string_lossy();
         let stem: String = stem.chars().map(plain).collect();
         let numbered = names.iter().enumerate();
         let file = numbered.filter_map(|(k, name)| {
-            let bytes = self.get(name)?.picture.as_ref()?;
+            let bytes = self.0.get(name)?.picture.as_ref()?;
             let ending = kind(bytes)?.strip_prefix("image/")?;
             let word: String = name.chars().map(plain).collect();
             // By number: the names of two materials may differ in what no file can be called only.
@@ -220,7 +215,7 @@ pub(in crate::studio) struct Surfaces<'a> {
 impl<'a> Surfaces<'a> {
     pub(in crate::studio) fn new(mesh: &'a Mesh, looks: &Looks) -> Self {
         let of = |name: &String| {
-            let look = looks.get(name)?;
+            let look = looks.0.get(name)?;
             let picture = look.picture.as_ref();
             let picture = picture.and_then(|bytes| image::load_from_memory(bytes).ok());
             let picture = picture.map(|picture| match look.cut {

@@ -18,7 +18,7 @@
 //! recipe, table         targets: which point goes where
 //! influence             how far a point acts
 //! solve, sparse         the deformation, and its linear systems
-//! skin                  one shape's points, and its skin; contact: lids on eyeballs, lips on lips
+//! skin                  one shape's points, its skin, and contacts: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
 //! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
 //! morphs, usd           a new glTF or USD with them; looks: the colours of an OBJ
@@ -31,7 +31,6 @@
 mod by_shape;
 mod canonical;
 pub mod command;
-mod contact;
 pub mod eyeball;
 pub(in crate::studio) mod files;
 pub mod glb;

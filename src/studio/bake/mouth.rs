@@ -57,33 +57,27 @@ fn harmonic(operator: &Operator, some: &[u32], value: &mut [f64]) {
     }
 }
 
-/// One large piece of the mouth's inside and the teeth around it.
-pub(super) struct Piece<'a> {
-    /// Vertices of the piece, ascending.
-    pub(super) vertices: &'a [u32],
-    /// The upper and the lower teeth.
-    pub(super) teeth: [Nearest; 2],
-    /// Vertices of the lower teeth.
-    pub(super) lower: &'a [u32],
-    pub(super) head: &'a Head,
-    /// Unit normals of the head's mesh.
-    pub(super) normals: &'a [Vec3],
+/// The upper and the lower teeth.
+pub(super) struct Teeth {
+    pub(super) nearest: [Nearest; 2],
+    /// Vertices of the lower ones.
+    pub(super) lower: Vec<u32>,
 }
 
-impl Piece<'_> {
-    /// Share of the jaw's motion for each of the piece's vertices; `None` if it does not touch both rows of teeth.
-    pub(super) fn shares(&self) -> Option<Vec<f64>> {
-        let positions = &self.head.mesh.positions;
-        let touch = AT_TOOTH * self.head.eye_distance;
+impl Head {
+    /// Share of the jaw's motion for each vertex of a large piece of the mouth's inside; `None` if it does not touch both rows
+    /// of teeth.
+    pub(super) fn jaw_shares(&self, piece: &[u32], teeth: &Teeth) -> Option<Vec<f64>> {
+        let positions = &self.mesh.positions;
+        let touch = AT_TOOTH * self.eye_distance;
         let mut value = vec![f64::NAN; positions.len()];
         let mut touched = [false; 2];
-        for &v in self.vertices {
+        for &v in piece {
             let p = &positions[v as usize];
-            let far = |row: usize| {
-                let tooth = self.teeth[row].of(p);
+            let [upper, lower] = teeth.nearest.each_ref().map(|row| {
+                let tooth = row.of(p);
                 tooth.map_or(f64::INFINITY, |t| (positions[t as usize] - p).norm())
-            };
-            let (upper, lower) = (far(0), far(1));
+            });
             if upper.min(lower) < touch {
                 let row = usize::from(lower < upper);
                 value[v as usize] = row as f64;
@@ -93,45 +87,51 @@ impl Piece<'_> {
         if touched != [true; 2] {
             return None;
         }
-        harmonic(&self.head.operator, self.vertices, &mut value);
+        harmonic(&self.operator, piece, &mut value);
         let share = |&v: &u32| smoothstep(STAYS, GOES, value[v as usize]);
-        Some(self.vertices.iter().map(share).collect())
+        Some(piece.iter().map(share).collect())
     }
 
-    /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip.
-    pub(super) fn tongue(&self, shares: &[f64]) -> Vec<f64> {
-        let mut taken = vec![0.0; self.vertices.len()];
-        let lower = self.lower;
+    /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip. `normals` are the mesh's.
+    pub(super) fn tongue_shares(
+        &self,
+        piece: &[u32],
+        teeth: &Teeth,
+        shares: &[f64],
+        normals: &[Vec3],
+    ) -> Vec<f64> {
+        let mut taken = vec![0.0; piece.len()];
+        let lower = &teeth.lower;
         if lower.is_empty() {
             return taken;
         }
-        let (head, positions) = (self.head, &self.head.mesh.positions);
-        let (up, out) = (head.axes.column(1), head.axes.column(2));
+        let (w, positions) = (self.eye_distance, &self.mesh.positions);
+        let (up, out) = (self.axes.column(1), self.axes.column(2));
         let flat = |d: Vec3| {
             let d = d - up * d.dot(&up);
             d.try_normalize(0.0).unwrap_or(d)
         };
         let arch = lower.iter().map(|&v| positions[v as usize]).sum::<Vec3>() / lower.len() as f64;
         let mut local = vec![u32::MAX; positions.len()];
-        for (k, &v) in self.vertices.iter().enumerate() {
+        for (k, &v) in piece.iter().enumerate() {
             local[v as usize] = k as u32;
         }
         let at_side = |v: u32| {
             let (k, p) = (local[v as usize] as usize, positions[v as usize]);
-            let tooth = positions[self.teeth[1].of(&p)? as usize];
+            let tooth = positions[teeth.nearest[1].of(&p)? as usize];
             let is_side = shares[k] > 0.9
-                && self.normals[v as usize].dot(&flat(p - arch)) > OUTWARDS
-                && (p - tooth).dot(&flat(tooth - arch)) < -INSIDE * head.eye_distance;
+                && normals[v as usize].dot(&flat(p - arch)) > OUTWARDS
+                && (p - tooth).dot(&flat(tooth - arch)) < -INSIDE * w;
             is_side.then_some(v)
         };
-        let sides: Vec<u32> = self.vertices.iter().filter_map(|&v| at_side(v)).collect();
-        let [near, last] = TONGUE.map(|d| d * head.eye_distance);
-        let far = distances(positions, &head.rings, &sides, |v| {
+        let sides: Vec<u32> = piece.iter().filter_map(|&v| at_side(v)).collect();
+        let [near, last] = TONGUE.map(|d| d * w);
+        let far = distances(positions, &self.rings, &sides, |v| {
             local[v] != u32::MAX && shares[local[v] as usize] >= 0.5
         });
         let is_near = |&v: &u32| 1.0 - smoothstep(near, last, f64::from(far[v as usize]).min(last));
-        let member: Vec<f64> = self.vertices.iter().map(is_near).collect();
-        let depth = |k: usize| positions[self.vertices[k] as usize].dot(&out);
+        let member: Vec<f64> = piece.iter().map(is_near).collect();
+        let depth = |k: usize| positions[piece[k] as usize].dot(&out);
         let inside = || (0..member.len()).filter(|&k| member[k] > 0.5).map(depth);
         let front = inside().fold(f64::NEG_INFINITY, f64::max);
         let back = inside().fold(f64::INFINITY, f64::min);

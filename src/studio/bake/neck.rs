@@ -54,10 +54,7 @@ impl Neck {
 }
 
 /// Attributes of vertices that take these shares of the head's turns: `JOINTS_0` and `WEIGHTS_0`.
-pub(in crate::studio) fn weighed(
-    glb: &mut Glb,
-    shares: impl ExactSizeIterator<Item = f32>,
-) -> [usize; 2] {
+pub(crate) fn weighed(glb: &mut Glb, shares: impl ExactSizeIterator<Item = f32>) -> [usize; 2] {
     let view = glb.push_view(&[0_u8, 1, 0, 0].repeat(shares.len()), VERTICES);
     let joints = glb.push_accessor(
         json!({"bufferView": view, "componentType": U8, "count": shares.len(), "type": "VEC4"}),
@@ -67,7 +64,7 @@ pub(in crate::studio) fn weighed(
 }
 
 /// Adds the joints at `places`, metres, to the scene and puts every node with a mesh on them.
-pub(in crate::studio) fn joined(glb: &mut Glb, places: &[Vec3; 2]) {
+pub(crate) fn joined(glb: &mut Glb, places: &[Vec3; 2]) {
     let [base, joint] = places;
     // Inverse bind matrices, column by column.
     let back = places.map(|to| {

@@ -3,10 +3,9 @@
 //! Told apart by place and size alone. Units and frame as in [`super::head`]. Cost: linear, and a few k-d tree queries.
 
 use super::eyeball::Ball;
-use super::head::{Follow, Head};
+use super::head::{Follow, Head, LANDMARKS};
 use super::mesh::{Nearest, Vec3, connected};
-use super::mouth::Piece;
-use super::names::LANDMARKS;
+use super::mouth::Teeth;
 use super::seam::{Seam, distances};
 use crate::base::geometry::smoothstep;
 
@@ -383,22 +382,20 @@ impl Head {
             return;
         }
         let normals = self.mesh.vertex_normals(&self.mesh.positions);
-        for vertices in large {
-            let piece = Piece {
-                vertices,
-                teeth: [0, 1].map(|row: usize| Nearest::new(&self.mesh.positions, &teeth[row])),
-                lower: &teeth[1],
-                head: self,
-                normals: &normals,
-            };
-            let soft = 0.08 * w;
-            let shares = piece.shares().unwrap_or_else(|| {
+        let nearest = teeth.each_ref();
+        let teeth = Teeth {
+            nearest: nearest.map(|row| Nearest::new(&self.mesh.positions, row)),
+            lower: teeth[1].clone(),
+        };
+        let soft = 0.08 * w;
+        for piece in large {
+            let shares = self.jaw_shares(piece, &teeth).unwrap_or_else(|| {
                 let height = |&v: &u32| self.below_bite(&self.mesh.positions[v as usize]);
                 let share = |v| smoothstep(-soft, soft, height(v));
-                vertices.iter().map(share).collect()
+                piece.iter().map(share).collect()
             });
-            let tongue = piece.tongue(&shares);
-            for (k, &v) in vertices.iter().enumerate() {
+            let tongue = self.tongue_shares(piece, &teeth, &shares, &normals);
+            for (k, &v) in piece.iter().enumerate() {
                 self.follow[v as usize] = Follow::Jaw(shares[k] as f32);
                 self.tongue[v as usize] = tongue[k] as f32;
             }

@@ -65,7 +65,6 @@ struct Gathered {
 impl Gathered {
     fn of(glb: &Glb) -> Result<Self, Fault> {
         let mut all = Self::default();
-        let mut known: HashMap<usize, usize> = HashMap::new();
         // What may refer to the same data again and again.
         let mut left = glb.budget() / ROW_BYTES;
         let mut take = |rows: usize| {
@@ -90,11 +89,11 @@ impl Gathered {
             if primitive["mode"].as_u64().unwrap_or(4) != 4 {
                 continue;
             }
-            let at = match known.get(&accessor) {
-                Some(&at) => at,
+            let known = all.sources.iter().position(|s| s.accessor == accessor);
+            let at = match known {
+                Some(at) => at,
                 None => {
                     take(count)?;
-                    known.insert(accessor, all.sources.len());
                     all.add(glb, &primitive["attributes"], accessor, placed)?;
                     all.sources.len() - 1
                 }

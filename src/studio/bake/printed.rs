@@ -3,13 +3,11 @@
 //!
 //! Units: the mesh's. Cost: one factor of the skin per shape.
 
-use rayon::prelude::*;
-
 use super::head::Head;
 use super::influence;
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
-use super::recipe::Target;
+use super::shape::Target;
 use super::skin::goals;
 use super::solve::System;
 use crate::studio::fault::Fault;
@@ -21,23 +19,20 @@ const STEPS: usize = 100;
 const FACTOR: f64 = 30.0;
 pub(super) const ROUNDS: usize = 7;
 
-/// Displacements of all vertices in every shape, after so many rounds that restore lengths.
+/// Displacements of all vertices in a shape by the printed operator, after so many rounds that restore lengths.
 ///
 /// # Errors
 /// If a system is singular.
 pub(super) fn printed(
     head: &Head,
-    targets: &[Target],
+    operator: &Operator,
+    target: &Target,
     rounds: usize,
-) -> Result<Vec<Vec<Vec3>>, Fault> {
-    let operator = head.operator.printed();
-    let (rings, positions) = (&head.rings, &head.mesh.positions);
-    let one = |target: &Target| {
-        let controls: Vec<(u32, Vec3)> = goals(head, target).into_iter().collect();
-        let (skin, eyes) = (&head.skin, head.eye_distance);
-        procedure_1(&operator, rings, positions, skin, &controls, eyes, rounds)
-    };
-    targets.par_iter().map(one).collect()
+) -> Result<Vec<Vec3>, Fault> {
+    let (rings, positions, skin) = (&head.rings, &head.mesh.positions, &head.skin);
+    let controls: Vec<(u32, Vec3)> = goals(head, target).into_iter().collect();
+    let eyes = head.eye_distance;
+    procedure_1(operator, rings, positions, skin, &controls, eyes, rounds)
 }
 
 /// Displacements of all vertices; `controls` are (vertex, displacement), `operator` the printed one.

@@ -9,8 +9,7 @@ use serde::Deserialize;
 use super::head::Head;
 use super::mesh::Vec3;
 use super::names::{self, NAMES, mirrored, swapped};
-pub use super::shape::Target;
-use super::shape::{Deed, Promise};
+use super::shape::{Deed, Promise, Target, Undo};
 use crate::studio::fault::Fault;
 
 /// The shipped recipe.
@@ -324,12 +323,7 @@ impl<'a> Side<'a> {
     }
 
     /// What is taken back of a shape above; also if that is of the lips.
-    fn undo(
-        &self,
-        head: &Head,
-        above: &[Target],
-        d: &mut Moves,
-    ) -> Result<Option<(String, f64)>, Fault> {
+    fn undo(&self, head: &Head, above: &[Target], d: &mut Moves) -> Result<Option<Undo>, Fault> {
         let mut undo = None;
         for (words, shape, share) in &self.entry.undo {
             let other = above.iter().find(|t| t.name == *shape);
@@ -398,7 +392,6 @@ fn axis(head: &Head, k: usize) -> Unit<Vec3> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::entry::Asked;
     use super::*;
 
     #[test]

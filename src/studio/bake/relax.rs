@@ -8,11 +8,10 @@
 //! Units: the mesh's. Cost: a look at what has moved in each of at most [`TURNS`] and [`SPANNED`] rounds.
 //! Degenerate case: what cannot move, outside the area, stays inverted and is counted in the report.
 
-use super::contact::Contacts;
 use super::head::Head;
 use super::mesh::Vec3;
-use super::recipe::Target;
-use super::skin::Solved;
+use super::shape::Target;
+use super::skin::{Contacts, Solved};
 use super::surroundings::{Flattened, Surroundings};
 
 /// Rounds of turning, those of them before lids that meet may move too and before smoothing; and of spanning.
@@ -140,8 +139,7 @@ impl Relaxing<'_> {
     /// The triangles that see the patch and are inverted or nearly so.
     fn flattened(&self, patch: &[u32]) -> Vec<Flattened> {
         let some = self.around.seeing(patch);
-        let at = |v: usize| self.at(v as u32);
-        self.around.flattened(&at, &some, TURNED)
+        self.around.flattened(&|v| self.at(v), &some, TURNED)
     }
 
     /// Where a vertex is now.

@@ -59,11 +59,9 @@ impl<'a> Judge<'a> {
     pub fn judge(&self, shapes: &[Shape], k: usize) -> Figures {
         let (head, shape, w) = (self.head, &shapes[k], self.head.eye_distance);
         let neutral = &head.mesh.positions;
-        let base: Vec<&Shape> = shape.beneath(shapes).collect();
-        let moved = neutral.iter().zip(&shape.displacement).enumerate();
-        let moved: Vec<Vec3> = moved
-            .map(|(v, (p, d))| p + base.iter().map(|b| b.displacement[v]).sum::<Vec3>() + d)
-            .collect();
+        let moved = neutral.iter().zip(shown(shapes, k));
+        let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
+        let at = |v: u32| moved[v as usize];
         let mut out = Figures::default();
         for (d, inside) in shape.displacement.iter().zip(&shape.area) {
             let length = d.norm() / w;
@@ -74,24 +72,24 @@ impl<'a> Judge<'a> {
             }
         }
         let all = 0..moved.len() as u32;
-        let changed = all.filter(|&v| moved[v as usize] != neutral[v as usize]);
-        let changed: Vec<u32> = changed.collect();
+        let changed: Vec<u32> = all.filter(|&v| at(v) != neutral[v as usize]).collect();
         let some = self.around.seeing(&changed);
-        for flat in self.around.flattened(&|v| moved[v], &some, COLLAPSED) {
+        for flat in self.around.flattened(&at, &some, COLLAPSED) {
             out.inverted += usize::from(flat.inverted);
             out.collapsed += usize::from(flat.area < flat.wanted);
         }
         for (side, closes) in ["eyeBlinkLeft", "eyeBlinkRight"].into_iter().enumerate() {
-            if head.balls[side].is_some() {
-                out.eye_depth = out.eye_depth.max(self.eye_depth(side, &moved) / w);
-                if shape.name == closes {
-                    out.lid_gap = Some(head.lid_gap(side, |v| moved[v as usize]) / w);
-                }
+            let Some(ball) = &head.balls[side] else {
+                continue;
+            };
+            let depth = self.eye_depth(side, ball, &moved);
+            out.eye_depth = out.eye_depth.max(depth / w);
+            if shape.name == closes {
+                out.lid_gap = Some(head.lid_gap(side, at) / w);
             }
         }
         let before = head.lip_gaps(|v| neutral[v as usize]);
-        let now = head.lip_gaps(|v| moved[v as usize]);
-        for ((.., before), (.., now)) in before.into_iter().zip(now) {
+        for ((.., before), (.., now)) in before.into_iter().zip(head.lip_gaps(at)) {
             let crossing = (-now).max(0.0) - (-before).max(0.0);
             out.lips_cross = out.lips_cross.max(crossing / w);
         }
@@ -99,11 +97,8 @@ impl<'a> Judge<'a> {
     }
 
     /// How much deeper skin lies in an eyeball where vertices are at `moved`.
-    fn eye_depth(&self, side: usize, moved: &[Vec3]) -> f64 {
+    fn eye_depth(&self, side: usize, ball: &Ball, moved: &[Vec3]) -> f64 {
         let head = self.head;
-        let Some(ball) = &head.balls[side] else {
-            return 0.0;
-        };
         let turned = ball.turned(gaze(head, side, ball, moved).as_ref());
         let reach = 0.75 * head.eye_distance;
         let places = head.mesh.positions.iter().zip(moved).zip(&head.skin);
@@ -185,21 +180,16 @@ const STYLE: &str = "<!doctype html><meta charset=\"utf-8\"><title>Baked shapes<
     td:first-child,th:first-child{text-align:left}.bad{background:#fbd3c8}</style>";
 
 /// The report as HTML, and the figures it shows.
-pub fn html(
-    head: &Head,
-    outside: &Outside<'_>,
-    shapes: &[Shape],
-    title: &str,
-) -> (String, Vec<Figures>) {
+pub fn html(head: &Head, drawn: &Outside, shapes: &[Shape], title: &str) -> (String, Vec<Figures>) {
     let judge = Judge::new(head);
     let one = |k: usize| {
-        let picture = outside.draw(head, &shown(shapes, k), YAW, PIXELS);
+        let picture = drawn.draw(head, &shown(shapes, k), YAW, PIXELS);
         (judge.judge(shapes, k), embedded(&picture))
     };
     let all = (0..shapes.len()).into_par_iter().map(one);
     let (figures, pictures): (Vec<Figures>, Vec<String>) = all.unzip();
     let (count, vertices) = (shapes.len(), head.mesh.positions.len());
-    let neutral = embedded(&outside.draw(head, &[], YAW, PIXELS));
+    let neutral = embedded(&drawn.draw(head, &[], YAW, PIXELS));
     let mut out = format!(
         "{STYLE}<h1>{title}</h1><p>{}</p><p>{count} shapes on {vertices} vertices. \
          Lengths are in distances between the inner eye corners. A shape made to be added to another one is shown and \

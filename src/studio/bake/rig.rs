@@ -11,17 +11,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use rayon::prelude::*;
 
 use super::canonical::Canonical;
-use super::contact::Contacts;
-use super::head::{Follow, Head};
+use super::head::{Follow, Head, LANDMARKS};
 use super::influence::Field;
+use super::laplacian::Operator;
 use super::mesh::Vec3;
-use super::names::LANDMARKS;
 use super::printed::{self, printed};
 use super::prior::Prior;
-use super::recipe::Target;
 use super::relax::relax;
-use super::shape::Shape;
-use super::skin::{Placing, Solved, goals};
+use super::shape::{Shape, Target};
+use super::skin::{Contacts, Placing, Solved, goals};
 use super::solve::{DISC, REACH};
 use super::surroundings::Surroundings;
 use crate::studio::fault::Fault;
@@ -70,21 +68,23 @@ pub fn bake_with(
 ) -> Result<Vec<Shape>, Fault> {
     faer::set_global_parallelism(faer::Par::Seq);
     let rig = Rig::new(head, targets, method, prior)?;
-    let in_row = |row: &Vec<usize>| {
-        let mut made: Vec<(usize, Shape)> = Vec::with_capacity(row.len());
-        for &k in row {
-            let base = beneath(&targets[k]);
-            let base = base.and_then(|name| made.iter().find(|s| s.1.name == *name));
-            let shape = rig.shape(k, base.map(|s| &s.1.displacement[..]))?;
+    let bases: Vec<Option<usize>> = (0..targets.len()).map(|k| base(targets, k)).collect();
+    let mut shapes: Vec<Option<Shape>> = vec![None; targets.len()];
+    while shapes.iter().any(Option::is_none) {
+        let waits = |k: usize| bases[k].is_some_and(|base| shapes[base].is_none());
+        let ready = (0..targets.len()).into_par_iter();
+        let ready = ready.filter(|&k| shapes[k].is_none() && !waits(k));
+        let made = ready.map(|k| {
+            let base = bases[k].and_then(|base| shapes[base].as_ref());
+            let shape = rig.shape(k, base.map(|base| &base.displacement[..]))?;
             done(&shape.name);
-            made.push((k, shape));
+            Ok((k, shape))
+        });
+        for (k, shape) in made.collect::<Result<Vec<_>, Fault>>()? {
+            shapes[k] = Some(shape);
         }
-        Ok(made)
-    };
-    let solved: Result<Vec<_>, Fault> = rows(targets).par_iter().map(in_row).collect();
-    let mut shapes: Vec<(usize, Shape)> = solved?.into_iter().flatten().collect();
-    shapes.sort_by_key(|s| s.0);
-    let mut shapes: Vec<Shape> = shapes.into_iter().map(|s| s.1).collect();
+    }
+    let mut shapes: Vec<Shape> = shapes.into_iter().flatten().collect();
     take_off_pairs(&mut shapes, targets, NOTHING * head.eye_distance);
     Ok(shapes)
 }
@@ -96,26 +96,11 @@ fn hold(d: &mut [Vec3], nothing: f64) {
     }
 }
 
-/// The shape that one takes back or is added to.
-fn beneath(target: &Target) -> Option<&String> {
-    let undone = target.undo.as_ref().map(|(name, _)| name);
-    undone.or(target.upon.as_ref())
-}
-
-/// A shape upon another one follows it in the same breath; the longest such rows begin.
-fn rows(targets: &[Target]) -> Vec<Vec<usize>> {
-    let mut rows: Vec<Vec<usize>> = Vec::new();
-    for (k, target) in targets.iter().enumerate() {
-        let base = beneath(target);
-        let base = base.and_then(|name| targets[..k].iter().position(|t| t.name == *name));
-        let of_base = |row: &&mut Vec<usize>| base.is_some_and(|b| row.contains(&b));
-        match rows.iter_mut().find(of_base) {
-            Some(row) => row.push(k),
-            None => rows.push(vec![k]),
-        }
-    }
-    rows.sort_by_key(|row| std::cmp::Reverse(row.len()));
-    rows
+/// The shape, above it among the targets, that one takes back or is added to.
+fn base(targets: &[Target], k: usize) -> Option<usize> {
+    let undone = targets[k].undo.as_ref().map(|(name, _)| name);
+    let name = undone.or(targets[k].upon.as_ref())?;
+    targets[..k].iter().position(|t| t.name == *name)
 }
 
 /// What is made once for all shapes.
@@ -126,8 +111,8 @@ struct Rig<'a> {
     around: Surroundings,
     contacts: Contacts<'a>,
     learned: Option<Canonical<'a>>,
-    /// All skins by a method of comparison.
-    compared: Option<Vec<Vec<Vec3>>>,
+    /// A method of comparison: its operator and rounds.
+    printed: Option<(Operator, usize)>,
 }
 
 /// What is wrong with a skin, the worst first: promises missed, triangles inverted and edges torn.
@@ -172,10 +157,10 @@ impl<'a> Rig<'a> {
             around,
             contacts,
             learned,
-            compared: match method {
+            printed: match method {
                 Method::Aoi => None,
-                Method::Paper => Some(printed(head, targets, printed::ROUNDS)?),
-                Method::Laplacian => Some(printed(head, targets, 0)?),
+                Method::Paper => Some((head.operator.printed(), printed::ROUNDS)),
+                Method::Laplacian => Some((head.operator.printed(), 0)),
             },
         })
     }
@@ -183,9 +168,9 @@ impl<'a> Rig<'a> {
     /// One shape; `base` is the displacement of the one it is added to.
     fn shape(&self, k: usize, base: Option<&[Vec3]>) -> Result<Shape, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
-        let Solved { mut d, mut area } = match &self.compared {
-            Some(all) => Solved {
-                d: all[k].clone(),
+        let Solved { mut d, mut area } = match &self.printed {
+            Some((operator, rounds)) => Solved {
+                d: printed(head, operator, target, *rounds)?,
                 area: head.skin.clone(),
             },
             None => self.safest(k, base)?,

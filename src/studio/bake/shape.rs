@@ -43,6 +43,9 @@ impl Shape {
     }
 }
 
+/// The name of a shape that is taken back, and its share.
+pub type Undo = (String, f64);
+
 /// One shape measured out on a head: what moves, in the mesh's unit and axes.
 #[derive(Clone, Debug, Default)]
 pub struct Target {
@@ -67,7 +70,7 @@ pub struct Target {
     /// Displacement of the tongue's tip.
     pub tongue: Option<Vec3>,
     /// Shape whose effect on the lip line is taken back, and its share.
-    pub undo: Option<(String, f64)>,
+    pub undo: Option<Undo>,
     /// The two shapes that this one makes together; what is left of it when both are taken off is their corrective.
     pub corrects: Option<[String; 2]>,
     /// What is checked once it is baked.
@@ -135,15 +138,15 @@ pub struct Promise {
 
 impl Promise {
     /// What is found instead, in words; `at` is where vertices are.
-    pub fn missed(&self, head: &Head, at: &impl Fn(usize) -> Vec3) -> Option<String> {
+    pub fn missed(&self, head: &Head, at: &impl Fn(u32) -> Vec3) -> Option<String> {
         let w = head.eye_distance;
-        let middle = |some: &[u32], p: &dyn Fn(usize) -> Vec3| {
-            some.iter().map(|&v| p(v as usize)).sum::<Vec3>() / some.len().max(1) as f64
+        let middle = |some: &[u32], p: &dyn Fn(u32) -> Vec3| {
+            some.iter().map(|&v| p(v)).sum::<Vec3>() / some.len().max(1) as f64
         };
-        let neutral = |v: usize| head.mesh.positions[v];
+        let neutral = |v: u32| head.mesh.positions[v as usize];
         let moves = |some: &[u32]| (middle(some, at) - middle(some, &neutral)).norm();
         let apart =
-            |p: &dyn Fn(usize) -> Vec3| (middle(&self.one, p) - middle(&self.other, p)).norm() / w;
+            |p: &dyn Fn(u32) -> Vec3| (middle(&self.one, p) - middle(&self.other, p)).norm() / w;
         let (found, kept) = match &self.deed {
             Deed::Part => (apart(at), apart(at) >= self.bound),
             Deed::Meet => {
@@ -155,12 +158,12 @@ impl Promise {
                 (share, share <= self.bound)
             }
             Deed::Lids(side) => {
-                let gap = head.lid_gap(*side, |v| at(v as usize)) / w;
+                let gap = head.lid_gap(*side, at) / w;
                 (gap, gap <= self.bound)
             }
             Deed::Move(ways) => {
-                let moved = |v: u32| at(v as usize) - neutral(v as usize);
-                let along = self.one.iter().zip(ways).map(|(&v, way)| moved(v).dot(way));
+                let along = self.one.iter().zip(ways);
+                let along = along.map(|(&v, way)| (at(v) - neutral(v)).dot(way));
                 let mean = along.sum::<f64>() / self.one.len().max(1) as f64 / w;
                 (mean, mean >= self.bound)
             }

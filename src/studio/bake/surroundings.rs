@@ -62,7 +62,7 @@ impl Surroundings {
             neutral: Vec::new(),
         };
         let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
-        let lie = out.lie(&|v| head.mesh.positions[v], &all);
+        let lie = out.lie(&|v| head.mesh.positions[v as usize], &all);
         out.neutral = lie.into_iter().map(|lie| (lie.0, lie.1)).collect();
         out
     }
@@ -79,13 +79,13 @@ impl Surroundings {
     }
 
     /// Normal of a triangle, as long as twice its area.
-    fn normal(&self, triangle: u32, p: &impl Fn(usize) -> Vec3) -> Vec3 {
-        let [a, b, c] = self.triangles[triangle as usize].map(|v| p(v as usize));
+    fn normal(&self, triangle: u32, p: &impl Fn(u32) -> Vec3) -> Vec3 {
+        let [a, b, c] = self.triangles[triangle as usize].map(p);
         (b - a).cross(&(c - a))
     }
 
     /// Doubled area, cosine with the mean normal of the surroundings and that normal, for some of the triangles.
-    fn lie(&self, p: &impl Fn(usize) -> Vec3, some: &[u32]) -> Vec<(f64, f64, Vec3)> {
+    fn lie(&self, p: &impl Fn(u32) -> Vec3, some: &[u32]) -> Vec<(f64, f64, Vec3)> {
         let corners = some.iter().flat_map(|&k| self.triangles[k as usize]);
         let needed = self.rings.about(&corners.collect::<Vec<u32>>(), 1);
         // Sums of normals around each vertex. Plain numbers: what is not looked at costs no memory.
@@ -112,7 +112,7 @@ impl Surroundings {
 
     /// Vertices of the triangles that a displacement turns over and of the edges that it tears, ascending; `at` is where vertices
     /// are then.
-    pub fn faults(&self, head: &Head, d: &[Vec3], at: &impl Fn(usize) -> Vec3) -> Vec<u32> {
+    pub fn faults(&self, head: &Head, d: &[Vec3], at: &impl Fn(u32) -> Vec3) -> Vec<u32> {
         let all = 0..d.len() as u32;
         let changed: Vec<u32> = all.filter(|&v| d[v as usize] != Vec3::zeros()).collect();
         let some = self.seeing(&changed);
@@ -120,9 +120,8 @@ impl Surroundings {
         let mut found: Vec<u32> = flattened.flat_map(|t| t.corners).collect();
         let spare = TORN[1] * head.eye_distance;
         let torn = |edge: &[u32; 2]| {
-            let [v, o] = edge.map(|v| v as usize);
-            let was = head.mesh.positions[v] - head.mesh.positions[o];
-            (at(v) - at(o)).norm() > TORN[0] * was.norm() + spare
+            let [was, is] = [edge.map(|v| head.mesh.positions[v as usize]), edge.map(at)];
+            (is[0] - is[1]).norm() > TORN[0] * (was[0] - was[1]).norm() + spare
         };
         let edges = some.iter().map(|&k| self.triangles[k as usize]);
         let edges = edges.flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);
@@ -133,13 +132,8 @@ impl Surroundings {
     }
 
     /// Triangles among some that rise less than `height` of their neutral area towards their surroundings.
-    pub fn flattened(
-        &self,
-        moved: &impl Fn(usize) -> Vec3,
-        some: &[u32],
-        height: f64,
-    ) -> Vec<Flattened> {
-        let lie = some.iter().zip(self.lie(moved, some));
+    pub fn flattened(&self, p: &impl Fn(u32) -> Vec3, some: &[u32], height: f64) -> Vec<Flattened> {
+        let lie = some.iter().zip(self.lie(p, some));
         let flattened = lie.filter_map(|(&k, (area, cosine, normal))| {
             let (before, agreed) = self.neutral[k as usize];
             let wanted = height * before;

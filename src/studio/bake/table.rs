@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Unit, UnitQuaternion};
 use super::files::read;
 use super::head::Head;
 use super::mesh::Vec3;
-use super::recipe::Target;
+use super::shape::Target;
 use crate::studio::csv;
 use crate::studio::fault::Fault;
 
@@ -33,16 +33,11 @@ pub(super) fn table(
     Ok(targets)
 }
 
-/// Targets from the text of the table at `path` for a mesh of so many vertices, without a jaw.
+/// Targets from the text of the table at `path` for a mesh of `count` vertices, without a jaw.
 ///
 /// # Errors
 /// At the first line that is no control of this mesh.
-pub fn targets(
-    text: &str,
-    path: &Path,
-    vertices: usize,
-    derive: bool,
-) -> Result<Vec<Target>, Fault> {
+pub fn targets(text: &str, path: &Path, count: usize, derive: bool) -> Result<Vec<Target>, Fault> {
     let refuse = |line, expected, found: &str| Fault::at_line(path, line, expected, found);
     let table = csv::Table::new(text);
     const HEADER: &str = "the columns shape,vertex,dx,dy,dz";
@@ -58,7 +53,7 @@ pub fn targets(
             let number = |c: usize| cell(c)?.parse().ok().filter(|x: &f64| x.is_finite());
             let moved = Vec3::new(number(2)?, number(3)?, number(4)?);
             let name = cell(0).filter(|name| !name.is_empty())?;
-            ((vertex as usize) < vertices).then_some((name, (vertex, moved)))
+            ((vertex as usize) < count).then_some((name, (vertex, moved)))
         };
         let (name, control) = control().ok_or_else(|| refuse(row.line, ROW, row.text))?;
         // Rows of one shape stand together in practice; look from the end.

@@ -121,13 +121,7 @@ fn attribute(out: &mut String, name: &str, value: &str, interpolation: &str) {
 }
 
 /// The prim of one shape; with `smooth`, the neutral normals, also how they turn.
-fn blend_shape(
-    mesh: &Mesh,
-    shape: &Shape,
-    prim: &str,
-    smooth: Option<&[Vec3]>,
-    dense: bool,
-) -> String {
+fn blend(mesh: &Mesh, shape: &Shape, prim: &str, smooth: Option<&[Vec3]>, dense: bool) -> String {
     let offsets: Vec<[f32; 3]> = shape.displacement.iter().map(single).collect();
     let bends = smooth.map(|smooth| turned(mesh, smooth, shape));
     let bent = |v: usize| bends.as_ref().is_some_and(|bends| bends[v] != [0.0; 3]);
@@ -186,7 +180,7 @@ fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside<'_>) -> Vec<Used> {
     of.filter(|(_, faces)| !faces.is_empty())
         .map(|(name, faces)| {
             let picture = pictures.get(name).map(|(file, _)| file.clone());
-            let (colour, opacity) = looks.get(name).map_or((None, 1.0), Look::surface);
+            let (colour, opacity) = looks.0.get(name).map_or((None, 1.0), Look::surface);
             let [r, g, b, _] = COLOUR;
             let plain = if picture.is_some() {
                 [1.0; 3]
@@ -447,7 +441,7 @@ pub(super) fn emit(
     let turning = normals.filter(|(_, interpolation)| *interpolation == PER_VERTEX);
     let turning = turning.map(|_| &smooth[..]);
     let each = shapes.par_iter().zip(&prims);
-    let written = each.map(|(shape, prim)| blend_shape(mesh, shape, prim, turning, dense));
+    let written = each.map(|(shape, prim)| blend(mesh, shape, prim, turning, dense));
     // Each is freed once appended: holding all of them twice would be the peak of memory use.
     out.extend(written.collect::<Vec<String>>());
     subsets(&mut out, &used, &mut siblings);

@@ -59,10 +59,7 @@ fn ends(points: impl IntoIterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
 }
 
 /// Box of points, disturbed by ±10 % of the width in place and ±7 % in size; and a roll within ±8°.
-pub(in crate::studio) fn disturbed_box(
-    points: &[[f32; 2]; LANDMARKS],
-    seed: u64,
-) -> (FaceBox, f32) {
+pub(crate) fn disturbed_box(points: &[[f32; 2]; LANDMARKS], seed: u64) -> (FaceBox, f32) {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut about = |size: f32| size * (2.0 * random.f32() - 1.0);
     let [low, high] = ends(*points);
@@ -78,7 +75,6 @@ pub(in crate::studio) fn disturbed_box(
 }
 
 /// One fitted face.
-#[derive(Clone, Debug)]
 pub struct FittedFace {
     /// The 68 points, picture pixels.
     pub points: [[f32; 2]; LANDMARKS],

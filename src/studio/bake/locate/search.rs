@@ -64,7 +64,6 @@ fn about_eyes(middle: &Vec3, apart: f64) -> Vec<(Vec3, f64)> {
 }
 
 /// A square in a view where a face may be, and what a short look made of it.
-#[derive(Clone, Copy)]
 struct Glance {
     skin: u32,
     to_view: Matrix3<f64>,
