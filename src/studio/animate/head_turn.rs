@@ -101,11 +101,8 @@ impl Turned {
     /// Rotation of the node for a pose (x, y, z, w in the sensor's head frame), and its translation if that changes too.
     pub(super) fn at(&self, pose: [f32; 4]) -> ([f32; 4], Option<[f32; 3]>) {
         let [x, y, z, w] = pose;
-        let q = if self.backwards {
-            Quaternion::new(w, -x, -y, z)
-        } else {
-            Quaternion::new(w, x, -y, -z)
-        };
+        let side = if self.backwards { -1.0 } else { 1.0 };
+        let q = Quaternion::new(w, side * x, -y, -side * z);
         let turn = UnitQuaternion::try_new(q, 1e-6).unwrap_or_default();
         // In the parent's axes.
         let turn = self.parent.inverse() * turn * self.parent;

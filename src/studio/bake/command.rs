@@ -133,15 +133,15 @@ pub(in crate::studio) fn landmark_text(vertices: &[u64], foreign: Option<&Foreig
 pub(in crate::studio) struct Source {
     pub(in crate::studio) mesh: Mesh,
     pub(in crate::studio) looks: Looks,
-    /// As OBJ text, if it came so or OBJ is wanted.
-    obj: String,
+    /// The text of the OBJ that it came in.
+    obj: Option<String>,
     /// The glTF that it came in.
     pub(in crate::studio) foreign: Option<Foreign>,
 }
 
 impl Source {
-    /// The mesh of a file; `as_obj` where its text as OBJ is wanted, too.
-    pub(in crate::studio) fn read(path: &Path, as_obj: bool) -> Result<Self, Fault> {
+    /// The mesh of a file.
+    pub(in crate::studio) fn read(path: &Path) -> Result<Self, Fault> {
         let bytes = read_bytes(path)?;
         if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
             let folder = path.parent().unwrap_or(Path::new(""));
@@ -149,10 +149,7 @@ impl Source {
             let looks = Looks::in_glb(&glb);
             let (mesh, foreign) = Foreign::read(glb).map_err(Fault::within(path))?;
             return Ok(Self {
-                obj: match as_obj {
-                    true => obj::emit(&mesh),
-                    false => String::new(),
-                },
+                obj: None,
                 mesh,
                 looks,
                 foreign: Some(foreign),
@@ -162,7 +159,7 @@ impl Source {
         Ok(Self {
             mesh: obj::parse(&obj).map_err(Fault::within(path))?,
             looks: Looks::of(path, &obj),
-            obj,
+            obj: Some(obj),
             foreign: None,
         })
     }
@@ -213,13 +210,15 @@ impl Source {
     /// The neutral and every shape as OBJ, and a list of them.
     fn folder_of_obj(&self, folder: &Path, shapes: &[Shape]) -> Result<(), Fault> {
         std::fs::create_dir_all(folder).map_err(Fault::cannot("write", folder, ""))?;
-        write(&folder.join("neutral.obj"), self.obj.as_bytes())?;
+        let emitted = || obj::emit(&self.mesh);
+        let neutral = self.obj.clone().unwrap_or_else(emitted);
+        write(&folder.join("neutral.obj"), neutral.as_bytes())?;
         let mut list = Vec::with_capacity(shapes.len());
         for shape in shapes {
             let moved = self.mesh.positions.iter().zip(&shape.displacement);
             let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
             let file = format!("{}.obj", shape.name);
-            let text = obj::with_positions(&self.obj, &moved);
+            let text = obj::with_positions(&neutral, &moved);
             write(&folder.join(&file), text.as_bytes())?;
             list.push(
                 json!({"name": shape.name, "file": file, "unit": shape.unit, "upon": shape.upon}),
@@ -299,7 +298,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let start = Instant::now();
     // Unpacked while the mesh is read: it takes as long.
     std::thread::spawn(Prior::shipped);
-    let mut source = Source::read(&request.mesh, request.obj.is_some())?;
+    let mut source = Source::read(&request.mesh)?;
     let numbers = match request.landmarks.as_os_str() == "auto" {
         true => found(request, &source)?,
         false => source.told(&request.landmarks)?,

@@ -130,10 +130,9 @@ pub struct Lesson<'a> {
 fn other_side(name: &str) -> String {
     let other = |here: &str, there: &str| Some(name.strip_suffix(here)?.to_owned() + there);
     let sides = [["_L", "_R"], ["Left", "Right"]].into_iter();
-    let mut others = sides.flat_map(|[l, r]| [other(l, r), other(r, l)]);
-    others
-        .find_map(|other| other)
-        .unwrap_or_else(|| name.to_owned())
+    let others = sides.flat_map(|[l, r]| [other(l, r), other(r, l)]);
+    let other = others.flatten().next();
+    other.unwrap_or_else(|| name.to_owned())
 }
 
 /// Places spread evenly over the left half by farthest-point choice, then their mirror images.

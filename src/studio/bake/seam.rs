@@ -30,11 +30,8 @@ impl Seam {
         for k in 1..line.len() {
             let (a, b) = (self.across(mesh, &p(k - 1)), self.across(mesh, &p(k)));
             if t <= b || k + 1 == line.len() {
-                let f = if b > a {
-                    ((t - a) / (b - a)).clamp(0.0, 1.0)
-                } else {
-                    1.0
-                };
+                let f = if b > a { (t - a) / (b - a) } else { 1.0 };
+                let f = f.clamp(0.0, 1.0);
                 return p(k - 1) * (1.0 - f) + p(k) * f;
             }
         }

@@ -125,9 +125,8 @@ fn blend(mesh: &Mesh, shape: &Shape, prim: &str, smooth: Option<&[Vec3]>, dense:
     let offsets: Vec<[f32; 3]> = shape.displacement.iter().map(single).collect();
     let bends = smooth.map(|smooth| turned(mesh, smooth, shape));
     let bent = |v: usize| bends.as_ref().is_some_and(|bends| bends[v] != [0.0; 3]);
-    let rows: Vec<usize> = (0..offsets.len())
-        .filter(|&v| dense || offsets[v] != [0.0; 3] || bent(v))
-        .collect();
+    let listed = |&v: &usize| dense || offsets[v] != [0.0; 3] || bent(v);
+    let rows: Vec<usize> = (0..offsets.len()).filter(listed).collect();
     let mut out = format!("\n        def BlendShape \"{prim}\"");
     let line = |(key, value): (&str, &Option<String>)| {
         let value = quoted(value.as_ref()?);
@@ -182,11 +181,7 @@ fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside<'_>) -> Vec<Used> {
             let picture = pictures.get(name).map(|(file, _)| file.clone());
             let (colour, opacity) = looks.0.get(name).map_or((None, 1.0), Look::surface);
             let [r, g, b, _] = COLOUR;
-            let plain = if picture.is_some() {
-                [1.0; 3]
-            } else {
-                [r, g, b]
-            };
+            let plain = picture.as_ref().map_or([r, g, b], |_| [1.0; 3]);
             Used {
                 prim: prim(&mut names, name),
                 colour: colour.unwrap_or(plain),

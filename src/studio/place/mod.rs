@@ -68,7 +68,7 @@ impl Place {
     /// # Errors
     /// If one cannot be read or the points are not on the head.
     pub fn new(mesh: &Path, landmarks: &Path, out: Option<PathBuf>) -> Result<Self, Fault> {
-        let source = Source::read(mesh, false)?;
+        let source = Source::read(mesh)?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
             let found = source.guess(mesh)?;
             (found.vertices, Some(found.of_points.to_vec()))
@@ -104,10 +104,9 @@ impl Place {
 
     /// Vertices of the mesh, their places and normals, as the page takes them.
     fn told(&self, points: &[u64]) -> Value {
-        let all = || points.iter().map(|&v| self.surface.at(v));
-        let row = |p: Vec3| [p.x, p.y, p.z];
-        let places: Vec<[f64; 3]> = all().map(|(p, _)| row(p)).collect();
-        let normals: Vec<[f64; 3]> = all().map(|(_, n)| row(n)).collect();
+        let all = points.iter().map(|&v| self.surface.at(v));
+        let rows = all.map(|(p, n)| (<[f64; 3]>::from(p), <[f64; 3]>::from(n)));
+        let (places, normals): (Vec<_>, Vec<_>) = rows.unzip();
         json!({"points": points, "places": places, "normals": normals})
     }
 
@@ -128,12 +127,10 @@ impl Place {
 
     /// How many points are where they were found with little confidence, and not set by hand.
     fn guessed(&self, points: &[u64], set: &[usize]) -> usize {
-        let Some(confidence) = &self.confidence else {
-            return 0;
-        };
-        (0..LANDMARKS)
-            .filter(|k| confidence[*k] < LOW && points[*k] == self.points[*k] && !set.contains(k))
-            .count()
+        let is_low = |k: usize| self.confidence.as_ref().is_some_and(|sure| sure[k] < LOW);
+        let is_guessed =
+            |k: &usize| is_low(*k) && points[*k] == self.points[*k] && !set.contains(k);
+        (0..LANDMARKS).filter(is_guessed).count()
     }
 
     /// Bakes all shapes with these points; how long it took, seconds.
