@@ -64,7 +64,6 @@ pub struct Faults {
 
 impl<S: PacketSource> Faulty<S> {
     /// Wraps `inner`; the same seed gives the same faults.
-    #[must_use]
     pub fn new(inner: S, rates: Rates, seed: u64) -> Self {
         let faults = Faults {
             rates,

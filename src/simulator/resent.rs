@@ -56,7 +56,6 @@ impl Resent {
     }
 
     /// The frame that was cut last.
-    #[must_use]
     pub fn sent(&self) -> &Frame {
         &self.player.frame
     }

@@ -90,26 +90,22 @@ impl Simulated {
     }
 
     /// What the last frame shows; `None` if nobody is there.
-    #[must_use]
     pub fn truth(&self) -> Option<&Truth> {
         // The next frame is drawn only when its first packet is due.
         self.kinect.source.player.view.truth.as_ref()
     }
 
     /// What draws the frames.
-    #[must_use]
     pub fn simulator(&self) -> &Simulator {
         &self.kinect.source.player.view.simulator
     }
 
     /// Geometry of the virtual Kinect.
-    #[must_use]
     pub fn camera(&self) -> &Camera {
         self.simulator().camera()
     }
 
     /// Calibration, as read from the virtual Kinect.
-    #[must_use]
     pub fn registration(&self) -> &Registration {
         self.kinect.registration()
     }

@@ -41,7 +41,6 @@ pub const PERIOD: Duration = Duration::from_nanos(33_333_333);
 
 impl<D: View> VirtualKinect<D> {
     /// A `model` with the usual calibration that sees `view`.
-    #[must_use]
     pub fn new(model: Model, serial: &str, view: D) -> Self {
         Self {
             camera: VirtualCamera::new(model, Registration::default()),

@@ -75,7 +75,6 @@ pub fn text(picture: &mut RgbImage, [x, y]: [u32; 2], size: u32, words: &str, co
 }
 
 /// Width of a line of text, pixels.
-#[must_use]
 pub fn text_width(size: u32, words: &str) -> u32 {
     let (width, _) = letters(size, BLACK)
         .font

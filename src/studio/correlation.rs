@@ -1,7 +1,6 @@
 //! How far two series go together.
 
 /// Pearson's correlation of pairs, −1 to 1; 0 of nothing and of a series that does not vary.
-#[must_use]
 pub fn correlation<N: Into<f64>>(pairs: impl IntoIterator<Item = [N; 2]>) -> f64 {
     let pairs: Vec<[f64; 2]> = pairs.into_iter().map(|pair| pair.map(Into::into)).collect();
     let n = pairs.len().max(1) as f64;

@@ -4,7 +4,6 @@
 //! the reader of each table to say.
 
 /// Cells of a line, trimmed.
-#[must_use]
 pub fn cells(line: &str) -> Vec<&str> {
     line.split(',').map(str::trim).collect()
 }
@@ -31,7 +30,6 @@ pub struct Row<'a> {
 
 impl<'a> Table<'a> {
     /// A table with the first line of a text as its header; of no text, one without columns or rows.
-    #[must_use]
     pub fn new(text: &'a str) -> Self {
         let mut lines = text.lines();
         let header = lines.next().unwrap_or_default();
@@ -43,13 +41,11 @@ impl<'a> Table<'a> {
     }
 
     /// Names of the columns.
-    #[must_use]
     pub fn columns(&self) -> &[&'a str] {
         &self.columns
     }
 
     /// Where a column stands in a row.
-    #[must_use]
     pub fn find(&self, column: &str) -> Option<usize> {
         self.columns.iter().position(|name| *name == column)
     }

@@ -28,7 +28,6 @@ pub enum Split {
 
 impl Split {
     /// Split of the person at this place of the list sorted by (set, person).
-    #[must_use]
     pub fn of(index: usize) -> Self {
         match index % 5 {
             0 => Self::Test,
@@ -38,7 +37,6 @@ impl Split {
     }
 
     /// Split of each (set, person), in the order given; equal entries get the same one.
-    #[must_use]
     pub fn of_persons<S: AsRef<str>>(persons: &[(S, S)]) -> Vec<Self> {
         let names: Vec<(&str, &str)> = persons
             .iter()

@@ -6,7 +6,6 @@ use image::codecs::jpeg::JpegEncoder;
 use image::{ImageFormat, RgbImage};
 
 /// The bytes of the file; `quality` from 1 to 100.
-#[must_use]
 pub fn jpeg(picture: &RgbImage, quality: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, quality)
@@ -16,7 +15,6 @@ pub fn jpeg(picture: &RgbImage, quality: u8) -> Vec<u8> {
 }
 
 /// As PNG, without loss.
-#[must_use]
 pub fn png(picture: &RgbImage) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let written = picture.write_to(&mut bytes, ImageFormat::Png);

@@ -26,7 +26,6 @@ pub struct Progress {
 
 impl Progress {
     /// Work of `total` equal steps.
-    #[must_use]
     pub fn new(what: &str, total: usize) -> Self {
         let total = Some(total.max(1) as u64);
         let (target, next) = if std::io::stderr().is_terminal() {

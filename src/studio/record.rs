@@ -46,7 +46,6 @@ pub struct Recorded {
 
 impl Recorded {
     /// Frames per second.
-    #[must_use]
     pub fn rate_hz(&self) -> f64 {
         if self.seconds > 0.0 {
             self.frames.saturating_sub(1) as f64 / self.seconds

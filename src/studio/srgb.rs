@@ -1,7 +1,6 @@
 //! Colours from sRGB to linear light (IEC 61966-2-1), as glTF wants them.
 
 /// One channel, 0 to 1.
-#[must_use]
 pub fn linear(value: f64) -> f64 {
     if value <= 0.04045 {
         value / 12.92

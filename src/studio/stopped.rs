@@ -85,7 +85,6 @@ fn listen(result: Goes) -> std::io::Result<()> {
 }
 
 /// What the first Ctrl-C sets; the second ends the program at once.
-#[must_use]
 pub fn flag_on_signals() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {

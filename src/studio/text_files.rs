@@ -11,7 +11,6 @@ use crate::base::bounded_read;
 pub const MOST: usize = 1 << 30;
 
 /// The text of some bytes, without a byte order mark.
-#[must_use]
 pub fn decoded(bytes: &[u8]) -> String {
     let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let units = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
@@ -28,7 +27,6 @@ pub fn decoded(bytes: &[u8]) -> String {
 }
 
 /// Last part of a path, to be read.
-#[must_use]
 pub fn name_of(path: &Path) -> String {
     let name = path.file_name().unwrap_or(path.as_os_str());
     name.to_string_lossy().into_owned()

@@ -24,7 +24,6 @@ fn kernel<const D: usize>(r2: f64) -> f64 {
 impl<const D: usize> ThinPlate<D> {
     /// The warp that carries each `from` to its `to`, missed by more the larger `gives` is: a share of the mean kernel in the
     /// plane, a length in space. `None` if the points do not span the plane or space.
-    #[must_use]
     pub fn new(from: &[SVector<f64, D>], to: &[SVector<f64, D>], gives: f64) -> Option<Self> {
         let n = from.len();
         let bends = DMatrix::from_fn(n, n, |r, c| kernel::<D>((from[r] - from[c]).norm_squared()));
@@ -53,7 +52,6 @@ impl<const D: usize> ThinPlate<D> {
     }
 
     /// Where a point goes.
-    #[must_use]
     pub fn warp(&self, p: &SVector<f64, D>) -> SVector<f64, D> {
         let n = self.from.len();
         let row = |r: usize| SVector::<f64, D>::from_fn(|k, _| self.weights[(r, k)]);

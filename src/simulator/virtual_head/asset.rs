@@ -63,7 +63,6 @@ pub struct Site {
 
 impl Site {
     /// A vertex itself.
-    #[must_use]
     pub fn vertex(vertex: u32) -> Self {
         Self {
             vertices: [vertex; 3],
@@ -72,7 +71,6 @@ impl Site {
     }
 
     /// Where the place is, given all vertices.
-    #[must_use]
     pub fn on(&self, vertices: &[Point]) -> Point {
         let mut sum = Vector::zeros();
         for (&v, &share) in self.vertices.iter().zip(&self.shares) {
@@ -96,7 +94,6 @@ pub struct Texture {
 impl Texture {
     /// Colour at pixel coordinates (pixel centres are integers), bilinear, clamped to the border. Black if empty.
     #[inline]
-    #[must_use]
     pub fn at(&self, x: f32, y: f32) -> [f32; 3] {
         if self.width < 2 || self.height < 2 {
             return [0.0; 3];
@@ -118,7 +115,6 @@ impl Texture {
     }
 
     /// Half the size, means of four.
-    #[must_use]
     pub fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let mut rgb = Vec::with_capacity(width * height * 3);
@@ -136,7 +132,6 @@ impl Texture {
     }
 
     /// The picture at full, half and quarter size, for drawing it smaller without aliasing.
-    #[must_use]
     pub fn levels(self) -> Vec<Self> {
         let half = self.halved();
         let quarter = half.halved();
@@ -169,7 +164,6 @@ pub struct HeadAsset {
 
 impl HeadAsset {
     /// Position of an expression in `expressions`.
-    #[must_use]
     pub fn expression(&self, name: &str) -> Option<usize> {
         self.expressions.iter().position(|e| e.name == name)
     }
@@ -182,7 +176,6 @@ impl HeadAsset {
     }
 
     /// The same head stretched along its axes: another person's, as far as depth can tell.
-    #[must_use]
     pub fn stretched(&self, factors: [f32; 3]) -> Self {
         let factors = Vector::from(factors);
         let mut other = self.clone();
@@ -216,7 +209,6 @@ impl HeadAsset {
     }
 
     /// The 68 points on a deformed mesh.
-    #[must_use]
     pub fn landmarks_on(&self, vertices: &[Point]) -> [Point; LANDMARKS] {
         let on = |k: usize| Some(self.landmarks.get(k)?.on(vertices));
         std::array::from_fn(|k| on(k).unwrap_or_default())

@@ -331,7 +331,6 @@ fn checked(bytes: &[u8]) -> Result<&[u8], HeadFileError> {
 
 impl HeadAsset {
     /// The head built into the appliance.
-    #[must_use]
     pub fn shipped() -> Self {
         Self::parse(include_bytes!("../../../config/simulated.head"))
             .expect("the shipped head is read by a test")
@@ -358,7 +357,6 @@ impl HeadAsset {
     /// # Panics
     /// With more than 65 535 vertices or triangles, 255 expressions or 4096 columns or rows of the photograph.
     #[cfg(any(test, feature = "studio"))]
-    #[must_use]
     pub fn emit(&self) -> Vec<u8> {
         let mut file = File {
             coder: Encoder::new(),

@@ -96,7 +96,6 @@ pub struct Simulator {
 impl Simulator {
     /// Prepares a scene with the nominal camera. Expressions of the asset beyond [`EXPRESSIONS`] stay at 0. Where a scene has
     /// several people, the others have the same head, stretched; see [`Simulator::joined_by`].
-    #[must_use]
     pub fn new(asset: HeadAsset, scene: Scene, seed: u64) -> Self {
         let camera = crate::sensor::kinect::geometry::nominal();
         let light = Light::default();
@@ -215,13 +214,11 @@ impl Simulator {
     }
 
     /// The camera that the frames are drawn with.
-    #[must_use]
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
     /// The head of the first person.
-    #[must_use]
     pub fn asset(&self) -> &HeadAsset {
         &self.people[0].asset
     }

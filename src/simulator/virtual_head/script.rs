@@ -75,7 +75,6 @@ impl Scene {
     ];
 
     /// Scene of a name.
-    #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         let found = Self::NAMES.iter().find(|(known, _)| *known == name);
         found.map(|&(_, scene)| scene)

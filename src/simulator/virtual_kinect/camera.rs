@@ -28,7 +28,6 @@ pub struct VirtualCamera {
 
 impl VirtualCamera {
     /// Everything off.
-    #[must_use]
     pub fn new(model: Model, registration: Registration) -> Self {
         Self {
             model,
@@ -44,14 +43,12 @@ impl VirtualCamera {
     }
 
     /// Content of a register.
-    #[must_use]
     pub fn register(&self, number: u16) -> u16 {
         let value = self.registers.get(usize::from(number));
         value.copied().unwrap_or_default()
     }
 
     /// True if the registers switch the stream on in the format that `Player` sends.
-    #[must_use]
     pub fn streams(&self, stream: Stream) -> bool {
         let settings = match stream {
             Stream::Colour => [

@@ -32,7 +32,6 @@ pub struct Player<D> {
 
 impl<D: View> Player<D> {
     /// Plays `view`, one frame per `period`.
-    #[must_use]
     pub fn new(view: D, period: Duration) -> Self {
         Self {
             view,

@@ -32,7 +32,6 @@ pub fn draw(number: u64, frame: &mut KinectFrame) {
 }
 
 /// Numbers read from a frame's depth and colour picture, and the pixels that are not what those numbers demand.
-#[must_use]
 pub fn check(frame: &KinectFrame) -> ([u64; 2], usize) {
     let read = |value: &dyn Fn(usize) -> u64| (0..4).map(|i| value(i) << (8 * i)).sum::<u64>();
     let of_depth = read(&|i| u64::from(frame.depth[i]) & 0xff);

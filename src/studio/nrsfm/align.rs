@@ -36,7 +36,6 @@ pub(crate) fn centred(points: &[[f64; 3]]) -> (Vector3<f64>, Vec<Vector3<f64>>) 
 
 /// Mean relative error over the frames, each rigidly aligned, global reflection free; see the module header.
 /// None if the two differ in size.
-#[must_use]
 pub fn shape_error(recovered: &Shapes, truth: &Shapes) -> Option<f64> {
     let same =
         recovered.points == truth.points && recovered.positions.len() == truth.positions.len();
@@ -70,7 +69,6 @@ pub fn shape_error(recovered: &Shapes, truth: &Shapes) -> Option<f64> {
 
 /// The one rigid shape closest to all frames of the true shapes (generalised Procrustes without scale, Gower 1975), in
 /// every frame: the best that "nothing deforms" can reach.
-#[must_use]
 pub fn rigid_mean_shape(truth: &Shapes) -> Shapes {
     let frames: Vec<_> = (0..truth.frames())
         .map(|t| centred(truth.frame(t)).1)

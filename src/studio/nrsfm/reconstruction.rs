@@ -59,7 +59,6 @@ pub struct Reconstruction {
 }
 
 /// Recovers shapes and cameras from tracks. A rank of 0 is the rigid reconstruction.
-#[must_use]
 pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
     let size = spread(tracks);
     let unit = tracks.scaled(1.0 / size);

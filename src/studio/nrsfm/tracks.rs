@@ -66,19 +66,16 @@ impl Tracks {
     pub const LEAST_SIGHTINGS: usize = 3;
 
     /// Number of frames, F.
-    #[must_use]
     pub fn frames(&self) -> usize {
         self.frames
     }
 
     /// Number of points, P.
-    #[must_use]
     pub fn points(&self) -> usize {
         self.points
     }
 
     /// The image point, or none where it is missing.
-    #[must_use]
     pub fn position(&self, frame: usize, point: usize) -> Option<[f64; 2]> {
         let i = frame * self.points + point;
         self.seen[i].then(|| self.positions[i])
@@ -91,13 +88,11 @@ impl Tracks {
     }
 
     /// Whether the point is seen in the frame.
-    #[must_use]
     pub fn is_seen(&self, frame: usize, point: usize) -> bool {
         self.seen[frame * self.points + point]
     }
 
     /// Number of image points that are seen.
-    #[must_use]
     pub fn sightings(&self) -> usize {
         self.seen.iter().filter(|seen| **seen).count()
     }
@@ -151,13 +146,11 @@ pub struct Shapes {
 
 impl Shapes {
     /// Number of frames, F.
-    #[must_use]
     pub fn frames(&self) -> usize {
         self.positions.len() / self.points.max(1)
     }
 
     /// The points of one frame.
-    #[must_use]
     pub fn frame(&self, t: usize) -> &[[f64; 3]] {
         &self.positions[t * self.points..(t + 1) * self.points]
     }
@@ -194,7 +187,6 @@ impl Shapes {
     }
 
     /// `3F x P` CSV text; [`Shapes::parse`] reads it back to the digits written.
-    #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = String::with_capacity(self.positions.len() * 36);
         for t in 0..self.frames() {

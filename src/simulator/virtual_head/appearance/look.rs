@@ -125,7 +125,6 @@ pub(super) const HAIR_COLOURS: [[f32; 3]; 6] = [
 
 impl Look {
     /// What the person of the demonstration wears.
-    #[must_use]
     pub fn demonstration() -> Self {
         Self {
             seed: 4,
@@ -139,7 +138,6 @@ impl Look {
     /// One of many: all hair styles in turn, and with them, at steps of their own, all things. `number` and seed give the
     /// same look always.
     #[cfg(feature = "studio")]
-    #[must_use]
     pub fn numbered(number: usize, seed: u64) -> Self {
         let seed = hash(seed, number as u64);
         let pick = |k: u64, count: usize| (share(seed, k) * count as f32) as usize % count;
