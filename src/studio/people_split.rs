@@ -37,19 +37,18 @@ impl Split {
     }
 
     /// Split of each (set, person), in the order given; equal entries get the same one.
-    pub fn of_persons<S: AsRef<str>>(persons: &[(S, S)]) -> Vec<Self> {
-        let names: Vec<(&str, &str)> = persons
-            .iter()
-            .map(|(set, person)| (set.as_ref(), person.as_ref()))
-            .collect();
-        let mut sorted = names.clone();
-        sorted.sort_unstable();
-        sorted.dedup();
-        names
-            .iter()
-            .map(|name| Self::of(sorted.binary_search(name).unwrap_or(0)))
-            .collect()
+    pub fn of_persons(persons: &[(&str, &str)]) -> Vec<Self> {
+        numbered(persons).into_iter().map(Self::of).collect()
     }
+}
+
+/// Place of each (set, person) in the sorted list of all.
+pub fn numbered(persons: &[(&str, &str)]) -> Vec<usize> {
+    let mut sorted = persons.to_vec();
+    sorted.sort_unstable();
+    sorted.dedup();
+    let place = |person| sorted.binary_search(person).unwrap_or(0);
+    persons.iter().map(place).collect()
 }
 
 #[cfg(test)]

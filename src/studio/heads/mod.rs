@@ -2,7 +2,6 @@
 //!
 //! ```text
 //! ict                  the mesh as it comes
-//! portraits            photographs with 68 points
 //! fit                  the mesh fitted to the points of one
 //! wardrobe             the photograph put on the mesh, bent to its points; eyes: drawn ones instead
 //! average, reduce      nobody's head, small enough for the appliance
@@ -18,19 +17,21 @@ pub(crate) mod eyes;
 pub mod fit;
 pub mod hero;
 pub mod ict;
-pub mod portraits;
 pub mod reduce;
 pub mod wardrobe;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Rotation;
-use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site};
+use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site, Texture};
 use crate::studio::atomic_write;
 use crate::studio::fault::Fault;
 use crate::studio::heads::ict::{IctHead, part, part_of};
+use crate::studio::people_split::numbered;
+use crate::studio::train::dataset::read_folder;
 use crate::studio::train::shape::Similarity;
 
 /// Offsets below this are dropped from sparse expressions, metres.
@@ -59,19 +60,33 @@ pub struct PersonHead {
 /// If mesh or portraits cannot be read.
 pub fn textured_heads(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Vec<PersonHead>, Fault> {
     let ict = IctHead::read(&data.join("ict_facekit"))?;
-    let mut portraits = portraits::read(&data.join("faces_frl189"))?;
-    portraits.retain(|portrait| keep(portrait.person));
+    let mut portraits = portraits(data)?;
+    portraits.retain(|&(person, ..)| keep(person));
     let plain = plain_head(&ict);
     let wardrobe = wardrobe::Wardrobe::new(plain.clone());
-    let head = |portrait: &portraits::Portrait| {
-        let photograph = portrait.photograph()?;
-        let fit = fit::fit(&ict, &plain.landmarks, &portrait.points);
-        let mut asset = wardrobe.dress(&ict, &fit, &portrait.points, &photograph);
+    let head = |(person, path, points): (usize, PathBuf, _)| {
+        let unreadable = Fault::cannot("decode", &path, "; expected a JPEG or PNG photograph");
+        let photograph = image::open(&path).map_err(unreadable)?.to_rgb8();
+        let photograph = Texture {
+            width: photograph.width() as usize,
+            height: photograph.height() as usize,
+            rgb: photograph.into_raw(),
+        };
+        let fit = fit::fit(&ict, &plain.landmarks, &points);
+        let mut asset = wardrobe.dress(&ict, &fit, &points, &photograph);
         set_upright(&mut asset, &plain);
-        let person = portrait.person;
         Ok(PersonHead { person, asset })
     };
-    portraits.par_iter().map(head).collect()
+    portraits.into_par_iter().map(head).collect()
+}
+
+/// Annotated photographs: place of the person in the list of all, file, the 68 points.
+fn portraits(data: &Path) -> Result<Vec<(usize, PathBuf, [[f32; 2]; LANDMARKS])>, Fault> {
+    let entries = read_folder(&data.join("faces_frl189"))?;
+    let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
+    let portraits = numbered(&persons).into_iter().zip(entries);
+    let annotated = portraits.filter_map(|(person, e)| Some((person, e.path, e.points?)));
+    Ok(annotated.collect())
 }
 
 /// Sets the head into its frame as the shape model does: the stable points of the neutral face lie best on those of the

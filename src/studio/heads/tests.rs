@@ -11,11 +11,9 @@ fn data() -> Option<std::path::PathBuf> {
 fn landmarks_lie_under_their_annotations_and_survive_reduction() {
     let Some(data) = data() else { return };
     let heads = textured_heads(&data, |person| person == 32).expect("data are readable");
-    let portraits = portraits::read(&data.join("faces_frl189")).expect("data are readable");
-    let portrait = portraits
-        .iter()
-        .find(|p| p.person == 32)
-        .expect("an annotated person");
+    let portraits = portraits(&data).expect("data are readable");
+    let mut portraits = portraits.into_iter();
+    let (.., points) = portraits.find(|p| p.0 == 32).expect("an annotated person");
     let asset = &heads[0].asset;
     let places: Vec<[f32; 2]> = asset
         .landmarks
@@ -23,9 +21,9 @@ fn landmarks_lie_under_their_annotations_and_survive_reduction() {
         .map(|site| asset.photo[site.vertices[0] as usize])
         .collect();
     // The photograph is cropped: places agree up to one shift.
-    let shift = [0, 1].map(|c| portrait.points[30][c] - places[30][c]);
-    let eyes = (portrait.points[45][0] - portrait.points[36][0]).abs();
-    for (k, (place, point)) in places.iter().zip(&portrait.points).enumerate() {
+    let shift = [0, 1].map(|c| points[30][c] - places[30][c]);
+    let eyes = (points[45][0] - points[36][0]).abs();
+    for (k, (place, point)) in places.iter().zip(&points).enumerate() {
         let off = (place[0] + shift[0] - point[0]).hypot(place[1] + shift[1] - point[1]);
         // Inner lip points of a closed mouth share one place.
         let allowed = if k >= 60 { 0.03 } else { 0.012 };
