@@ -18,7 +18,7 @@
 //! people_split   the data sets, and who of them is trained on
 //! text_files, csv, atomic_write   texts and tables in, files out
 //! chart, picture_files   curves and words in pictures, and their files
-//! correlation, frame_time, srgb, thin_plate   what several of them reckon with
+//! correlation, frame_time, srgb, strongest, thin_plate   what several of them reckon with
 //! ```
 
 pub mod animate;
@@ -43,6 +43,7 @@ pub mod progress;
 pub mod record;
 pub mod srgb;
 pub mod stopped;
+pub mod strongest;
 pub mod text_files;
 pub mod thin_plate;
 pub mod train;

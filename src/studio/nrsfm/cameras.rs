@@ -11,6 +11,7 @@
 //! indefinite its eigenvalues are clamped; frames without points take their predecessor's camera.
 
 use super::tracks::{Tracks, mean_positions};
+use crate::studio::strongest::strongest;
 use nalgebra::{
     Cholesky, DMatrix, DVector, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3,
 };
@@ -32,7 +33,7 @@ pub(crate) fn filled(tracks: &Tracks, rank: usize) -> DMatrix<f64> {
         if pass > 0 {
             // The leading axes turn little from pass to pass: one step of orthogonal iteration follows them.
             let leading = axes.take().map_or_else(
-                || spectrum(&w).1.columns(0, rank.min(points)).into_owned(),
+                || strongest(w.tr_mul(&w), rank).1,
                 |axes| w.tr_mul(&(&w * axes)).qr().q(),
             );
             axes = Some(leading);
@@ -61,21 +62,6 @@ pub(crate) fn filled(tracks: &Tracks, rank: usize) -> DMatrix<f64> {
     w
 }
 
-/// Eigenvalues (falling) and vectors of WᵀW.
-pub(crate) fn spectrum(w: &DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
-    let eigen = w.tr_mul(w).symmetric_eigen();
-    let mut order: Vec<usize> = (0..w.ncols()).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    let values = order
-        .iter()
-        .map(|i| eigen.eigenvalues[*i].max(0.0))
-        .collect();
-    let vectors = DMatrix::from_fn(w.ncols(), w.ncols(), |r, c| {
-        eigen.eigenvectors[(r, order[c])]
-    });
-    (values, vectors)
-}
-
 /// Extra columns and steps of [`leading`].
 const LEADING: (usize, usize) = (4, 8);
 
@@ -89,17 +75,16 @@ pub(crate) fn leading(w: &DMatrix<f64>, count: usize, rng: &mut fastrand::Rng) -
         axes = w.tr_mul(&(w * axes)).qr().q();
     }
     let seen = w * axes;
-    let (_, turn) = spectrum(&seen);
-    seen * turn.columns(0, count.min(width))
+    let (_, turn) = strongest(seen.tr_mul(&seen), count);
+    seen * turn
 }
 
 /// Π: the leading `columns` of W's left factor, scaled to order one.
 fn left_factor(w: &DMatrix<f64>, columns: usize) -> DMatrix<f64> {
-    let (values, vectors) = spectrum(w);
-    let columns = columns.min(w.ncols());
-    let mut left = w * vectors.columns(0, columns);
-    for c in 0..columns {
-        let sigma = values[c].sqrt();
+    let (values, vectors) = strongest(w.tr_mul(w), columns);
+    let mut left = w * vectors;
+    for (c, value) in values.iter().enumerate() {
+        let sigma = value.sqrt();
         if sigma > 0.0 {
             // Square root of the singular value stays: the strong directions lead.
             let factor = 1.0 / (sigma * values[0].sqrt()).sqrt();

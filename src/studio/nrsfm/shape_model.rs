@@ -8,6 +8,7 @@ use super::align::{centred, rotation_onto};
 use super::reconstruction::{Settings, nrsfm};
 use super::tracks::{Shapes, Tracks};
 use crate::studio::fault::Fault;
+use crate::studio::strongest::strongest;
 use nalgebra::{DMatrix, Vector3};
 
 /// A linear 3D shape model in the reference's frame and unit: `S = mean + Σ q_i mode_i`.
@@ -111,21 +112,14 @@ fn laid_on(
 
 /// Principal directions of the columns and the square roots of their eigenvalues, strongest first.
 fn principal(columns: &DMatrix<f64>, modes: usize) -> (Vec<Vec<[f64; 3]>>, Vec<f64>) {
-    let eigen = columns.tr_mul(columns).symmetric_eigen();
-    let mut order: Vec<usize> = (0..columns.ncols()).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    let largest = eigen.eigenvalues.max().max(f64::MIN_POSITIVE);
-    order
-        .into_iter()
-        .take(modes)
-        .filter(|i| eigen.eigenvalues[*i] > 1e-9 * largest)
-        .map(|i| {
-            let mode = columns * eigen.eigenvectors.column(i) / eigen.eigenvalues[i].sqrt();
+    let (values, vectors) = strongest(columns.tr_mul(columns), modes);
+    let largest = values[0].max(f64::MIN_POSITIVE);
+    let axes = values.iter().zip(vectors.column_iter());
+    axes.filter(|(value, _)| **value > 1e-9 * largest)
+        .map(|(value, axis)| {
+            let mode = columns * axis / value.sqrt();
             let points = mode.as_slice().chunks_exact(3);
-            (
-                points.map(|p| [p[0], p[1], p[2]]).collect(),
-                eigen.eigenvalues[i].sqrt(),
-            )
+            (points.map(|p| [p[0], p[1], p[2]]).collect(), value.sqrt())
         })
         .unzip()
 }

@@ -6,7 +6,7 @@
 //! population, so that people's own brows, lids and lips can be followed, and the annotators' habits too. Alignment: similarity on the [`scheme::STABLE`] points (Umeyama 1991) to the running mean.
 //! Metres, head frame. Seeded. Limits: expressions add linearly; no correction for combinations.
 
-use nalgebra::{DMatrix, Matrix3, Rotation3, SymmetricEigen};
+use nalgebra::{DMatrix, Matrix3, Rotation3};
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Vector};
@@ -14,6 +14,7 @@ use crate::face_model::{ShapeModel, scheme};
 use crate::landmarks::cascade::FaceFit;
 use crate::simulator::virtual_head::Site;
 use crate::studio::heads::ict::IctHead;
+use crate::studio::strongest::strongest;
 
 /// 68 points of one face.
 pub type Face = [Point; LANDMARKS];
@@ -233,18 +234,6 @@ fn emphasis(landmark: usize) -> f64 {
     }
 }
 
-/// Eigenvectors, by column, and eigenvalues of the largest eigenvalues, falling.
-fn leading(eigen: &SymmetricEigen<f64, nalgebra::Dyn>, count: usize) -> (DMatrix<f64>, Vec<f64>) {
-    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    order.truncate(count);
-    let vectors = DMatrix::from_fn(eigen.eigenvectors.nrows(), count, |row, column| {
-        eigen.eigenvectors[(row, order[column])]
-    });
-    let values = order.iter().map(|&k| eigen.eigenvalues[k]);
-    (vectors, values.collect())
-}
-
 /// Mean and principal components of a population, aligned; origin between the mean's inner eye corners.
 pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> ShapeModel {
     let mut mean = *reference;
@@ -266,12 +255,12 @@ pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> S
     let weighed = DMatrix::from_fn(dimensions, dimensions, |a, b| {
         covariance[(a, b)] * weight(a) * weight(b)
     });
-    let axes = leading(&SymmetricEigen::new(weighed), modes).0;
+    let axes = strongest(weighed, modes).1;
     let space = DMatrix::from_fn(dimensions, modes, |k, mode| axes[(k, mode)] / weight(k))
         .qr()
         .q();
     let within = space.transpose() * covariance * &space;
-    let (turned, variances) = leading(&SymmetricEigen::new(within), modes);
+    let (variances, turned) = strongest(within, modes);
     let axes = space * turned;
     let origin = nalgebra::center(&mean[39], &mean[42]).coords;
     let deviations = variances.iter().map(|v| v.max(1e-12).sqrt() as f32);
