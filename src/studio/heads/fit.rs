@@ -20,27 +20,15 @@ const EXPRESSION_SIGMA: f64 = 0.25;
 const STEPS: usize = 15;
 
 /// The mesh as it stands before one camera.
-#[derive(Clone, Debug)]
 pub struct PortraitFit {
     /// Pixels per metre.
-    pub scale: f32,
+    pub scale: f64,
     /// Rotation of the head.
-    pub rotation: Rotation3<f32>,
+    pub rotation: Rotation3<f64>,
     /// Pixel of the head's origin.
-    pub shift: [f32; 2],
-    /// Weights of the identity modes.
-    pub identity: Vec<f32>,
-    /// Weights of the expressions, in the order of the head's.
-    pub expression: Vec<f32>,
-}
-
-impl PortraitFit {
-    /// Pixel of a point of the head, and its distance behind the head's origin, metres.
-    pub fn project(&self, p: &Point3<f32>) -> ([f32; 2], f32) {
-        let q = self.rotation * p;
-        let pixel = [0, 1].map(|k| self.scale * q[k] + self.shift[k]);
-        (pixel, q.z)
-    }
+    shift: [f64; 2],
+    /// Weights of the identity modes, then of the expressions.
+    pub weights: DVector<f64>,
 }
 
 fn weight(landmark: usize) -> f64 {
@@ -70,17 +58,16 @@ fn modes(ict: &IctHead, sites: &[Site]) -> Vec<Mode> {
         .collect()
 }
 
-/// What is looked for.
-struct State {
-    scale: f64,
-    rotation: Rotation3<f64>,
-    shift: [f64; 2],
-    weights: DVector<f64>,
-}
+impl PortraitFit {
+    /// Pixel of a point of the head, and its distance behind the head's origin, metres.
+    pub fn project(&self, p: &Point3<f32>) -> ([f32; 2], f32) {
+        let q = self.rotation * p.cast::<f64>();
+        let pixel = [0, 1].map(|k| (self.scale * q[k] + self.shift[k]) as f32);
+        (pixel, q.z as f32)
+    }
 
-impl State {
     /// Upright, with the corners of the eyes where they should be.
-    fn new(base: &[Vector3<f64>], points: &[[f64; 2]; LANDMARKS], modes: usize) -> Self {
+    fn upright(base: &[Vector3<f64>], points: &[[f64; 2]; LANDMARKS], modes: usize) -> Self {
         let [a, b] = [points[36], points[45]];
         Self {
             scale: (b[0] - a[0]).hypot(b[1] - a[1]) / (base[45] - base[36]).norm(),
@@ -132,9 +119,9 @@ pub fn fit(ict: &IctHead, sites: &[Site], points: &[[f32; 2]; LANDMARKS]) -> Por
     let base: Vec<Vector3<f64>> = base.collect();
     let modes = modes(ict, sites);
     let points = points.map(|p| p.map(f64::from));
-    let mut state = State::new(&base, &points, modes.len());
+    let mut fit = PortraitFit::upright(&base, &points, modes.len());
     for _ in 0..STEPS {
-        let (jacobian, error) = state.linearised(&base, &points, &modes);
+        let (jacobian, error) = fit.linearised(&base, &points, &modes);
         let mut normal = jacobian.tr_mul(&jacobian);
         let mut gradient = jacobian.tr_mul(&error);
         for j in 0..6 {
@@ -142,26 +129,18 @@ pub fn fit(ict: &IctHead, sites: &[Site], points: &[[f32; 2]; LANDMARKS]) -> Por
         }
         for (j, (_, sigma)) in modes.iter().enumerate() {
             normal[(6 + j, 6 + j)] += 1.0 / (sigma * sigma);
-            gradient[6 + j] -= state.weights[j] / (sigma * sigma);
+            gradient[6 + j] -= fit.weights[j] / (sigma * sigma);
         }
         let Some(solver) = normal.cholesky() else {
             break;
         };
         let delta = solver.solve(&gradient);
-        state.scale *= delta[0].clamp(-0.3, 0.3).exp();
+        fit.scale *= delta[0].clamp(-0.3, 0.3).exp();
         let turn = Rotation3::new(Vector3::new(delta[1], delta[2], delta[3]));
-        state.rotation = turn * state.rotation;
-        state.shift[0] += delta[4];
-        state.shift[1] += delta[5];
-        state.weights += delta.rows(6, modes.len());
+        fit.rotation = turn * fit.rotation;
+        fit.shift[0] += delta[4];
+        fit.shift[1] += delta[5];
+        fit.weights += delta.rows(6, modes.len());
     }
-    let weights: Vec<f32> = state.weights.iter().map(|&w| w as f32).collect();
-    let (identity, expression) = weights.split_at(ict.identities.len());
-    PortraitFit {
-        scale: state.scale as f32,
-        rotation: state.rotation.cast(),
-        shift: state.shift.map(|v| v as f32),
-        identity: identity.to_vec(),
-        expression: expression.to_vec(),
-    }
+    fit
 }

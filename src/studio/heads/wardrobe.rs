@@ -13,6 +13,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 
 use super::fit::PortraitFit;
 use crate::base::capacity::LANDMARKS;
+use crate::simulator::virtual_head::raster::{Corner, DepthBuffer, sum_normals};
 use crate::simulator::virtual_head::{HeadAsset, Part, Texture};
 use crate::studio::heads::ict::{Delta, IctHead, part, part_of};
 use crate::studio::thin_plate::ThinPlate;
@@ -77,21 +78,22 @@ impl Wardrobe {
         points: &[[f32; 2]; LANDMARKS],
         photograph: &Texture,
     ) -> HeadAsset {
-        let moved = |places: &[Point3<f32>], modes: &[Delta], weights: &[f32]| {
+        let moved = |places: &[Point3<f32>], modes: &[Delta], weights: &[f64]| {
             let mut places = places.to_vec();
             for (mode, &weight) in modes.iter().zip(weights) {
                 for (p, offset) in places.iter_mut().zip(&mode.offsets) {
-                    *p += offset * weight;
+                    *p += offset * weight as f32;
                 }
             }
             places
         };
-        let neutral = moved(&self.plain.neutral, &ict.identities, &fit.identity);
-        let expressed = moved(&neutral, &ict.expressions, &fit.expression);
+        let (identity, expression) = fit.weights.as_slice().split_at(ict.identities.len());
+        let neutral = moved(&self.plain.neutral, &ict.identities, identity);
+        let expressed = moved(&neutral, &ict.expressions, expression);
         let projected: Vec<([f32; 2], f32)> = expressed.iter().map(|p| fit.project(p)).collect();
         let from = self.plain.landmarks_on(&expressed);
         let from = from.map(|p| fit.project(&p).0);
-        let spline = bend(&from, points, DISTINCT_M * fit.scale);
+        let spline = bend(&from, points, DISTINCT_M * fit.scale as f32);
         let bent = |p: [f32; 2]| {
             let spline = spline.as_ref();
             spline.map_or(p, |spline| {
@@ -125,14 +127,23 @@ impl Wardrobe {
         photograph: &Texture,
     ) -> Vec<f32> {
         let mut normals = vec![Vector3::zeros(); expressed.len()];
-        for t in self.plain.triangles.iter() {
-            let [a, b, c] = t.map(|k| k as usize);
-            let normal = (expressed[c] - expressed[a]).cross(&(expressed[b] - expressed[a]));
-            for v in [a, b, c] {
-                normals[v] += normal;
+        let triangles = self.plain.triangles.iter();
+        let triangles = triangles.map(|t| t.map(|k| k as usize));
+        sum_normals(triangles.clone(), expressed, &mut normals);
+        // Seen from a metre before the head's origin: the nearer, the more.
+        let near = |v: usize| 1.0 - projected[v].1;
+        let mut front = DepthBuffer::new(photograph.width, photograph.height);
+        for [a, b, c] in triangles {
+            for corners in [[a, b, c], [a, c, b]] {
+                let corner = |v: usize| Corner {
+                    x: bent[v][0],
+                    y: bent[v][1],
+                    inverse: near(v),
+                };
+                front.triangle(corners.map(corner), |_, _, _| {});
             }
         }
-        let front = front_surface(&self.plain.triangles, bent, projected, photograph);
+        let turn = fit.rotation.cast::<f32>();
         let backdrop = backdrop(photograph);
         let [right, bottom] = [photograph.width, photograph.height].map(|size| size as f32 - 4.0);
         let of_vertex = |v: usize| {
@@ -142,13 +153,13 @@ impl Wardrobe {
                 return 0.0;
             };
             let pixel = y.round() as usize * photograph.width + x.round() as usize;
-            if projected[v].1 > front[pixel] + HIDDEN_M {
+            if near(v) < front.inverse[pixel] - HIDDEN_M {
                 return 0.0;
             }
             if part == Part::Eye {
                 return 1.0;
             }
-            let facing = -(fit.rotation * normals[v].normalize()).z;
+            let facing = -(turn * normals[v].normalize()).z;
             if !part::NARROW_FACE.contains(&v) || facing < 0.7 {
                 let c = photograph.at(x, y);
                 let off = (0..3).map(|k| (c[k] - backdrop[k]).powi(2));
@@ -246,44 +257,6 @@ fn bend(
     let mean = |(f, t, n): &(Vector2<f32>, Vector2<f32>, f32)| ((f / *n).cast(), (t / *n).cast());
     let (from, to): (Vec<_>, Vec<_>) = groups.iter().map(mean).unzip();
     ThinPlate::new(&from, &to, 1e-6)
-}
-
-/// Distance of the front surface behind the head's origin at each pixel of the photograph; infinite where there is none.
-fn front_surface(
-    triangles: &[[u32; 3]],
-    bent: &[[f32; 2]],
-    projected: &[([f32; 2], f32)],
-    photograph: &Texture,
-) -> Vec<f32> {
-    let (width, height) = (photograph.width, photograph.height);
-    let mut front = vec![f32::INFINITY; width * height];
-    for t in triangles {
-        let [a, b, c] = t.map(|k| k as usize);
-        let (pa, pb, pc) = (bent[a], bent[b], bent[c]);
-        let area = (pb[0] - pa[0]) * (pc[1] - pa[1]) - (pb[1] - pa[1]) * (pc[0] - pa[0]);
-        if area.abs() < 1e-6 {
-            continue;
-        }
-        let range = |k: usize, limit: usize| {
-            let low = pa[k].min(pb[k]).min(pc[k]).ceil().max(0.0) as usize;
-            let high = pa[k].max(pb[k]).max(pc[k]).floor().max(-1.0) + 1.0;
-            low..(high as usize).min(limit)
-        };
-        for y in range(1, height) {
-            for x in range(0, width) {
-                let (dx, dy) = (x as f32 - pa[0], y as f32 - pa[1]);
-                let u = (dx * (pc[1] - pa[1]) - dy * (pc[0] - pa[0])) / area;
-                let v = (dy * (pb[0] - pa[0]) - dx * (pb[1] - pa[1])) / area;
-                if u >= 0.0 && v >= 0.0 && u + v <= 1.0 {
-                    let (za, zb, zc) = (projected[a].1, projected[b].1, projected[c].1);
-                    let z = za + u * (zb - za) + v * (zc - za);
-                    let pixel = &mut front[y * width + x];
-                    *pixel = pixel.min(z);
-                }
-            }
-        }
-    }
-    front
 }
 
 /// Median colour of the upper corners: the studio's backdrop.

@@ -10,6 +10,7 @@
 use std::collections::HashMap;
 
 use crate::base::geometry::{Point, Vector};
+use crate::simulator::virtual_head::raster::sum_normals;
 use crate::studio::heads::ict::{IctHead, part};
 
 /// Least distance of two points, metres; gives about 1800 points.
@@ -35,18 +36,10 @@ fn around(cell: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
 pub fn standard_head(ict: &IctHead) -> Vec<(Point, Vector)> {
     let skin = part::HEAD_AND_NECK.end;
     let mut normals = vec![Vector::zeros(); ict.neutral.len()];
-    for t in &ict.triangles {
-        let [a, b, c] = t.map(|v| ict.neutral[v as usize]);
-        let n = (b - a).cross(&(c - a));
-        for &v in t {
-            normals[v as usize] += n;
-        }
-    }
+    let triangles = ict.triangles.iter().map(|t| t.map(|v| v as usize));
+    sum_normals(triangles, &ict.neutral, &mut normals);
     // The sign of the winding is taken from the mesh itself: the tip of the nose points to −z.
-    let sign = match normals[ict.landmarks[30]].z > 0.0 {
-        true => -1.0,
-        false => 1.0,
-    };
+    let sign = -normals[ict.landmarks[30]].z.signum();
     let mut kept: Vec<(Point, Vector)> = Vec::new();
     let mut cells: HashMap<[i32; 3], Vec<usize>> = HashMap::new();
     for t in &ict.triangles {

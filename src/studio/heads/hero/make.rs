@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::base::geometry::Point;
+use crate::simulator::virtual_head::raster::{Corner, DepthBuffer, sum_normals};
 use crate::simulator::virtual_head::{HeadAsset, Site};
 use crate::studio::fault::Fault;
 use crate::studio::heads;
@@ -163,12 +164,8 @@ fn middle(places: &[Point]) -> Vector3<f32> {
 /// Share of the light of an even sky that reaches each vertex, 0…1, weighted as a dull surface is lit.
 fn light(places: &[Point], triangles: &[[u32; 3]]) -> Vec<f32> {
     let mut normals = vec![Vector3::<f32>::zeros(); places.len()];
-    for t in triangles {
-        let [a, b, c] = t.map(|v| places[v as usize]);
-        // Clockwise seen from outside, in a frame whose y points down.
-        let n = (b - a).cross(&(c - a));
-        t.iter().for_each(|&v| normals[v as usize] -= n);
-    }
+    let corners = triangles.iter().map(|t| t.map(|v| v as usize));
+    sum_normals(corners, places, &mut normals);
     // 1 if the normals point out of the head, else -1.
     let volumes = places.iter().zip(&normals).map(|(p, n)| p.coords.dot(n));
     let outward = volumes.sum::<f32>().signum();
@@ -219,40 +216,21 @@ fn seen(
     let on_screen = |p: &Point| {
         let d = p.coords - middle;
         let [x, y] = [u, v].map(|axis| d.dot(&axis) * scale + half);
-        [x, y, d.dot(towards)]
+        // The nearer to the light, the more; all of the head is within a metre.
+        let inverse = 1.0 + d.dot(towards);
+        Corner { x, y, inverse }
     };
-    let screen: Vec<[f32; 3]> = places.iter().map(on_screen).collect();
-    let mut depth = vec![f32::NEG_INFINITY; SIDE * SIDE];
-    for t in triangles {
-        let [a, b, c] = t.map(|v| screen[v as usize]);
-        let twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-        if twice.abs() < 1e-6 {
-            continue;
-        }
-        let span = |k: usize| {
-            let low = a[k].min(b[k]).min(c[k]).ceil().max(0.0) as usize;
-            let high = a[k].max(b[k]).max(c[k]).floor();
-            low..(high.min(SIDE as f32 - 1.0) + 1.0).max(0.0) as usize
-        };
-        for y in span(1) {
-            for x in span(0) {
-                let (px, py) = (x as f32, y as f32);
-                let share = |p: [f32; 3], q: [f32; 3]| {
-                    ((p[0] - px) * (q[1] - py) - (p[1] - py) * (q[0] - px)) / twice
-                };
-                let w = [share(b, c), share(c, a), share(a, b)];
-                if w.iter().all(|&w| w >= 0.0) {
-                    let z = w[0] * a[2] + w[1] * b[2] + w[2] * c[2];
-                    let slot = &mut depth[y * SIDE + x];
-                    *slot = slot.max(z);
-                }
-            }
+    let screen: Vec<Corner> = places.iter().map(on_screen).collect();
+    let mut depth = DepthBuffer::new(SIDE, SIDE);
+    for &[a, b, c] in triangles {
+        for corners in [[a, b, c], [a, c, b]] {
+            depth.triangle(corners.map(|v| screen[v as usize]), |_, _, _| {});
         }
     }
-    let is_lit = |&[x, y, z]: &[f32; 3]| {
-        let (x, y) = (x.round(), y.round());
+    let is_lit = |corner: &Corner| {
+        let (x, y) = (corner.x.round(), corner.y.round());
         let inside = (0.0..SIDE as f32).contains(&x) && (0.0..SIDE as f32).contains(&y);
-        !inside || z > depth[y as usize * SIDE + x as usize] - BIAS_M
+        !inside || corner.inverse > depth.inverse[y as usize * SIDE + x as usize] - BIAS_M
     };
     screen.iter().map(is_lit).collect()
 }
