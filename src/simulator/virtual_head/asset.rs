@@ -199,6 +199,11 @@ impl HeadAsset {
     /// long as `neutral`.
     pub fn deform(&self, weights: &[f32], out: &mut [Point]) {
         out.copy_from_slice(&self.neutral);
+        self.express(weights, out);
+    }
+
+    /// Adds what these weights do to the vertices of a face.
+    pub(crate) fn express(&self, weights: &[f32], out: &mut [Point]) {
         for (expression, &weight) in self.expressions.iter().zip(weights) {
             if weight != 0.0 {
                 for (&v, offset) in expression.vertices.iter().zip(&expression.offsets) {

@@ -8,22 +8,23 @@ pub(super) type Points = [[f32; 2]; LANDMARKS];
 /// The grey picture, and which landmarks are still seen.
 pub(super) struct Picture<'a> {
     pub width: usize,
-    pub height: usize,
     pub grey: &'a mut [f32],
+    pub points: &'a Points,
     pub visible: &'a mut [bool; LANDMARKS],
 }
 
 impl Picture<'_> {
-    /// Paints a region: `shade` gives a place's grey, none outside.
-    pub(super) fn paint(&mut self, points: &Points, shade: impl Fn(f32, f32) -> Option<f32>) {
-        for row in 0..self.height {
-            for column in 0..self.width {
-                if let Some(grey) = shade(column as f32, row as f32) {
-                    self.grey[row * self.width + column] = grey;
-                }
-            }
+    /// Changes every pixel's grey, by its column and row.
+    pub(super) fn each(&mut self, mut change: impl FnMut(f32, f32, &mut f32)) {
+        for (k, grey) in self.grey.iter_mut().enumerate() {
+            change((k % self.width) as f32, (k / self.width) as f32, grey);
         }
-        for (point, visible) in points.iter().zip(self.visible.iter_mut()) {
+    }
+
+    /// Paints a region: `shade` gives a place's grey, none outside.
+    pub(super) fn paint(&mut self, mut shade: impl FnMut(f32, f32) -> Option<f32>) {
+        self.each(|x, y, grey| *grey = shade(x, y).unwrap_or(*grey));
+        for (point, visible) in self.points.iter().zip(self.visible.iter_mut()) {
             *visible &= shade(point[0], point[1]).is_none();
         }
     }

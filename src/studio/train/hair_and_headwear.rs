@@ -9,13 +9,17 @@ use fastrand::Rng;
 use super::grey_picture::{Picture, Points, inside, middle};
 use super::random::either;
 
-/// Axes of a face in the picture: origin between the brows, `right` towards point 16, `down` towards the chin; `size` is
-/// the height from there to the chin, which yaw leaves alone.
+/// Axes of a face in the picture: origin between the brows, `down` towards the chin; `size` is the height from there to the
+/// chin, which yaw leaves alone.
 struct Frame {
     origin: [f32; 2],
-    right: [f32; 2],
     down: [f32; 2],
     size: f32,
+    /// The landmarks in sizes of the face.
+    local: Points,
+    /// Of the jaw's two ends: their middle, and how far each is aside of it.
+    middle: f32,
+    half: f32,
 }
 
 impl Frame {
@@ -23,34 +27,46 @@ impl Frame {
         let origin = middle(&points[17..27]);
         let [x, y] = [points[8][0] - origin[0], points[8][1] - origin[1]];
         let size = x.hypot(y).max(8.0);
-        let down = [x / size, y / size];
-        Self {
+        let mut frame = Self {
             origin,
-            right: [down[1], -down[0]],
-            down,
+            down: [x / size, y / size],
             size,
-        }
+            local: *points,
+            middle: 0.0,
+            half: 0.0,
+        };
+        frame.local = points.map(|[x, y]| frame.place(x, y));
+        let [right, left] = [frame.local[0][0], frame.local[16][0]];
+        frame.middle = 0.5 * (right + left);
+        frame.half = 0.5 * (left - right);
+        frame
     }
 
-    /// A picture's place in sizes of the face.
-    fn local(&self, x: f32, y: f32) -> [f32; 2] {
+    /// A picture's place in sizes of the face, across towards point 16 and down.
+    fn place(&self, x: f32, y: f32) -> [f32; 2] {
         let (x, y) = (x - self.origin[0], y - self.origin[1]);
-        [
-            (x * self.right[0] + y * self.right[1]) / self.size,
-            (x * self.down[0] + y * self.down[1]) / self.size,
-        ]
+        let [down_x, down_y] = self.down.map(|d| d / self.size);
+        [x * down_y - y * down_x, x * down_x + y * down_y]
     }
 
-    /// The points in sizes of the face.
-    fn locals(&self, points: &Points) -> Points {
-        points.map(|[x, y]| self.local(x, y))
+    /// Paints where `shade` gives a grey for a place in sizes of the face.
+    fn paint(&self, picture: &mut Picture, shade: impl Fn(f32, f32) -> Option<f32>) {
+        picture.paint(|x, y| {
+            let [u, v] = self.place(x, y);
+            shade(u, v)
+        });
     }
-}
 
-/// Height of a head's outline above a place, `half` sizes wide on either side, `top` at the crown.
-fn crown(u: f32, middle: f32, half: f32, top: f32) -> f32 {
-    let t = ((u - middle) / half).clamp(-1.0, 1.0);
-    top * (1.0 - t * t).sqrt()
+    /// Whether a place is across of the face, or aside of it by so much.
+    fn spans(&self, u: f32, aside: f32) -> bool {
+        (u - self.middle).abs() < self.half + aside
+    }
+
+    /// Height of a head's outline above a place: it ends so far aside of the face, and is `top` at the crown.
+    fn crown(&self, u: f32, aside: f32, top: f32) -> f32 {
+        let t = ((u - self.middle) / (self.half + aside)).clamp(-1.0, 1.0);
+        top * (1.0 - t * t).sqrt()
+    }
 }
 
 /// Strands of hair: light and dark stripes along a slightly waving direction.
@@ -97,26 +113,23 @@ impl Strands {
 }
 
 /// Hair on the head and beside the face, over the ears and some of the cheeks; mostly with a fringe too.
-pub(super) fn mane(rng: &mut Rng, points: &Points, picture: &mut Picture) {
-    let strands = Strands::new(rng);
+pub(super) fn mane(rng: &mut Rng, picture: &mut Picture) {
+    let (strands, frame) = (Strands::new(rng), Frame::of(picture.points));
     if rng.f32() < 0.85 {
-        curtain(rng, &strands, points, picture);
+        curtain(rng, &strands, &frame, picture);
     }
     if rng.f32() < 0.5 {
-        fringe(rng, &strands, points, picture);
+        fringe(rng, &strands, &frame, picture);
     }
 }
 
 /// Hair above the hairline and down one side or both.
-fn curtain(rng: &mut Rng, strands: &Strands, points: &Points, picture: &mut Picture) {
-    let frame = Frame::of(points);
-    let local = frame.locals(points);
+fn curtain(rng: &mut Rng, strands: &Strands, frame: &Frame, picture: &mut Picture) {
     let hairline = -(0.12 + 0.4 * rng.f32());
     let top = hairline - 0.2 - 0.4 * rng.f32();
     // Down to the ears, the chin, or the chest.
     let length = [0.45, 0.9, 1.9][rng.usize(..3)] + 0.2 * either(rng);
-    let mut outline = Vec::new();
-    let side = |jaw: [usize; 6], sign: f32, rng: &mut Rng| {
+    let outlines = [-1.0f32, 1.0].map(|sign| {
         if rng.f32() < 0.12 {
             // Behind the ear.
             return Vec::new();
@@ -124,64 +137,48 @@ fn curtain(rng: &mut Rng, strands: &Strands, points: &Points, picture: &mut Pict
         let into = -0.04 + 0.16 * rng.f32() * rng.f32();
         let opens = 0.1 * either(rng);
         let wide = 0.06 + 0.4 * rng.f32() * rng.f32();
-        let place = |(k, &p): (usize, &usize)| {
-            let t = k as f32 / 5.0;
-            [local[p][0] - sign * (into + opens * t), local[p][1]]
+        let jaw = |k: usize| frame.local[if sign < 0.0 { k } else { 16 - k }];
+        let place = |k: usize| {
+            let [u, v] = jaw(k);
+            [u - sign * (into + opens * k as f32 / 5.0), v]
         };
-        let mut inner: Vec<[f32; 2]> = jaw.iter().enumerate().map(place).collect();
+        let mut inner: Vec<[f32; 2]> = (0..6).map(place).collect();
         inner.retain(|p| p[1] < length);
         let Some((&first, &last)) = inner.first().zip(inner.last()) else {
             return Vec::new();
         };
+        let (ear, end) = (jaw(0)[0], last[1].max(length));
         let mut edge = vec![[first[0] - sign * 0.02, hairline]];
         edge.extend(&inner);
-        edge.push([last[0] + sign * 0.02, last[1].max(length)]);
-        edge.push([local[jaw[0]][0] + sign * wide, last[1].max(length)]);
-        edge.push([local[jaw[0]][0] + sign * wide, top]);
-        edge.push([local[jaw[0]][0], top]);
+        edge.push([last[0] + sign * 0.02, end]);
+        edge.extend([[ear + sign * wide, end], [ear + sign * wide, top]]);
+        edge.push([ear, top]);
         edge
-    };
-    for (jaw, sign) in [([0, 1, 2, 3, 4, 5], -1.0), ([16, 15, 14, 13, 12, 11], 1.0)] {
-        outline.push(side(jaw, sign, rng));
-    }
-    let (left, right) = (local[0][0] - 0.08, local[16][0] + 0.08);
+    });
     let peak = 0.08 * either(rng);
-    picture.paint(points, |x, y| {
-        let [u, v] = frame.local(x, y);
-        let edge = hairline + 0.012 * strands.ragged(u) + peak * (u - left) / (right - left);
-        let above = u > left && u < right && v < edge && v > top;
-        let beside = outline
-            .iter()
-            .any(|outline| inside(outline, u + 0.01 * strands.ragged(v), v));
+    frame.paint(picture, |u, v| {
+        let tilt = 0.5 + 0.5 * (u - frame.middle) / (frame.half + 0.08);
+        let edge = hairline + 0.012 * strands.ragged(u) + peak * tilt;
+        let above = frame.spans(u, 0.08) && v < edge && v > top;
+        let ragged = u + 0.01 * strands.ragged(v);
+        let beside = outlines.iter().any(|outline| inside(outline, ragged, v));
         (above || beside).then(|| strands.grey([u, v]))
     });
 }
 
 /// Hair over the forehead down to the brows, sometimes over them and the lids.
-fn fringe(rng: &mut Rng, strands: &Strands, points: &Points, picture: &mut Picture) {
-    let frame = Frame::of(points);
-    let local = frame.locals(points);
-    let (left, right) = (local[0][0] - 0.05, local[16][0] + 0.05);
+fn fringe(rng: &mut Rng, strands: &Strands, frame: &Frame, picture: &mut Picture) {
     let end = -0.1 + 0.22 * rng.f32() * rng.f32().sqrt();
     let (slope, bend) = (0.18 * either(rng), 0.3 * either(rng));
     let ragged = 0.01 + 0.05 * rng.f32();
     // Parted: nothing about the parting.
     let parting = (rng.f32() < 0.3).then(|| (0.25 * either(rng), 0.3 + 0.6 * rng.f32()));
-    let (from, to) = if rng.f32() < 0.25 {
-        // Over one side only.
-        if rng.bool() {
-            (left, 0.05)
-        } else {
-            (-0.05, right)
-        }
-    } else {
-        (left, right)
-    };
+    // Over one side only, now and then.
+    let side = (rng.f32() < 0.25).then(|| if rng.bool() { -1.0 } else { 1.0 });
     let thin = 0.35 * rng.f32();
-    picture.paint(points, |x, y| {
-        let [u, v] = frame.local(x, y);
-        let outside = v < crown(u, 0.5 * (left + right), 0.5 * (right - left) + 0.1, -0.75);
-        if u < from || u > to || outside {
+    frame.paint(picture, |u, v| {
+        let aside = side.is_some_and(|side: f32| u * side < -0.05);
+        if aside || !frame.spans(u, 0.05) || v < frame.crown(u, 0.15, -0.75) {
             return None;
         }
         let mut low = end + slope * u + bend * u * u + ragged * strands.ragged(u);
@@ -203,14 +200,10 @@ struct Cloth {
 
 impl Cloth {
     fn new(rng: &mut Rng) -> Self {
-        Self {
-            base: 8.0 + 230.0 * rng.f32() * rng.f32().sqrt(),
-            knit: [
-                0.25 * rng.f32(),
-                20.0 + 60.0 * rng.f32(),
-                20.0 + 60.0 * rng.f32(),
-            ],
-        }
+        let base = 8.0 + 230.0 * rng.f32() * rng.f32().sqrt();
+        let [depth, across, down] = [0.25, 60.0, 60.0].map(|range| range * rng.f32());
+        let knit = [depth, 20.0 + across, 20.0 + down];
+        Self { base, knit }
     }
 
     fn grey(&self, [u, v]: [f32; 2]) -> f32 {
@@ -219,115 +212,79 @@ impl Cloth {
     }
 }
 
-/// Whose head something is put on, and what it is made of.
-struct Worn {
-    frame: Frame,
-    /// The landmarks in the frame.
-    local: Points,
-    cloth: Cloth,
-}
-
-impl Worn {
-    /// Across of the jaw's two ends.
-    fn sides(&self) -> [f32; 2] {
-        [self.local[0][0], self.local[16][0]]
-    }
-}
-
 /// A cap, a hood, headphones, a scarf or a mask.
-pub(super) fn headwear(rng: &mut Rng, points: &Points, picture: &mut Picture) {
-    let frame = Frame::of(points);
-    let worn = Worn {
-        local: frame.locals(points),
-        frame,
-        cloth: Cloth::new(rng),
-    };
+pub(super) fn headwear(rng: &mut Rng, picture: &mut Picture) {
+    let (frame, cloth) = (Frame::of(picture.points), Cloth::new(rng));
     let put_on = match rng.u8(..8) {
         0 | 1 => cap,
         2 => hood,
         3 | 4 => headphones,
         _ => scarf,
     };
-    put_on(rng, &worn, points, picture);
+    put_on(rng, &frame, &cloth, picture);
 }
 
 /// A cap or a band; its brim shades the eyes.
-fn cap(rng: &mut Rng, worn: &Worn, points: &Points, picture: &mut Picture) {
-    let [left, right] = worn.sides();
+fn cap(rng: &mut Rng, frame: &Frame, cloth: &Cloth, picture: &mut Picture) {
     let edge = -0.25 + 0.27 * rng.f32();
     let (arch, dark) = (0.5 * rng.f32(), 0.9 * rng.f32());
     let low = |u: f32| edge + arch * u * u;
-    for row in 0..picture.height {
-        for column in 0..picture.width {
-            let [u, v] = worn.frame.local(column as f32, row as f32);
-            let below = v - low(u);
-            if (0.0..0.3).contains(&below) {
-                picture.grey[row * picture.width + column] *= 1.0 - dark * (1.0 - below / 0.3);
-            }
+    picture.each(|x, y, grey| {
+        let [u, v] = frame.place(x, y);
+        let below = v - low(u);
+        if (0.0..0.3).contains(&below) {
+            *grey *= 1.0 - dark * (1.0 - below / 0.3);
         }
-    }
-    picture.paint(points, |x, y| {
-        let [u, v] = worn.frame.local(x, y);
-        let top = crown(u, 0.5 * (left + right), 0.5 * (right - left) + 0.1, -0.8);
-        let on = u > left - 0.08 && u < right + 0.08 && v < low(u) && v > top;
-        on.then(|| worn.cloth.grey([u, v]))
+    });
+    frame.paint(picture, |u, v| {
+        let on = frame.spans(u, 0.08) && v < low(u) && v > frame.crown(u, 0.1, -0.8);
+        on.then(|| cloth.grey([u, v]))
     });
 }
 
 /// A hood: all that is outside an oval.
-fn hood(rng: &mut Rng, worn: &Worn, points: &Points, picture: &mut Picture) {
-    let [left, right] = worn.sides();
-    let middle = 0.5 * (left + right);
-    let half = [
-        0.5 * (right - left) + 0.12 * rng.f32() - 0.04,
-        0.75 + 0.3 * rng.f32(),
-    ];
-    picture.paint(points, |x, y| {
-        let [u, v] = worn.frame.local(x, y);
-        let [a, b] = [(u - middle) / half[0], (v - 0.35) / half[1]];
-        let within = a.abs().powf(2.5) + b.abs().powf(2.5) < 1.0;
-        let cloth =
-            (u - middle).abs() < half[0] + 0.35 && v > crown(u, middle, half[0] + 0.35, -0.9);
-        (!within && cloth).then(|| worn.cloth.grey([u, v]))
+fn hood(rng: &mut Rng, frame: &Frame, cloth: &Cloth, picture: &mut Picture) {
+    let (aside, tall) = (0.12 * rng.f32() - 0.04, 0.75 + 0.3 * rng.f32());
+    frame.paint(picture, |u, v| {
+        let across = (u - frame.middle).abs() / (frame.half + aside);
+        let within = across.powf(2.5) + ((v - 0.35).abs() / tall).powf(2.5) < 1.0;
+        let aside = aside + 0.35;
+        let on = !within && frame.spans(u, aside) && v > frame.crown(u, aside, -0.9);
+        on.then(|| cloth.grey([u, v]))
     });
 }
 
 /// Headphones: cups over the ears, a band over the head.
-fn headphones(rng: &mut Rng, worn: &Worn, points: &Points, picture: &mut Picture) {
-    let [left, right] = worn.sides();
+fn headphones(rng: &mut Rng, frame: &Frame, cloth: &Cloth, picture: &mut Picture) {
     let cup = [0.08 + 0.1 * rng.f32(), 0.16 + 0.14 * rng.f32()];
-    let at = [worn.local[0][1] - 0.05, worn.local[16][1] - 0.05];
+    let ears = [(0, -1.0), (16, 1.0)].map(|(k, side)| (side, frame.local[k][1] - 0.05));
     let out = 0.1 * rng.f32() - 0.03;
     let band = 0.03 + 0.05 * rng.f32();
     let high = -(0.5 + 0.25 * rng.f32());
-    picture.paint(points, |x, y| {
-        let [u, v] = worn.frame.local(x, y);
-        let over = |centre: f32, y: f32| {
-            ((u - centre) / cup[0]).powi(2) + ((v - y) / cup[1]).powi(2) < 1.0
+    frame.paint(picture, |u, v| {
+        let aside = u - frame.middle;
+        let over = |(side, y): (f32, f32)| {
+            let across = aside - side * (frame.half + out);
+            (across / cup[0]).powi(2) + ((v - y) / cup[1]).powi(2) < 1.0
         };
-        let t = 2.0 * (u - left) / (right - left) - 1.0;
-        let arc = high + (at[0].min(at[1]) - high) * t.powi(4);
-        let on = over(left - out, at[0])
-            || over(right + out, at[1])
-            || (t.abs() < 1.1 && (v - arc).abs() < band);
-        on.then(|| worn.cloth.grey([u, v]))
+        let t = aside / frame.half;
+        let arc = high + (ears[0].1.min(ears[1].1) - high) * t.powi(4);
+        let on = ears.into_iter().any(over) || (t.abs() < 1.1 && (v - arc).abs() < band);
+        on.then(|| cloth.grey([u, v]))
     });
 }
 
 /// A scarf or collar up to the chin, or a mask up to the nose.
-fn scarf(rng: &mut Rng, worn: &Worn, points: &Points, picture: &mut Picture) {
-    let [left, right] = worn.sides();
+fn scarf(rng: &mut Rng, frame: &Frame, cloth: &Cloth, picture: &mut Picture) {
+    let (nose, chin) = (frame.local[29][1], frame.local[8][1]);
     let mask = rng.f32() < 0.35;
-    let high = if mask {
-        worn.local[29][1] + 0.1 * either(rng)
-    } else {
-        worn.local[8][1] - 0.18 * rng.f32()
+    let (high, end) = match mask {
+        true => (nose + 0.1 * either(rng), chin + 0.06),
+        false => (chin - 0.18 * rng.f32(), 9.0),
     };
     let (tilt, wide) = (0.1 * either(rng), if mask { 0.02 } else { 0.2 * rng.f32() });
-    picture.paint(points, |x, y| {
-        let [u, v] = worn.frame.local(x, y);
-        let end = if mask { worn.local[8][1] + 0.06 } else { 9.0 };
-        let on = u > left - wide && u < right + wide && v > high + tilt * u && v < end;
-        on.then(|| worn.cloth.grey([u, v]))
+    frame.paint(picture, |u, v| {
+        let on = frame.spans(u, wide) && v > high + tilt * u && v < end;
+        on.then(|| cloth.grey([u, v]))
     });
 }

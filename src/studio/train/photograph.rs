@@ -4,6 +4,7 @@ use fastrand::Rng;
 
 use super::grey_picture::Points;
 use super::random::either;
+use crate::face_model::scheme;
 use crate::sensor::kinect::colour::luma_of;
 use crate::simulator::virtual_head::draw::Canvas;
 
@@ -12,9 +13,7 @@ use crate::simulator::virtual_head::draw::Canvas;
 pub(super) fn mix_skins(rng: &mut Rng, points: &Points, canvas: &mut Canvas, other: &Canvas) {
     let width = canvas.depth.width;
     let [x0, y0] = points[30];
-    let size = (points[36][0] - points[45][0])
-        .hypot(points[36][1] - points[45][1])
-        .max(4.0);
+    let size = scheme::outer_eye_distance(points).max(4.0);
     let even = rng.f32() < 0.5;
     let level = 1.6 * rng.f32() - 0.3;
     let (sin, cos) = (std::f32::consts::TAU * rng.f32()).sin_cos();

@@ -139,6 +139,7 @@ impl Renderer {
 
         let seen = points_head.map(|p| self.camera.colour_pixel(&(sensor_from_head * p)));
         let (origin, width, height) = crop(&seen, &mut rng);
+        let points = seen.map(|[x, y]| [x - origin[0], y - origin[1]]);
         let pixel = |p: &Point| {
             let [x, y] = self.camera.colour_pixel(p);
             [x - origin[0], y - origin[1]]
@@ -149,12 +150,10 @@ impl Renderer {
         if mixed {
             scratch.other.resize(width, height);
             painter.draw_colour(other, &light, pixel, &mut scratch.other);
-            let face = seen.map(|[x, y]| [x - origin[0], y - origin[1]]);
-            mix_skins(&mut rng, &face, canvas, &scratch.other);
+            mix_skins(&mut rng, &points, canvas, &scratch.other);
         }
         let bust = &mut scratch.bust;
         shoulders(&mut rng, bust, &sensor_from_head, &light, pixel, canvas);
-        let points = seen.map(|[x, y]| [x - origin[0], y - origin[1]]);
         let depths = points_head.map(|p| (sensor_from_head * p).z);
         let mut visible = visible(&points, &depths, canvas, height);
 
@@ -162,11 +161,11 @@ impl Renderer {
         grey_of(&mut rng, canvas, &mut scratch.grey);
         let mut picture = Picture {
             width,
-            height,
             grey: &mut scratch.grey,
+            points: &points,
             visible: &mut visible,
         };
-        wear(&mut rng, &points, &mut picture);
+        wear(&mut rng, &mut picture);
         let spare = &mut scratch.spare;
         let luma = develop(&mut rng, width, height, &mut scratch.grey, spare);
         TrainingSample {
@@ -205,13 +204,7 @@ impl Renderer {
         let mut neutral_points = asset.landmarks_on(&scratch.neutral);
         let painter = &mut scratch.painter;
         painter.deformed.copy_from_slice(&scratch.neutral);
-        for (expression, &weight) in asset.expressions.iter().zip(&weights) {
-            if weight != 0.0 {
-                for (&v, offset) in expression.vertices.iter().zip(&expression.offsets) {
-                    painter.deformed[v as usize] += offset * weight;
-                }
-            }
-        }
+        asset.express(&weights, &mut painter.deformed);
         let mut points_head = asset.landmarks_on(&painter.deformed);
         painter.mirrored = rng.bool();
         if painter.mirrored {
