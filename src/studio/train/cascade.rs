@@ -11,7 +11,7 @@ use super::ridge::{Block, LinearMap, ridge};
 use super::samples::{Eye, Sample};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{
-    CascadeStage, FEATURES, MAX_MODES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS, scheme,
+    CascadeStage, FEATURES, MAX_MODES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
 };
 use crate::landmarks::cascade::{FaceFit, Solver, prior_columns, updated};
 use crate::landmarks::view::View;
@@ -20,6 +20,9 @@ use crate::landmarks::view::View;
 const BLOCK: usize = 512;
 /// Scale of the prior columns against the features while learning: they vary ten times as much.
 const PRIOR_SCALE: f32 = 0.2;
+
+/// Penalty of the regression, relative to the mean eigenvalue.
+const PENALTY: f32 = 0.5;
 
 /// Where a sample's fit is, and where it started.
 #[derive(Clone, Copy)]
@@ -30,17 +33,6 @@ pub struct Progress {
     pub fit: FaceFit,
     /// The view that the way is measured from.
     pub anchor: View,
-}
-
-/// What a stage is learnt with.
-#[derive(Clone, Copy, Debug)]
-pub struct StageSettings {
-    /// Distance of neighbouring cells of a patch, window pixels.
-    pub cell_px: f32,
-    /// Shape modes that the stage moves, the first ones; at most those of the shape model.
-    pub modes: usize,
-    /// Penalty of the regression, relative to the mean eigenvalue.
-    pub penalty: f32,
 }
 
 /// The way from `fit` to the truth in all parameters.
@@ -77,14 +69,15 @@ fn quantised(map: &LinearMap, cell_px: f32, parameters: usize) -> CascadeStage {
     stage
 }
 
-/// Learns one stage from where the samples are and moves them on.
+/// Learns one stage from where the samples are and moves them on: the distance of neighbouring cells of its patches, window
+/// pixels, and how many of the shape modes it moves, the first ones.
 pub fn learn_stage(
     samples: &[Sample],
     progress: &mut [Progress],
     shape: &ShapeModel,
-    settings: StageSettings,
+    (cell_px, modes): (f32, usize),
 ) -> CascadeStage {
-    let modes = settings.modes.min(shape.modes.len());
+    let modes = modes.min(shape.modes.len());
     let parameters = VIEW_PARAMETERS + modes;
     let mut blocks: Vec<Block> = progress
         .par_chunks(BLOCK)
@@ -96,7 +89,7 @@ pub fn learn_stage(
             for (k, p) in chunk.iter().enumerate() {
                 let sample = &samples[p.sample];
                 let mut column = features.column_mut(k);
-                let patches = solver.features(shape, eye.look(sample), &p.fit, settings.cell_px);
+                let patches = solver.features(shape, eye.look(sample), &p.fit, cell_px);
                 column.as_mut_slice()[..FEATURES].copy_from_slice(patches);
                 prior_columns(&p.fit, &p.anchor, &mut columns);
                 for (to, c) in column.as_mut_slice()[FEATURES..].iter_mut().zip(&columns) {
@@ -107,8 +100,8 @@ pub fn learn_stage(
             Block::new(features, targets)
         })
         .collect();
-    let map = ridge(&mut blocks, settings.penalty);
-    let stage = quantised(&map, settings.cell_px, parameters);
+    let map = ridge(&mut blocks, PENALTY);
+    let stage = quantised(&map, cell_px, parameters);
     // The samples move on by the quantised weights, from the features that are there already.
     let mut weights = map.weights.clone();
     for row in 0..parameters {
@@ -141,24 +134,6 @@ pub fn advance(
             p.fit = solver.run(stages, shape, maps, &p.fit, &p.anchor);
         }
     });
-}
-
-/// Mean distance to the samples' points, per cent of the outer eye distance, over the inner 51 points.
-pub fn inner_error_percent(samples: &[Sample], progress: &[Progress], shape: &ShapeModel) -> f32 {
-    let total: f64 = progress
-        .par_iter()
-        .map_init(Solver::default, |solver, p| {
-            solver.project(shape, &p.fit);
-            let points = &samples[p.sample].points;
-            let eye = scheme::outer_eye_distance(points);
-            let distance = |i: usize| {
-                let (a, b) = (solver.window[i], points[i]);
-                f64::from((a[0] - b[0]).hypot(a[1] - b[1]) / eye)
-            };
-            scheme::INNER.map(distance).sum::<f64>() / 51.0
-        })
-        .sum();
-    (100.0 * total / progress.len().max(1) as f64) as f32
 }
 
 /// Cold starts of samples: mean shape at the depth pose.

@@ -45,6 +45,11 @@ impl Errors {
         self.inner.push(mean(inner));
     }
 
+    /// Mean over the inner 51.
+    pub fn mean_inner(&self) -> f32 {
+        self.inner.iter().sum::<f32>() / self.inner.len().max(1) as f32
+    }
+
     /// One line: mean, median, 95th percentile, inner 51, regions, share over 10 %.
     pub fn line(&self) -> String {
         use std::fmt::Write;
@@ -61,7 +66,7 @@ impl Errors {
             self.faces.iter().sum::<f32>() / count,
             at(0.5),
             at(0.95),
-            self.inner.iter().sum::<f32>() / count,
+            self.mean_inner(),
             100.0 * self.faces.iter().filter(|e| **e > 10.0).count() as f32 / count,
         );
         for (name, range) in scheme::REGIONS {

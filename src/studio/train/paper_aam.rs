@@ -36,6 +36,7 @@ use crate::studio::fault::Fault;
 use crate::studio::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
 use crate::studio::people_split::Split;
 use crate::studio::progress::Progress;
+use crate::studio::strongest::strongest;
 
 /// Frames of a sequence for the 3D shape, as in the paper.
 pub const TRACK_FRAMES: usize = 150;
@@ -53,43 +54,13 @@ pub(super) const OTHER_SESSION: f32 = 2.2;
 /// Least share of a face that must be visible for it to teach appearance.
 const VISIBLE: f32 = 0.97;
 
-/// What is trained.
-#[derive(Clone, Copy, Debug)]
-pub struct PaperPractice {
-    /// Drawn pictures for appearance.
-    pub pictures: usize,
-    /// Shape modes kept.
-    pub shape_modes: usize,
-    /// Appearance modes kept.
-    pub appearance_modes: usize,
-    /// Pictures of people not trained on, from which belief is learnt and whose figures are reported.
-    pub strangers: usize,
-    /// Seed of everything random.
-    pub seed: u64,
-}
-
-impl PaperPractice {
-    /// For one person: fewer modes say all of one face.
-    pub fn person() -> Self {
-        Self {
-            shape_modes: 14,
-            appearance_modes: 30,
-            ..Self::default()
-        }
-    }
-}
-
-impl Default for PaperPractice {
-    fn default() -> Self {
-        Self {
-            pictures: 3000,
-            shape_modes: 26,
-            appearance_modes: 50,
-            strangers: 300,
-            seed: 1,
-        }
-    }
-}
+/// Drawn pictures for appearance, and those of people not trained on, from which belief is learnt and whose figures are
+/// reported.
+const PICTURES: u64 = 3000;
+const STRANGERS: u64 = 300;
+/// Modes of shape and of appearance that are kept; fewer say all of one face.
+const MODES: [usize; 2] = [26, 50];
+const MODES_OF_ONE: [usize; 2] = [14, 30];
 
 /// Trains the model and returns its bytes for the model file. `shape` gives the frame and the unit of the bases.
 ///
@@ -99,21 +70,21 @@ pub fn paper_aam_block(
     data: &Path,
     shape: &ShapeModel,
     tracks: Option<&Tracks>,
-    practice: &PaperPractice,
+    seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, Fault> {
     let renderer = Renderer::new(data, |person| Split::of(person) == Split::Train)?;
-    let drawn = renderer.samples(0..practice.pictures as u64, practice.seed);
+    let drawn = renderer.samples(0..PICTURES, seed);
     let (faces, people) = (drawn.len(), renderer.heads().len());
     say(&format!("{faces} rendered faces of {people} people"));
     let camera = crate::sensor::kinect::geometry::nominal();
     let acted = match (tracks, renderer.heads().first()) {
         (Some(tracks), _) => tracks.clone(),
-        (None, Some(actor)) => acted_tracks(&actor.asset, practice.seed)?,
+        (None, Some(actor)) => acted_tracks(&actor.asset, seed)?,
         (None, None) => return Err(too_few(1, 0)),
     };
     let people = people_tracks(&drawn, &camera)?;
-    let bases = shape_bases(shape, &[acted, people], practice.shape_modes)?;
+    let bases = shape_bases(shape, &[acted, people], MODES[0])?;
     say(&format!(
         "{} shape bases, deviations {:.1} to {:.1} mm per point",
         bases.modes.len(),
@@ -121,21 +92,30 @@ pub fn paper_aam_block(
         per_point_mm(bases.deviations.last())
     ));
     let mut model = unlearnt(&bases);
-    let as_true = |sample: &TrainingSample| TruePicture::drawn(sample, &camera, shape);
-    learn_appearance(&mut model, &drawn, as_true, practice);
+    let pictures = drawn.par_iter();
+    let pictures = pictures.filter_map(|one| TruePicture::drawn(one, &camera, shape));
+    let pictures: Vec<TruePicture> = pictures.collect();
+    drop(drawn);
+    learn_appearance(&mut model, &pictures, MODES[1], seed);
+    drop(pictures);
     say(&format!(
         "{} pixels, {} appearance modes, {:.3} of the variance left",
         model.pixels.len(),
         model.appearance_modes.len(),
         model.noise
     ));
-    drop(drawn);
     // As it will be read back.
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
     let renderer = Renderer::new(data, |person| Split::of(person) == Split::Dev)?;
-    let strangers = renderer.samples(0..practice.strangers as u64, practice.seed + 1);
-    let strangers = pictures_of(&strangers, shape, &camera);
-    let fits = fits(&model, &strangers, NEAR, practice.seed);
+    let strangers = renderer.samples(0..STRANGERS, seed + 1);
+    let strangers = strangers.par_iter().filter_map(|sample| {
+        Some(Known {
+            picture: TruePicture::drawn(sample, &camera, shape)?,
+            measures: told(&sample.head),
+        })
+    });
+    let strangers: Vec<Known> = strangers.collect();
+    let fits = fits(&model, &strangers, NEAR, seed);
     model.belief = belief(&fits);
     let figures = Figures::of(&model, &fits, &strangers);
     say(&format!("strangers, drawn: {figures}"));
@@ -233,51 +213,31 @@ fn people_tracks(drawn: &[TrainingSample], camera: &Camera) -> Result<Tracks, Fa
     Tracks::new(few.len(), LANDMARKS, pixels.collect())
 }
 
-fn pictures_of(samples: &[TrainingSample], shape: &ShapeModel, camera: &Camera) -> Vec<Known> {
-    let known = samples.par_iter().filter_map(|sample| {
-        Some(Known {
-            picture: TruePicture::drawn(sample, camera, shape)?,
-            measures: told(&sample.head),
-        })
-    });
-    known.collect()
-}
-
 /// Grey values of the base shape's pixels, a column for each face that is seen well enough.
-fn appearances<T: Sync>(
-    model: &PaperAam,
-    drawn: &[T],
-    as_true: impl Fn(&T) -> Option<TruePicture> + Sync,
-) -> DMatrix<f32> {
+fn appearances(model: &PaperAam, pictures: &[TruePicture]) -> DMatrix<f32> {
     let count = model.trust.len();
-    let progress = Progress::new("train: appearance", drawn.len());
-    let read = |one: &T| -> Option<Vec<f32>> {
+    let progress = Progress::new("train: appearance", pictures.len());
+    let read = |picture: &TruePicture| -> Option<Vec<f32>> {
         progress.step();
-        let picture = as_true(one)?;
         let seen = picture.visible.iter().filter(|v| **v).count();
         if (seen as f32) < VISIBLE * LANDMARKS as f32 {
             return None;
         }
-        let (window, points, _) = cut(&picture, &picture.truth.view);
+        let (window, points, _) = cut(picture, &picture.truth.view);
         let mut values = vec![0.0; count];
         let [mut plane, mut other, mut spare] = [(); 3].map(|()| vec![0.0; WINDOW * WINDOW]);
         normalised(&window, &mut plane, &mut other, &mut spare);
         sample(model, &plane, &points, &mut values)?;
         Some(values)
     };
-    let read: Vec<Vec<f32>> = drawn.par_iter().filter_map(read).collect();
+    let read: Vec<Vec<f32>> = pictures.par_iter().filter_map(read).collect();
     DMatrix::from_fn(count, read.len(), |i, c| read[c][i])
 }
 
 /// Equation 2: mean, modes and deviations of appearance, trust and the noise they leave.
-fn learn_appearance<T: Sync>(
-    model: &mut PaperAam,
-    drawn: &[T],
-    as_true: impl Fn(&T) -> Option<TruePicture> + Sync,
-    practice: &PaperPractice,
-) {
+fn learn_appearance(model: &mut PaperAam, pictures: &[TruePicture], modes: usize, seed: u64) {
     let count = model.trust.len();
-    let columns = appearances(model, drawn, as_true);
+    let columns = appearances(model, pictures);
     let people = columns.ncols();
     let mean = columns.column_mean();
     // First without trust, to see what the modes cannot explain; then with it.
@@ -298,7 +258,7 @@ fn learn_appearance<T: Sync>(
             rest.ger(-1.0, direction, &along, 1.0);
         }
         let total = rest.norm_squared() / (count * people.max(1)) as f32;
-        let modes = leading(&rest, practice.appearance_modes, practice.seed);
+        let modes = leading(&rest, modes, seed);
         let along = modes.tr_mul(&rest);
         let explained = along.norm_squared() / (count * people.max(1)) as f32;
         if round == 0 {
@@ -337,14 +297,8 @@ fn leading(columns: &DMatrix<f32>, most: usize, seed: u64) -> DMatrix<f32> {
     }
     let q = basis.qr().q();
     let small = &across * &q;
-    let eigen = small.tr_mul(&small).symmetric_eigen();
-    let mut order: Vec<usize> = (0..q.ncols()).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    order.truncate(most);
-    let turn = DMatrix::from_fn(q.ncols(), order.len(), |i, k| {
-        eigen.eigenvectors[(i, order[k])]
-    });
-    q * turn
+    let (_, turn) = strongest(small.tr_mul(&small).cast(), most);
+    q * turn.cast::<f32>()
 }
 
 /// The model of one person from what the default pipeline saw of them: bases from `tracks`, appearance from every second
@@ -356,17 +310,17 @@ pub(super) fn person_block(
     shape: &ShapeModel,
     tracks: Tracks,
     seen: &[&Seen],
-    practice: &PaperPractice,
+    seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, Fault> {
-    let bases = shape_bases(shape, &[tracks], practice.shape_modes)?;
+    let bases = shape_bases(shape, &[tracks], MODES_OF_ONE[0])?;
     let mut model = unlearnt(&bases);
-    let of = |odd: usize| -> Vec<&Seen> { seen.iter().copied().skip(odd).step_by(2).collect() };
-    let as_true = |seen: &&Seen| Some(seen.known.picture.clone());
-    learn_appearance(&mut model, &of(0), as_true, practice);
+    let of = |odd: usize| seen.iter().skip(odd).step_by(2).map(|seen| &seen.known);
+    let pictures: Vec<TruePicture> = of(0).map(|known| known.picture.clone()).collect();
+    learn_appearance(&mut model, &pictures, MODES_OF_ONE[1], seed);
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
-    let others: Vec<Known> = of(1).iter().map(|seen| seen.known.clone()).collect();
-    let fits = fits(&model, &others, NEAR, practice.seed);
+    let others: Vec<Known> = of(1).cloned().collect();
+    let fits = fits(&model, &others, NEAR, seed);
     // The frames between are of the same session; another one has other light and is drawn, or seen, from elsewhere.
     model.belief = belief(&fits).map(|of| OTHER_SESSION * of);
     let figures = Figures::of(&model, &fits, &others);

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use super::args::{TrainArgs, write};
-use super::paper_aam::{PaperPractice, paper_aam_block};
+use super::paper_aam::paper_aam_block;
 use super::person::learn_session;
 use crate::face_model::{FaceModel, SHIPPED, ShapeModel, file};
 use crate::studio::fault::Fault;
@@ -38,11 +38,7 @@ impl Source {
             Self::Kept(bytes) => return Ok(bytes.clone()),
             Self::Learned(tracks) => tracks.as_ref(),
         };
-        let practice = PaperPractice {
-            seed: args.seed,
-            ..PaperPractice::default()
-        };
-        let block = paper_aam_block(&args.data.data, shape, tracks, &practice, say)?;
+        let block = paper_aam_block(&args.data.data, shape, tracks, args.seed, say)?;
         let bytes = block.len();
         say(&format!(
             "the paper's active appearance model: {bytes} bytes"

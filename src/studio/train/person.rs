@@ -9,7 +9,7 @@
 
 use std::path::Path;
 
-use super::paper_aam::{PaperPractice, TRACK_FRAMES, person_block};
+use super::paper_aam::{TRACK_FRAMES, person_block};
 use super::paper_aam_fits::{Known, Seen, told};
 use super::render::TrainingSample;
 use super::samples::TruePicture;
@@ -92,11 +92,7 @@ pub fn learn_frames(
     let tracks = Tracks::new(TRACK_FRAMES, LANDMARKS, points.collect())?;
     let chosen = spread(all.min(2 * PICTURES)).map(|k| &seen[k]);
     let chosen: Vec<&Seen> = chosen.collect();
-    let practice = PaperPractice {
-        seed,
-        ..PaperPractice::person()
-    };
-    person_block(&model.shape, tracks, &chosen, &practice, say)
+    person_block(&model.shape, tracks, &chosen, seed, say)
 }
 
 fn taught(

@@ -10,9 +10,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::args::{TrainArgs, write};
-use super::cascade::{
-    Progress, StageSettings, advance, cold_starts, fit_cold, inner_error_percent, learn_stage,
-};
+use super::cascade::{Progress, advance, cold_starts, fit_cold, learn_stage};
 use super::dataset::{read_folder, too_few};
 use super::evaluate::{Errors, differences, mean_offsets, without};
 use super::paper_section;
@@ -103,8 +101,6 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, Fault> {
 const LEAST: usize = 20;
 /// Shape modes.
 const MODES: usize = 44;
-/// Penalty of the regressions.
-const PENALTY: f32 = 0.5;
 /// Distance of neighbouring cells, window pixels, and shape modes moved by each stage. The view and the coarse shape come
 /// first; lids and lips need the finer maps of the end.
 const STAGES: [(f32, usize); 6] = [
@@ -241,20 +237,15 @@ fn learn_stages(
     let mut watched_progress = cold_starts(&watched);
     let mut progress = cold_starts(&samples);
     let (mut cold, mut warm) = (Vec::new(), Vec::new());
-    for (k, (cell_px, modes)) in STAGES.into_iter().enumerate() {
-        let settings = StageSettings {
-            cell_px,
-            modes,
-            penalty: PENALTY,
-        };
+    for (k, settings) in STAGES.into_iter().enumerate() {
         let stage = learn_stage(&samples, &mut progress, shape, settings);
         let this = std::slice::from_ref(&stage);
         advance(&watched, &mut watched_progress, shape, this);
         log.done(&format!(
             "stage {}: {:.2} % on the training starts, {:.2} % on held-out people (points 17–67)",
             k + 1,
-            inner_error_percent(&samples, &progress, shape),
-            inner_error_percent(&watched, &watched_progress, shape)
+            measured(&samples, &progress, shape).0.mean_inner(),
+            measured(&watched, &watched_progress, shape).0.mean_inner()
         ));
         if k < COLD_STAGES {
             cold.push(stage);
