@@ -24,15 +24,13 @@ const SERIAL: &str = "simulated";
 struct Drawn {
     simulator: Simulator,
     frames: u64,
-    truth: Option<Truth>,
 }
 
 impl View for Drawn {
     fn draw(&mut self, frame: &mut KinectFrame) -> bool {
         let ticks = self.frames * FRAME_TICKS.cast_unsigned();
-        self.truth = self
-            .simulator
-            .draw(timestamp_from_ticks(ticks.cast_signed()), frame);
+        let at = timestamp_from_ticks(ticks.cast_signed());
+        self.simulator.draw(at, frame);
         // The counter wraps, as the real one does.
         frame.has_colour = true;
         (frame.original.ticks, frame.original.colour_ticks) = (ticks as u32, ticks as u32);
@@ -92,7 +90,7 @@ impl Simulated {
     /// What the last frame shows; `None` if nobody is there.
     pub fn truth(&self) -> Option<&Truth> {
         // The next frame is drawn only when its first packet is due.
-        self.kinect.source.player.view.truth.as_ref()
+        self.simulator().truths().flatten().next()
     }
 
     /// What draws the frames.
@@ -117,7 +115,6 @@ impl From<Simulator> for Simulated {
         let drawn = Drawn {
             simulator,
             frames: 0,
-            truth: None,
         };
         let device = VirtualKinect::new(Model::Xbox1414, SERIAL, drawn);
         let mut kinect = Kinect::open(device, Settings::default())

@@ -71,7 +71,6 @@ impl Window {
 }
 
 /// Inverse distance of what is nearest so far, per pixel.
-#[derive(Clone, Debug)]
 pub(crate) struct DepthBuffer {
     pub(crate) width: usize,
     pub(crate) height: usize,

@@ -27,22 +27,6 @@ use super::random::{hash, uniform};
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::sensor::NO_DEPTH;
 
-/// What a real sensor does to a surface: shares of readings that fail at 1 m, within it and within [`RIM_PX`] of its edge,
-/// and how far its edge is ragged, pixels (one standard deviation).
-const fn answer(stuff: Stuff) -> [f32; 3] {
-    match stuff {
-        Stuff::Matt => [0.0004, 0.05, 1.0],
-        Stuff::Skin => [0.003, 0.05, 1.0],
-        Stuff::Cloth => [0.0006, 0.05, 1.0],
-        Stuff::Dark => [0.006, 0.07, 1.1],
-        Stuff::Hair => [0.009, 0.16, 1.8],
-        Stuff::DarkHair => [0.022, 0.20, 2.4],
-        Stuff::Glass => [0.12, 0.30, 1.0],
-        #[cfg(feature = "studio")]
-        Stuff::Gloss => [0.85, 0.95, 1.5],
-    }
-}
-
 /// Width of the rim in which readings fail more often.
 const RIM_PX: usize = 3;
 /// Step between neighbours that is an edge, raw units.
@@ -242,7 +226,7 @@ impl Seen<'_> {
             return [0; 2];
         }
         let around = [(0, 0), (0, -3), (0, 3), (-3, 0), (3, 0)];
-        let ragged = around.map(|(dr, dc)| answer(self.stuff[self.near(dr, dc)])[2]);
+        let ragged = around.map(|(dr, dc)| self.stuff[self.near(dr, dc)].answers()[4]);
         let reach = ragged.into_iter().fold(0.0, f32::max) * self.strength;
         [0, 1].map(|k| {
             let still = self.still(&self.real.lobes, k + 1);
@@ -302,7 +286,7 @@ impl Seen<'_> {
 
     /// Whether enough of the light comes back: less from farther away, and from some stuff.
     fn comes_back(&self, stuff: Stuff, value: f32) -> bool {
-        let [within, at_rim, _] = answer(stuff);
+        let [_, _, within, at_rim, _] = stuff.answers();
         let far = 1.0 / value.max(0.2);
         let mut fails = within * far * far;
         if self.is_at_rim() {

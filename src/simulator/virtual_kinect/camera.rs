@@ -7,7 +7,6 @@ use crate::sensor::kinect::motor::{self, audio};
 use crate::sensor::kinect::registration::Registration;
 
 /// Registers, calibration and motor of a camera, and the reply that waits.
-#[derive(Clone, Debug)]
 pub struct VirtualCamera {
     /// Which sensor it plays.
     pub model: Model,

@@ -1,7 +1,7 @@
 //! Hair: a shell that stands off the skull within a hairline, and locks that fall from it.
 
 use super::look::{HairStyle, Headgear, Look};
-use super::outfit::{Cloth, FREE, Knot, Outfit};
+use super::outfit::{Cloth, FREE, Knot, Outfit, path};
 use super::skull::{HANGS, Skull};
 use super::stuff::{along, grain, part, share, slope};
 use crate::base::geometry::{Point, Vector};
@@ -131,15 +131,11 @@ impl Outfit {
             let theta = 0.1 + 1.75 * chance(0).sqrt();
             let phi = std::f32::consts::TAU * chance(1);
             let long = 0.22 + 0.16 * chance(2);
-            let path: Vec<Point> = (0..STEPS)
-                .map(|i| {
-                    let t = i as f32 / (STEPS - 1) as f32;
-                    let rise = 0.55 + 0.6 * (t * 2.6).sin().max(0.0);
-                    let aside =
-                        comb * t * (1.0 - slope(theta, 0.3, 1.4)) + 0.2 * t * (chance(3) - 0.5);
-                    skull.point(theta + long * t, phi + aside, lift * rise + 0.003)
-                })
-                .collect();
+            let path = path(STEPS, |t| {
+                let rise = 0.55 + 0.6 * (t * 2.6).sin().max(0.0);
+                let aside = comb * t * (1.0 - slope(theta, 0.3, 1.4)) + 0.2 * t * (chance(3) - 0.5);
+                skull.point(theta + long * t, phi + aside, lift * rise + 0.003)
+            });
             let end = path[STEPS - 1];
             if end.y < along(&LINE, aside(phi)) + 0.004 {
                 let wide = 0.005 + 0.004 * chance(4);
@@ -164,25 +160,22 @@ impl Outfit {
             let ends = below * (0.82 + 0.26 * chance(1)) * slope(spread, -0.5, 0.2);
             let lift = 0.011 + 0.007 * chance(2);
             let wave = std::f32::consts::TAU * chance(3);
-            let path: Vec<Point> = (0..STEPS)
-                .map(|i| {
-                    let t = i as f32 / (STEPS - 1) as f32;
-                    let on_head = slope(t, 0.0, 0.45);
-                    let hanging = slope(t, 0.45, 1.0);
-                    let phi = side * (start + (end - start) * on_head);
-                    let mut p = skull.drape(0.18 + (HANGS - 0.18) * on_head, 0.0, phi, lift);
-                    p.y += hanging * ends;
-                    let turn = wave + t * if curl > 0.0 { 17.0 } else { 5.0 };
-                    let swing = (curl + 0.002) * slope(t, 0.15, 0.5);
-                    p.x += side * swing * turn.sin();
-                    p.z += swing * turn.cos();
-                    // Over the shoulder, in front of it or behind.
-                    let out = slope(p.y, 0.10, 0.26) * 0.06;
-                    p.z += if end < 1.75 { -out } else { out };
-                    p.x -= side * slope(p.y, 0.02, 0.14) * 0.008;
-                    p
-                })
-                .collect();
+            let path = path(STEPS, |t| {
+                let on_head = slope(t, 0.0, 0.45);
+                let hanging = slope(t, 0.45, 1.0);
+                let phi = side * (start + (end - start) * on_head);
+                let mut p = skull.drape(0.18 + (HANGS - 0.18) * on_head, 0.0, phi, lift);
+                p.y += hanging * ends;
+                let turn = wave + t * if curl > 0.0 { 17.0 } else { 5.0 };
+                let swing = (curl + 0.002) * slope(t, 0.15, 0.5);
+                p.x += side * swing * turn.sin();
+                p.z += swing * turn.cos();
+                // Over the shoulder, in front of it or behind.
+                let out = slope(p.y, 0.10, 0.26) * 0.06;
+                p.z += if end < 1.75 { -out } else { out };
+                p.x -= side * slope(p.y, 0.02, 0.14) * 0.008;
+                p
+            });
             let wide = 0.006 + 0.006 * chance(5);
             let shade = 0.75 + 0.45 * chance(6);
             self.lock(&path, wide, shade, cloth, k as f32 * 7.0);

@@ -1,7 +1,7 @@
 //! What a hand holds now and then: a hand with its forearm, at the chin, over the mouth, with a cup, a phone or a sheet.
 
 use super::look::{Held, Look};
-use super::outfit::{Cloth, Outfit};
+use super::outfit::{Cloth, Outfit, path};
 use super::stuff::{Stuff, part, share};
 use crate::base::geometry::{Point, Vector, smoothstep};
 
@@ -49,16 +49,10 @@ impl Outfit {
         }
         // The forearm goes down and outwards, to an elbow on the table.
         let sleeve = Cloth::new(Stuff::Cloth, look.clothes, 0.0);
-        let path: Vec<Point> = (0..8)
-            .map(|i| {
-                let t = i as f32 / 7.0;
-                Point::new(
-                    x + side * 0.13 * t,
-                    y + 0.02 + 0.34 * t,
-                    z + 0.01 + 0.05 * t,
-                )
-            })
-            .collect();
+        let path = path(8, |t| {
+            let out = x + side * 0.13 * t;
+            Point::new(out, y + 0.02 + 0.34 * t, z + 0.01 + 0.05 * t)
+        });
         self.tube(
             &path,
             |_| -Vector::z(),

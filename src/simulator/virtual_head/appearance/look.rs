@@ -141,35 +141,24 @@ impl Look {
     pub fn numbered(number: usize, seed: u64) -> Self {
         let seed = hash(seed, number as u64);
         let pick = |k: u64, count: usize| (share(seed, k) * count as f32) as usize % count;
+        use HairStyle::*;
         let hair = [
-            HairStyle::Short,
-            HairStyle::Long,
-            HairStyle::Bushy,
-            HairStyle::Fringe,
-            HairStyle::LongFringe,
-            HairStyle::Cropped,
-            HairStyle::Curly,
-            HairStyle::Bun,
-            HairStyle::Bald,
+            Short, Long, Bushy, Fringe, LongFringe, Cropped, Curly, Bun, Bald,
         ][number % 9];
         Self {
             seed,
             hair,
             hair_colour: HAIR_COLOURS[pick(1, HAIR_COLOURS.len())],
-            beard: [
-                Beard::Stubble,
-                Beard::None,
-                Beard::None,
-                Beard::Full,
-                Beard::None,
-            ][number % 5],
+            beard: match number % 5 {
+                0 => Beard::Stubble,
+                3 => Beard::Full,
+                _ => Beard::None,
+            },
             rims_m: [0.0, 0.0012, 0.0, 0.0026][number % 4],
             headgear: match number % 11 {
-                3 => Headgear::Headphones,
-                5 => Headgear::Cap,
-                7 => Headgear::Headphones,
+                3 | 7 => Headgear::Headphones,
+                5 | 10 => Headgear::Cap,
                 8 => Headgear::Hood,
-                10 => Headgear::Cap,
                 _ => Headgear::None,
             },
             neck: match number % 7 {

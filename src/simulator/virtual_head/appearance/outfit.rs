@@ -57,6 +57,12 @@ impl Cloth {
     }
 }
 
+/// So many places along a way, by the share of it.
+pub(super) fn path(steps: usize, at: impl Fn(f32) -> Point) -> Vec<Point> {
+    let share = |i| i as f32 / (steps - 1) as f32;
+    (0..steps).map(|i| at(share(i))).collect()
+}
+
 /// A mesh that is worn, or stands somewhere; corners clockwise seen from outside.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Outfit {

@@ -83,7 +83,7 @@ impl OutfitPainter {
             let corners = triangle.map(|k| self.corners[k as usize]);
             let knots = triangle.map(|k| &self.outfit.knots[k as usize]);
             let lit = triangle.map(|k| self.lit[k as usize]);
-            let contrast = made.contrast();
+            let [contrast, ..] = made.answers();
             // Stubble on the skin, the glint on glass: one looks through.
             let thin = matches!(made, Stuff::Skin | Stuff::Glass);
             window.include(depth.triangle_where(corners, |index, u, v| {
@@ -113,9 +113,10 @@ impl OutfitPainter {
         let triangles = triangles.map(|(corners, _)| corners.map(|k| k as usize));
         sum_normals(triangles, &self.placed, &mut self.normals);
         for &(triangle, made) in &self.outfit.triangles {
+            let [_, sheen, ..] = made.answers();
             for k in triangle.map(|k| k as usize) {
                 let normal = self.normals[k] / self.normals[k].norm().max(1e-12);
-                let shine = normal.dot(&light.towards).max(0.0).powi(6) * made.sheen();
+                let shine = normal.dot(&light.towards).max(0.0).powi(6) * sheen;
                 let bright = light.on(&normal) + shine;
                 let colour = self.outfit.knots[k].colour;
                 self.lit[k] = [0, 1, 2].map(|ch| colour[ch] * bright * light.tint[ch]);

@@ -24,25 +24,19 @@ pub(crate) enum Stuff {
 }
 
 impl Stuff {
-    /// Contrast of the grain in colour.
-    pub(super) const fn contrast(self) -> f32 {
+    /// Contrast of its grain in colour, and strength of the light along its strands; shares of depth readings that fail at 1 m,
+    /// within it and near its edge, and how far that edge is ragged, pixels (one standard deviation).
+    pub(crate) const fn answers(self) -> [f32; 5] {
         match self {
-            Self::Hair | Self::DarkHair => 0.36,
-            Self::Cloth | Self::Dark => 0.12,
-            Self::Matt => 0.04,
-            Self::Skin | Self::Glass => 0.03,
+            Self::Matt => [0.04, 0.0, 0.0004, 0.05, 1.0],
+            Self::Skin => [0.03, 0.0, 0.003, 0.05, 1.0],
+            Self::Cloth => [0.12, 0.0, 0.0006, 0.05, 1.0],
+            Self::Dark => [0.12, 0.0, 0.006, 0.07, 1.1],
+            Self::Hair => [0.36, 0.9, 0.009, 0.16, 1.8],
+            Self::DarkHair => [0.36, 0.9, 0.022, 0.20, 2.4],
+            Self::Glass => [0.03, 0.0, 0.12, 0.30, 1.0],
             #[cfg(feature = "studio")]
-            Self::Gloss => 0.03,
-        }
-    }
-
-    /// Strength of the light along the strands.
-    pub(super) const fn sheen(self) -> f32 {
-        match self {
-            Self::Hair | Self::DarkHair => 0.9,
-            #[cfg(feature = "studio")]
-            Self::Gloss => 0.7,
-            _ => 0.0,
+            Self::Gloss => [0.03, 0.7, 0.85, 0.95, 1.5],
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What else a person wears: beards, glasses, hats, headphones, scarves, collars; and a chair.
 
 use super::look::{Beard, HairStyle, Headgear, Look, Neck};
-use super::outfit::{Cloth, Knot, Outfit};
+use super::outfit::{Cloth, Knot, Outfit, path};
 use super::skull::{HANGS, Skull};
 use super::stuff::{Stuff, along, grain, part, share, slope};
 use crate::base::geometry::{Point, Vector};
@@ -175,11 +175,8 @@ impl Outfit {
             let phi = (2.0 * u - 1.0) * 1.0;
             let foot = skull.point(rim(phi), phi, lift);
             let reach = long * v * (1.0 - 0.35 * (2.0 * u - 1.0).powi(2));
-            Point::new(
-                foot.x,
-                foot.y + 0.10 * reach + 0.012 * (2.0 * u - 1.0).powi(2) * v,
-                foot.z - reach,
-            )
+            let bent = 0.012 * (2.0 * u - 1.0).powi(2) * v;
+            Point::new(foot.x, foot.y + 0.10 * reach + bent, foot.z - reach)
         });
     }
 
@@ -225,19 +222,15 @@ impl Outfit {
 
     /// The hem around the opening, from one side over the brow to the other.
     fn hem(&mut self, skull: &Skull, cloth: &Cloth, lift: f32) {
-        let hem: Vec<Point> = (0..49)
-            .map(|k| {
-                let side = if k < 24 { -1.0 } else { 1.0f32 };
-                let from_top = (k as f32 / 24.0 - 1.0).abs();
-                let across = slope(from_top, 0.0, 0.3);
-                let down = slope(from_top, 0.3, 1.0);
-                let (along, below) = (
-                    0.88 + (HANGS - 0.88) * slope(down, 0.0, 0.5),
-                    0.12 * slope(down, 0.5, 1.0),
-                );
-                skull.drape(along, below, side * 0.98 * across, lift + 0.008)
-            })
-            .collect();
+        let hem = path(49, |t| {
+            let side = if t < 0.5 { -1.0 } else { 1.0f32 };
+            let from_top = (2.0 * t - 1.0).abs();
+            let across = slope(from_top, 0.0, 0.3);
+            let down = slope(from_top, 0.3, 1.0);
+            let along = 0.88 + (HANGS - 0.88) * slope(down, 0.0, 0.5);
+            let below = 0.12 * slope(down, 0.5, 1.0);
+            skull.drape(along, below, side * 0.98 * across, lift + 0.008)
+        });
         self.tube(
             &hem,
             |i| (hem[i].coords - Vector::new(0.0, 0.0, 0.09)).normalize(),
@@ -266,13 +259,11 @@ impl Outfit {
             _ => 0.018,
         };
         let quarter = std::f32::consts::FRAC_PI_2;
-        let path: Vec<Point> = (0..25)
-            .map(|k| {
-                let turn = (k as f32 / 12.0 - 1.0) * 1.5;
-                let p = skull.point(turn.abs(), quarter.copysign(turn), above);
-                Point::new(p.x, p.y, 0.082)
-            })
-            .collect();
+        let path = path(25, |t| {
+            let turn = (2.0 * t - 1.0) * 1.5;
+            let p = skull.point(turn.abs(), quarter.copysign(turn), above);
+            Point::new(p.x, p.y, 0.082)
+        });
         let middle = Vector::new(0.0, -0.01, 0.082);
         self.tube(
             &path,
@@ -295,29 +286,18 @@ impl Outfit {
             .into_iter()
             .enumerate()
         {
-            let path: Vec<Point> = (0..=32)
-                .map(|k| {
-                    let phi = std::f32::consts::TAU * k as f32 / 32.0;
-                    let fold = 0.007 * grain(5.0 * phi.sin() + 9.0 * turn as f32, 5.0 * phi.cos());
-                    Point::new(
-                        (wide + fold) * phi.sin(),
-                        y + 0.012 * (phi * 1.0 + turn as f32).sin() + fold,
-                        0.098 - (wide + fold) * phi.cos(),
-                    )
-                })
-                .collect();
+            let path = path(33, |t| {
+                let phi = std::f32::consts::TAU * t;
+                let fold = 0.007 * grain(5.0 * phi.sin() + 9.0 * turn as f32, 5.0 * phi.cos());
+                let wave = y + 0.012 * (phi + turn as f32).sin() + fold;
+                let (across, ahead) = ((wide + fold) * phi.sin(), (wide + fold) * phi.cos());
+                Point::new(across, wave, 0.098 - ahead)
+            });
+            let round = |i: usize| thick * (0.9 + 0.2 * grain(i as f32 * 0.7, 3.0));
             self.tube(
                 &path,
-                |i| {
-                    let d = path[i].coords - Vector::new(0.0, path[i].y, 0.098);
-                    -d.normalize()
-                },
-                |i| {
-                    [
-                        thick * (0.9 + 0.2 * grain(i as f32 * 0.7, 3.0)),
-                        thick * 0.8,
-                    ]
-                },
+                |i| -(path[i].coords - Vector::new(0.0, path[i].y, 0.098)).normalize(),
+                |i| [round(i), thick * 0.8],
                 12,
                 Stuff::Cloth,
                 |i, p, round| cloth.knot(p, [0.2 * i as f32, round], 1.0),
@@ -325,11 +305,8 @@ impl Outfit {
         }
         // One end hangs down the chest.
         self.sheet([10, 6], &cloth, |u, v| {
-            Point::new(
-                0.03 + 0.07 * u,
-                0.17 + 0.28 * v,
-                -0.018 - 0.012 * (u * 3.0).sin() - 0.01 * v,
-            )
+            let z = -0.018 - 0.012 * (u * 3.0).sin() - 0.01 * v;
+            Point::new(0.03 + 0.07 * u, 0.17 + 0.28 * v, z)
         });
     }
 
@@ -340,11 +317,8 @@ impl Outfit {
             let phi = 0.42 + (std::f32::consts::TAU - 0.84) * u;
             let open = slope(phi.cos(), 0.3, 0.95);
             let wide = 0.098 - 0.012 * v + 0.02 * open;
-            Point::new(
-                wide * phi.sin(),
-                0.215 - (0.125 - 0.03 * open) * v,
-                0.100 - wide * phi.cos(),
-            )
+            let y = 0.215 - (0.125 - 0.03 * open) * v;
+            Point::new(wide * phi.sin(), y, 0.100 - wide * phi.cos())
         });
     }
 

@@ -1,7 +1,7 @@
 //! Shoulders, chest and arms in clothes.
 
 use super::look::Look;
-use super::outfit::{Cloth, Outfit};
+use super::outfit::{Cloth, Outfit, path};
 use super::stuff::{grain, part, share, slope};
 use crate::base::geometry::{Point, Vector};
 
@@ -64,16 +64,10 @@ impl Outfit {
             knot
         });
         for side in [-1.0, 1.0f32] {
-            let path: Vec<Point> = (0..10)
-                .map(|i| {
-                    let t = i as f32 / 9.0;
-                    Point::new(
-                        side * (0.165 + 0.07 * t.sqrt()),
-                        0.235 + 0.55 * t,
-                        BACK_M + 0.01 - 0.05 * t * t,
-                    )
-                })
-                .collect();
+            let path = path(10, |t| {
+                let out = side * (0.165 + 0.07 * t.sqrt());
+                Point::new(out, 0.235 + 0.55 * t, BACK_M + 0.01 - 0.05 * t * t)
+            });
             self.tube(
                 &path,
                 |_| Vector::new(0.0, 0.0, -1.0),
