@@ -6,30 +6,24 @@ use std::path::PathBuf;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Args, Parser, Subcommand};
 
+use super::atomic_write::write_out;
+use super::evaluate::head_scenes::{self, wild};
+use super::evaluate::sessions::Sessions;
+use super::evaluate::{landmark_accuracy, paper, table};
 use super::fault::{Fault, USAGE};
 use super::fit::{self, FitArgs};
 use super::heads::average::make_simulated_head;
+use super::heads::{default_head, hero};
 use super::inspect::inspect;
-use super::nrsfm;
-use super::place;
-use super::preview;
-use super::record;
+use super::people_split::{Data, Split};
 use super::stopped::{self, Goes};
 use super::train::{self, TrainArgs};
-use super::{animate, bake};
+use super::units::readings;
+use super::{animate, bake, nrsfm, place, preview, record};
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::{self, Missing};
 use crate::face_model::FaceModel;
-use crate::studio::evaluate::head_scenes;
-use crate::studio::evaluate::head_scenes::wild;
-use crate::studio::evaluate::landmark_accuracy;
-use crate::studio::evaluate::paper;
-use crate::studio::evaluate::sessions::Sessions;
-use crate::studio::evaluate::table;
-use crate::studio::heads::{default_head, hero};
-use crate::studio::people_split::{Data, Split};
-use crate::studio::units::readings;
 
 /// The workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews.
 #[derive(Parser)]
@@ -104,7 +98,7 @@ enum Command {
     },
     /// Serve a web page: the animated head, the units, their ranges, curves, pose and state
     #[command(after_help = "Example: mien-studio preview --csv run.csv --mesh head.glb")]
-    Preview(Preview),
+    Preview(preview::Args),
     /// Learn from sculpted shapes how skin moves, for bake; reports the error on held-out shapes
     #[command(after_help = "Example: mien-studio skin --out config/skin.prior")]
     Skin {
@@ -214,43 +208,6 @@ struct Place {
     port: u16,
 }
 
-#[derive(Args)]
-struct Preview {
-    /// PORT or ADDRESS:PORT to receive OSC at; 0.0.0.0:9130 for a mien elsewhere
-    #[arg(long, group = "feed", default_value = preview::OSC_AT)]
-    osc: String,
-    /// A serial port or tcp:host:port, any style
-    #[arg(long, group = "feed")]
-    serial: Option<String>,
-    /// Baud rate of the serial port
-    #[arg(long, default_value_t = 115_200)]
-    baud: u32,
-    /// Value of a weight of 1, serial.full of the sender
-    #[arg(long, default_value_t = 100)]
-    full: u32,
-    /// What mien run --csv wrote, to play, pause and scrub; - for standard input
-    #[arg(long, group = "feed")]
-    csv: Option<PathBuf>,
-    /// A recording, kinect or simulated: followed here, with pictures
-    #[arg(long, group = "feed")]
-    source: Option<String>,
-    /// Face model, with --source [default: the built-in one]
-    #[arg(long)]
-    model: Option<PathBuf>,
-    /// Configuration file in which to save gains tried on the page
-    #[arg(long)]
-    config: Option<PathBuf>,
-    /// ADDRESS:PORT where the box hears commands (osc.listen there) [default: the host that sends, port 9131]
-    #[arg(long = "box")]
-    commands: Option<String>,
-    /// Heads with named morph targets (.glb) [default: a head of our own]
-    #[arg(long, num_args = 1..)]
-    mesh: Vec<PathBuf>,
-    /// Where the page is served, PORT or ADDRESS:PORT; 0 takes a free one
-    #[arg(long, default_value = preview::PAGE_AT)]
-    port: String,
-}
-
 fn service_fault(failure: service::Failure) -> Fault {
     Fault::with_code(failure.to_string(), failure.exit_code())
 }
@@ -331,12 +288,13 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
             nrsfm::run(&args)
         }
         Command::Bake(request) => bake::command::run(&request).map(drop),
-        Command::Place(Place {
-            mesh,
-            landmarks,
-            out,
-            port,
-        }) => place::run(&mesh, &landmarks, out, port, &mut say),
+        Command::Place(words) => place::run(
+            &words.mesh,
+            &words.landmarks,
+            words.out,
+            words.port,
+            &mut say,
+        ),
         Command::Head { out, make, data } => {
             if let Some(out) = make {
                 let bytes = hero::make::make(&data.data, &out)?;
@@ -346,7 +304,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
             }
             Ok(())
         }
-        Command::Preview(words) => run_preview(words),
+        Command::Preview(args) => preview::run(&args, &mut say),
         Command::Skin { out, data } => bake::command::skin(&data.data, &out),
         Command::Animate(args) => animate::animate(&args),
     }
@@ -424,44 +382,8 @@ fn run_units(words: Units) -> Result<(), Fault> {
     let data = &words.data.data;
     let text = readings::learn(data, &model, &settings, &words.practice, &mut progress)?;
     match words.out {
-        Some(out) => train::write(&out, text.as_bytes())?,
+        Some(out) => write_out(&out, text)?,
         None => print!("{text}"),
     }
     Ok(())
-}
-
-fn run_preview(words: Preview) -> Result<(), Fault> {
-    let address = |option: &str, word: &str| {
-        preview::address(word).ok_or_else(|| {
-            misused(format!(
-                "--{option} {word} is not a port or an address:port"
-            ))
-        })
-    };
-    let feed = if let Some(name) = words.serial {
-        preview::Feed::Serial(preview::serial::Port {
-            name,
-            baud: words.baud,
-            full: words.full.max(1) as f32,
-        })
-    } else if let Some(csv) = words.csv {
-        preview::Feed::Csv(csv)
-    } else if let Some(name) = words.source {
-        preview::Feed::Sensor {
-            name,
-            model: words.model,
-            config: words.config.clone(),
-        }
-    } else {
-        preview::Feed::Osc(address("osc", &words.osc)?)
-    };
-    let box_at = words.commands.as_deref();
-    let request = preview::Request {
-        feed,
-        meshes: words.mesh,
-        gains: words.config,
-        page: address("port", &words.port)?,
-        commands: box_at.map(|word| address("box", word)).transpose()?,
-    };
-    preview::run(&request, &mut say)
 }

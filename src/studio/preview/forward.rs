@@ -6,8 +6,8 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
 use super::hub::{Hub, Passed};
@@ -20,85 +20,32 @@ use crate::expression::units::Units;
 use crate::output::{Output, Report, TrackingState};
 
 /// A receiver that can be connected by name, as the page gets it.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub struct Known {
     /// Word in addresses.
-    pub id: &'static str,
+    pub id: String,
     /// Its name.
-    pub name: &'static str,
+    pub name: String,
     /// Section of the configuration.
-    pub section: &'static str,
+    pub section: String,
     /// Lines of the section, beside `enabled` and `target`.
-    pub more: &'static str,
+    pub more: String,
     /// Where it usually listens.
     pub port: u16,
     /// What to do there, in one sentence.
-    pub hint: &'static str,
+    pub hint: String,
 }
 
 /// Every receiver the page offers.
-pub const RECEIVERS: [Known; 7] = [
-    Known {
-        id: "vseeface",
-        name: "VSeeFace",
-        section: "vmc",
-        more: "names = \"arkit\"\n",
-        port: 39539,
-        hint: "In VSeeFace: Settings, VMC protocol receiver, enable, port 39539; the avatar needs ARKit (perfect sync) shapes.",
-    },
-    Known {
-        id: "warudo",
-        name: "Warudo",
-        section: "vmc",
-        more: "names = \"arkit\"\n",
-        port: 39539,
-        hint: "In Warudo: add a VMC receiver and use its port; the avatar needs ARKit shapes.",
-    },
-    Known {
-        id: "vrchat",
-        name: "VRChat",
-        section: "vrchat",
-        more: "",
-        port: 9000,
-        hint: "In VRChat: Action menu, Options, OSC, Enabled; the avatar needs Unified Expressions parameters under FT/.",
-    },
-    Known {
-        id: "unreal",
-        name: "Unreal Live Link Face",
-        section: "live_link",
-        more: "",
-        port: 11111,
-        hint: if cfg!(feature = "wires") {
-            "In Unreal: enable the plugin Apple ARKit Face Support; the face then appears under Live Link."
-        } else {
-            "Needs the build with wires: cargo build --release --features studio,wires, or the Debian package."
-        },
-    },
-    Known {
-        id: "max",
-        name: "Max",
-        section: "osc",
-        more: "",
-        port: 9140,
-        hint: "In Max: [udpreceive 9140] into [route /face/0/au].",
-    },
-    Known {
-        id: "pd",
-        name: "Pure Data",
-        section: "osc",
-        more: "",
-        port: 9140,
-        hint: "In Pd: [netreceive -u -b 9140] into [oscparse].",
-    },
-    Known {
-        id: "touchdesigner",
-        name: "TouchDesigner",
-        section: "osc",
-        more: "",
-        port: 9140,
-        hint: "In TouchDesigner: an OSC In CHOP at network port 9140.",
-    },
-];
+pub static RECEIVERS: LazyLock<Vec<Known>> = LazyLock::new(|| {
+    let known = serde_json::from_str(include_str!("receivers.json"));
+    let mut known: Vec<Known> = known.expect("a test reads it");
+    let missing = known.iter_mut().filter(|one| one.section == "live_link");
+    for one in missing.filter(|_| !cfg!(feature = "wires")) {
+        one.hint = "Needs the build with wires: cargo build --release --features studio,wires, or the Debian package.".into();
+    }
+    known
+});
 
 /// What the page asks of a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -174,7 +121,7 @@ impl Forwarder {
         };
         let busy = |_| "too many requests at once; try again".to_owned();
         self.orders.try_send(order).map_err(busy)?;
-        let name = known.name;
+        let name = &known.name;
         Ok(match wish {
             Wish::Connect => format!("sending to {name} at {target}"),
             Wish::Test => format!("testing {name} at {target}: jaw, smile, blink"),
@@ -202,7 +149,7 @@ fn target(host: &str, port: &str) -> Result<String, String> {
 /// The configuration with which only this receiver is sent to.
 fn settings(known: &Known, target: &str) -> Result<Settings, String> {
     let Known { section, more, .. } = known;
-    let only = match *section {
+    let only = match &**section {
         "osc" => "",
         _ => "[osc]\nenabled = false\n",
     };
@@ -285,7 +232,7 @@ impl Thread {
 
     fn obey(&mut self, order: Order) {
         if order.wish == Wish::Stop {
-            self.lines.remove(order.known.id);
+            self.lines.remove(&*order.known.id);
             return;
         }
         let units = &self.units;
@@ -296,7 +243,7 @@ impl Thread {
             tested: None,
             connected: false,
         };
-        let line = self.lines.entry(order.known.id).or_insert_with(fresh);
+        let line = self.lines.entry(&order.known.id).or_insert_with(fresh);
         if line.target != order.target {
             *line = fresh();
         }
@@ -418,7 +365,7 @@ mod tests {
 
     #[test]
     fn every_known_receiver_is_a_configuration() {
-        for known in &RECEIVERS {
+        for known in RECEIVERS.iter() {
             let found = settings(known, "10.0.0.7:4000");
             assert!(found.is_ok(), "{}: {:?}", known.id, found.err());
         }

@@ -25,7 +25,7 @@ pub mod sensor;
 pub mod serial;
 pub mod table;
 
-use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::net::{SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -71,46 +71,77 @@ pub const PAGE: [(&str, &str); 10] = [
     ("/control.js", include_str!("page/control.js")),
 ];
 
-/// Where frames come from.
-#[derive(Clone, Debug)]
-pub enum Feed {
-    /// OSC received here.
-    Osc(SocketAddr),
-    /// A serial line.
-    Serial(serial::Port),
-    /// The CSV of a run.
-    Csv(PathBuf),
-    /// Something this process follows itself, with the model and configuration named.
-    Sensor {
-        /// As `mien run --source`.
-        name: String,
-        /// Face model, else the shipped one.
-        model: Option<PathBuf>,
-        /// Configuration, else the defaults.
-        config: Option<PathBuf>,
-    },
+/// What to show and where.
+#[derive(clap::Args)]
+pub struct Args {
+    /// PORT or ADDRESS:PORT to receive OSC at; 0.0.0.0:9130 for a mien elsewhere
+    #[arg(long, group = "feed", default_value = OSC_AT, value_parser = address)]
+    osc: SocketAddr,
+    /// A serial port or tcp:host:port, any style
+    #[arg(long, group = "feed")]
+    serial: Option<String>,
+    /// Baud rate of the serial port
+    #[arg(long, default_value_t = 115_200)]
+    baud: u32,
+    /// Value of a weight of 1, serial.full of the sender
+    #[arg(long, default_value_t = 100)]
+    full: u32,
+    /// What mien run --csv wrote, to play, pause and scrub; - for standard input
+    #[arg(long, group = "feed")]
+    csv: Option<PathBuf>,
+    /// A recording, kinect or simulated: followed here, with pictures
+    #[arg(long, group = "feed")]
+    source: Option<String>,
+    /// Face model, with --source [default: the built-in one]
+    #[arg(long)]
+    model: Option<PathBuf>,
+    /// Configuration file in which to save gains tried on the page
+    #[arg(long)]
+    config: Option<PathBuf>,
+    /// ADDRESS:PORT where the box hears commands (osc.listen there) [default: the host that sends, port 9131]
+    #[arg(long = "box", value_parser = address)]
+    commands: Option<SocketAddr>,
+    /// Heads with named morph targets (.glb) [default: a head of our own]
+    #[arg(long, num_args = 1..)]
+    mesh: Vec<PathBuf>,
+    /// Where the page is served, PORT or ADDRESS:PORT; 0 takes a free one
+    #[arg(long, default_value = PAGE_AT, value_parser = address)]
+    port: SocketAddr,
 }
 
-/// What to show and where.
-#[derive(Clone, Debug)]
-pub struct Request {
-    /// Where frames come from.
-    pub feed: Feed,
-    /// Heads; empty for our own.
-    pub meshes: Vec<PathBuf>,
-    /// Where the page is served.
-    pub page: SocketAddr,
-    /// Where the box hears commands, if it was said.
-    pub commands: Option<SocketAddr>,
-    /// The configuration that gains are saved in.
-    pub gains: Option<PathBuf>,
+/// Where frames come from.
+enum Feed<'a> {
+    Osc(SocketAddr),
+    Serial(serial::Port),
+    /// The CSV of a run.
+    Csv(&'a Path),
+    /// Something this process follows itself, named as `mien run --source` has it.
+    Sensor(&'a str),
+}
+
+impl Args {
+    fn feed(&self) -> Feed<'_> {
+        if let Some(name) = &self.serial {
+            return Feed::Serial(serial::Port {
+                name: name.clone(),
+                baud: self.baud,
+                full: self.full.max(1) as f32,
+            });
+        }
+        match (&self.csv, &self.source) {
+            (Some(csv), _) => Feed::Csv(csv),
+            (None, Some(name)) => Feed::Sensor(name),
+            (None, None) => Feed::Osc(self.osc),
+        }
+    }
 }
 
 /// `PORT` or `ADDRESS:PORT`; a port alone is one of the loopback interface.
-pub fn address(text: &str) -> Option<SocketAddr> {
-    let port = text.parse::<u16>().ok();
-    port.map(|port| SocketAddr::new(IpAddr::from([127, 0, 0, 1]), port))
-        .or_else(|| text.parse().ok())
+fn address(text: &str) -> Result<SocketAddr, &'static str> {
+    let port = text.parse::<u16>();
+    port.map(|port| SocketAddr::from(([127, 0, 0, 1], port)))
+        .or_else(|_| text.parse())
+        .map_err(|_| "it is not a port or an address:port")
 }
 
 /// What is to be known of a page that others can open too.
@@ -277,7 +308,7 @@ fn words() -> Value {
         (unit.code.to_owned(), words)
     });
     let units: serde_json::Map<String, Value> = units.collect();
-    json!({"units": units, "regions": unit_words::REGIONS, "receivers": forward::RECEIVERS})
+    json!({"units": units, "regions": unit_words::REGIONS, "receivers": *forward::RECEIVERS})
 }
 
 /// Kind and name of a feed.
@@ -286,22 +317,22 @@ fn named(feed: &Feed) -> (&'static str, String) {
         Feed::Osc(address) => ("osc", format!("OSC at {address}")),
         Feed::Serial(port) => ("serial", port.name.clone()),
         Feed::Csv(path) => ("csv", path.display().to_string()),
-        Feed::Sensor { name, .. } => ("sensor", name.clone()),
+        Feed::Sensor(name) => ("sensor", (*name).to_owned()),
     }
 }
 
 impl Preview {
     /// With nothing received yet; commands to this process's own pipeline go to `orders`.
-    fn new(request: &Request, orders: SyncSender<Command>) -> Result<Self, Fault> {
-        let given = request.meshes.iter().map(|path| read_mesh(path));
+    fn new(args: &Args, feed: &Feed, orders: SyncSender<Command>) -> Result<Self, Fault> {
+        let given = args.mesh.iter().map(|path| read_mesh(path));
         let given: Vec<_> = given.collect::<Result<_, _>>()?;
         let mut recording = None;
-        if let Feed::Sensor { name, .. } = &request.feed
-            && let SourceName::Recording(path) = SourceName::from(name.as_str())
+        if let Feed::Sensor(name) = *feed
+            && let SourceName::Recording(path) = SourceName::from(name)
         {
             recording = Some(path);
         }
-        let session = recording.is_some() || matches!(request.feed, Feed::Csv(_));
+        let session = recording.is_some() || matches!(feed, Feed::Csv(_));
         let hub = Arc::new(Hub::new(session));
         let units = Recipe::read(SHIPPED).map(|recipe| recipe.units());
         let units = units.unwrap_or_default().into_iter();
@@ -309,12 +340,12 @@ impl Preview {
         Ok(Self {
             forwarder: Forwarder::start(Arc::clone(&hub)),
             hub,
-            obeys: match &request.feed {
-                Feed::Osc(_) => Obeys::Box(request.commands),
-                Feed::Sensor { .. } if recording.is_none() => Obeys::Here(Mutex::new(orders)),
+            obeys: match feed {
+                Feed::Osc(_) => Obeys::Box(args.commands),
+                Feed::Sensor(_) if recording.is_none() => Obeys::Here(Mutex::new(orders)),
                 _ => Obeys::Nobody,
             },
-            gains: request.gains.clone(),
+            gains: args.config.clone(),
             words: words(),
             own: OnceLock::new(),
             given,
@@ -324,9 +355,9 @@ impl Preview {
     }
 
     /// What pages are told of the source.
-    fn source(&self, request: &Request) -> Value {
-        let (kind, name) = named(&request.feed);
-        let mut meshes: Vec<String> = request.meshes.iter().map(|path| name_of(path)).collect();
+    fn source(&self, args: &Args, feed: &Feed) -> Value {
+        let (kind, name) = named(feed);
+        let mut meshes: Vec<String> = args.mesh.iter().map(|path| name_of(path)).collect();
         if meshes.is_empty() {
             meshes.push("head".into());
         }
@@ -334,7 +365,7 @@ impl Preview {
             "kind": kind,
             "name": name,
             "session": self.hub.is_session(),
-            "pictures": matches!(request.feed, Feed::Sensor { .. }),
+            "pictures": matches!(feed, Feed::Sensor(_)),
             "meshes": meshes,
             "commands": !matches!(self.obeys, Obeys::Nobody),
             "configuration": self.gains.as_ref().map(|path| path.display().to_string()),
@@ -347,12 +378,13 @@ impl Preview {
 ///
 /// # Errors
 /// If an address is taken, or the source, the model or a mesh cannot be read.
-pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
-    let (orders, obeyed) = sync_channel(COMMANDS);
-    let preview = Arc::new(Preview::new(request, orders)?);
-    let (listener, page) = http::listen(request.page)?;
-    let feeding = feed(&request.feed, Arc::clone(&preview), obeyed)?;
-    let source = preview.source(request).to_string();
+pub fn run(args: &Args, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
+    let (feed, (orders, obeyed)) = (args.feed(), sync_channel(COMMANDS));
+    let preview = Arc::new(Preview::new(args, &feed, orders)?);
+    let (listener, page) = http::listen(args.port)?;
+    let (_, name) = named(&feed);
+    let source = preview.source(args, &feed).to_string();
+    let feeding = args.feeding(feed, Arc::clone(&preview), obeyed)?;
     preview.hub.fact("source", "source", &source);
     let early = Arc::clone(&preview);
     std::thread::spawn(move || drop(early.mesh("0")));
@@ -360,50 +392,45 @@ pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     if let Some(warning) = warning(page) {
         say(&warning);
     }
-    let (_, name) = named(&request.feed);
     say(&format!("open http://{page}/ (shows {name}; Ctrl-C ends)"));
     http::serve(&listener, &preview);
     Ok(())
 }
 
-/// What feeds the hub, to be run on a thread of its own; all that can fail at the start has been done.
-fn feed(
-    feed: &Feed,
-    preview: Arc<Preview>,
-    commands: Receiver<Command>,
-) -> Result<Box<dyn FnOnce() + Send>, Fault> {
-    match feed {
-        Feed::Osc(address) => {
-            let socket = UdpSocket::bind(address).map_err(|error| {
-                Fault::new(format!(
-                    "cannot receive OSC at {address}: {error}; another program may be using the port: choose another with --osc, and set the same in mien's osc.target"
-                ))
-            })?;
-            Ok(Box::new(move || osc::listen(&socket, &preview.hub)))
-        }
-        Feed::Serial(port) => {
-            let port = port.clone();
-            Ok(Box::new(move || serial::listen(&port, &preview.hub)))
-        }
-        Feed::Csv(path) => {
-            let (table, reader) = table::open(path)?;
-            let units: Vec<String> = table.units().map(str::to_owned).collect();
-            preview.hub.schema(&units);
-            Ok(Box::new(move || table::play(table, reader, &preview.hub)))
-        }
-        Feed::Sensor {
-            name,
-            model,
-            config,
-        } => {
-            let settings = service::settings(config.as_deref())?;
-            let model = service::model(model.as_deref())?;
-            let mut source = source::open(name, Missing::Wait, settings.sensor.device)?;
-            let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
-            Ok(Box::new(move || {
-                sensor::follow(&mut source, &mut pipeline, &preview.hub, &commands);
-            }))
-        }
+impl Args {
+    /// What feeds the hub, to be run on a thread of its own; all that can fail at the start has been done.
+    fn feeding(
+        &self,
+        feed: Feed,
+        preview: Arc<Preview>,
+        commands: Receiver<Command>,
+    ) -> Result<Box<dyn FnOnce() + Send>, Fault> {
+        Ok(match feed {
+            Feed::Osc(address) => {
+                let socket = UdpSocket::bind(address).map_err(|error| {
+                    Fault::new(format!(
+                        "cannot receive OSC at {address}: {error}; another program may be using the port: choose another with --osc, and set the same in mien's osc.target"
+                    ))
+                })?;
+                Box::new(move || osc::listen(&socket, &preview.hub))
+            }
+            Feed::Serial(port) => Box::new(move || serial::listen(&port, &preview.hub)),
+            Feed::Csv(path) => {
+                let (table, reader) = table::open(path)?;
+                let units: Vec<String> = table.units().map(str::to_owned).collect();
+                preview.hub.schema(&units);
+                Box::new(move || table::play(table, reader, &preview.hub))
+            }
+            Feed::Sensor(name) => {
+                let settings = service::settings(self.config.as_deref())?;
+                let model = service::model(self.model.as_deref())?;
+                let mut source = source::open(name, Missing::Wait, settings.sensor.device)?;
+                let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
+                Box::new(move || {
+                    sensor::follow(&mut source, &mut pipeline, &preview.hub, &commands);
+                })
+            }
+        })
     }
 }
 
@@ -428,7 +455,7 @@ mod tests {
     fn a_port_alone_is_on_this_machine_only() {
         assert!(address("9130").unwrap().ip().is_loopback());
         assert!(!address("0.0.0.0:9130").unwrap().ip().is_loopback());
-        assert_eq!(address("host:9130"), None);
+        assert!(address("host:9130").is_err());
     }
 
     #[test]

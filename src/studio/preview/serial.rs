@@ -23,7 +23,6 @@ const RETRY: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Which port.
-#[derive(Clone, Debug)]
 pub struct Port {
     /// A device, or `tcp:host:port`.
     pub name: String,
