@@ -84,47 +84,31 @@ type Least = Option<(f64, f64)>;
 
 const SHARE: Least = Some((0.0, 1.0));
 
-/// Heading, columns and least span of the first plots. Left and right, and both directions of one measure, belong together.
-const PLOTS: [(&str, &[&str], Least); 9] = [
-    ("Confidence of the face", &["confidence"], SHARE),
+/// Heading, columns and least span of the first plots.
+const PLOTS: [(&str, &str, Least); 3] = [
+    ("Confidence of the face", "confidence", SHARE),
     (
         "Position of the head, metres in the sensor frame",
-        &["tx_m", "ty_m", "tz_m"],
+        "tx_m ty_m tz_m",
         None,
     ),
     (
         "Rotation of the head, quaternion",
-        &["qx", "qy", "qz"],
+        "qx qy qz",
         Some((-0.3, 0.3)),
     ),
+];
+/// Weights of the next ones. Left and right, and both directions of one measure, belong together.
+const WEIGHTS: [(&str, &str); 6] = [
+    ("Mouth opening and jaw", "AU25 AU26 AU29"),
     (
-        "Weights: Mouth opening and jaw",
-        &["w_AU25", "w_AU26", "w_AU29"],
-        SHARE,
+        "Mouth width: grin and pout",
+        "AU12L AU12R AU20 AU18 AU15L AU15R",
     ),
-    (
-        "Weights: Mouth width: grin and pout",
-        &[
-            "w_AU12L", "w_AU12R", "w_AU20", "w_AU18", "w_AU15L", "w_AU15R",
-        ],
-        SHARE,
-    ),
-    (
-        "Weights: Lips sideways, forward, back",
-        &["w_AU30L", "w_AU30R", "w_AU22", "w_AU28"],
-        SHARE,
-    ),
-    (
-        "Weights: Brows",
-        &["w_AU2L", "w_AU2R", "w_AU4L", "w_AU4R", "w_AU1L", "w_AU1R"],
-        SHARE,
-    ),
-    (
-        "Weights: Lids",
-        &["w_AU43L", "w_AU43R", "w_AU5L", "w_AU5R"],
-        SHARE,
-    ),
-    ("Weights: Nose", &["w_AU9L", "w_AU9R"], SHARE),
+    ("Lips sideways, forward, back", "AU30L AU30R AU22 AU28"),
+    ("Brows", "AU2L AU2R AU4L AU4R AU1L AU1R"),
+    ("Lids", "AU43L AU43R AU5L AU5R"),
+    ("Nose", "AU9L AU9R"),
 ];
 
 /// Heading, columns, least span.
@@ -132,12 +116,14 @@ type Group = (String, Vec<usize>, Least);
 
 /// Groups of columns that share a plot.
 fn groups(table: &Table) -> Vec<Group> {
-    let find = |name: &&str| table.header.iter().position(|one| one == name);
-    let first = PLOTS.iter().map(|&(title, names, least)| {
-        let columns = names.iter().filter_map(find).collect();
-        (title.to_owned(), columns, least)
-    });
-    let mut groups: Vec<Group> = first.collect();
+    let find = |names: &str, prefix: &str| {
+        let columns = names.split(' ').map(|name| format!("{prefix}{name}"));
+        let at = |name: String| table.header.iter().position(|one| *one == name);
+        columns.filter_map(at).collect::<Vec<usize>>()
+    };
+    let first = PLOTS.map(|(title, names, least)| (title.to_owned(), find(names, ""), least));
+    let weights = WEIGHTS.map(|(of, units)| (format!("Weights: {of}"), find(units, "w_"), SHARE));
+    let mut groups: Vec<Group> = first.into_iter().chain(weights).collect();
     let shown: Vec<usize> = groups.iter().flat_map(|group| group.1.clone()).collect();
     let others = table.columns("w_").filter(|k| !shown.contains(k));
     for some in others.collect::<Vec<_>>().chunks(6) {
