@@ -21,7 +21,6 @@ pub(in crate::studio) fn nobody(data: &Path) -> Fault {
 }
 
 /// How much is played.
-#[derive(Clone, Debug)]
 pub struct Sessions {
     /// Held-out people, at most.
     pub people: usize,

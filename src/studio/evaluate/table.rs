@@ -34,7 +34,6 @@ fn worst(worst: Option<Worst>, precision: usize, unit: &str) -> String {
 }
 
 /// How a unit's weight follows the truth.
-#[derive(Clone, Debug)]
 pub struct Following {
     /// Which.
     pub unit: String,
@@ -57,7 +56,6 @@ pub struct Following {
 }
 
 /// The table.
-#[derive(Clone, Debug)]
 pub struct Table {
     /// People played.
     pub people: usize,

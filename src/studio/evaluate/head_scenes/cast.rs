@@ -61,11 +61,22 @@ impl Cast<'_> {
 
     /// A scene with the cast that begins with person `k`.
     fn film(&self, scene: Scene, k: usize, frames: usize) -> Result<Film, PipelineError> {
-        let mut simulator = self.simulator(scene, k);
+        self.filmed(self.simulator(scene, k), frames, |simulator, n, frame| {
+            simulator.draw(at(n), frame);
+        })
+    }
+
+    /// What `draw` draws of a scene, frame by frame.
+    fn filmed(
+        &self,
+        mut simulator: Simulator,
+        frames: usize,
+        mut draw: impl FnMut(&mut Simulator, usize, &mut Frame),
+    ) -> Result<Film, PipelineError> {
         let mut pipeline = self.pipeline(&simulator)?;
         let (mut frame, mut film) = (Frame::default(), Film::default());
         for n in 0..frames {
-            simulator.draw(at(n), &mut frame);
+            draw(&mut simulator, n, &mut frame);
             pipeline.follow(&frame);
             let truths: Vec<_> = simulator.truths().collect();
             film.add(&truths, &pipeline);
@@ -87,11 +98,9 @@ impl Cast<'_> {
 
     /// `acted`, from 0.5 to 1.2 m.
     pub(super) fn near_and_far(&self, k: usize) -> Result<Film, PipelineError> {
-        let mut simulator = self.simulator(Scene::Acted, k);
-        let mut pipeline = self.pipeline(&simulator)?;
-        let (mut frame, mut film) = (Frame::default(), Film::default());
         let asset = self.asset(k);
-        for n in 0..self.frames {
+        let simulator = self.simulator(Scene::Acted, k);
+        self.filmed(simulator, self.frames, |simulator, n, frame| {
             let mut weights = vec![0.0f32; asset.expressions.len()];
             let t = (at(n).as_us() as f64 * 1e-6) as f32;
             let pose = Scene::Acted.play(self.seed + k as u64, t, |name, weight| {
@@ -101,11 +110,8 @@ impl Cast<'_> {
             });
             let mut pose = pose.expect("somebody acts");
             pose.translation.vector.z = 0.85 + (pose.translation.vector.z - 0.8) * 1.75;
-            let truth = simulator.draw_pose(&pose, &weights, at(n), &mut frame);
-            pipeline.follow(&frame);
-            film.add(&[Some(&truth)], &pipeline);
-        }
-        Ok(film)
+            simulator.draw_pose(&pose, &weights, at(n), frame);
+        })
     }
 
     /// Rotation error (degrees) after two frames from each direction, infinite where there is no pose, the offset of the

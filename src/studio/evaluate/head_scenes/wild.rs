@@ -31,7 +31,6 @@ pub const SECONDS: f64 = 20.0;
 const BACKLIT: &str = "backlit";
 
 /// One person's figures.
-#[derive(Clone, Debug)]
 pub struct Row {
     /// What they wear and how they are seen.
     pub who: String,
@@ -48,7 +47,6 @@ pub struct Row {
 }
 
 /// The table.
-#[derive(Clone, Debug)]
 pub struct Table {
     /// By person.
     pub rows: Vec<Row>,

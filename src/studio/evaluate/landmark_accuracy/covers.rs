@@ -6,12 +6,13 @@ use crate::simulator::virtual_head::Truth;
 /// Covered points: a fifth.
 pub(super) const COVERED: usize = 14;
 
-/// Copies a picture and covers the points nearest to one of them with a rough disc; tells which.
+/// Copies a picture and lays a rough disc of the skin's grey on so many points, those nearest to one of them, or on more than
+/// all; tells which.
 pub(super) fn cover(
     out: &mut [u8; PIXELS],
     luma: &[u8; PIXELS],
     truth: &Truth,
-    centre: usize,
+    (centre, count): (usize, usize),
     random: &mut fastrand::Rng,
 ) -> [bool; LANDMARKS] {
     let points = &truth.landmarks_px;
@@ -19,36 +20,12 @@ pub(super) fn cover(
     let far = points.map(|p| (p[0] - x).hypot(p[1] - y));
     let mut order: [usize; LANDMARKS] = std::array::from_fn(|i| i);
     order.sort_by(|&a, &b| far[a].total_cmp(&far[b]));
-    let radius = 0.5 * (far[order[COVERED - 1]] + far[order[COVERED]]);
-    disc(out, luma, truth, [x, y], radius, random);
-    std::array::from_fn(|i| order[..COVERED].contains(&i))
-}
-
-/// Copies a picture and covers all of a face.
-pub(super) fn hide(
-    out: &mut [u8; PIXELS],
-    luma: &[u8; PIXELS],
-    truth: &Truth,
-    random: &mut fastrand::Rng,
-) {
-    let points = &truth.landmarks_px;
-    let [x, y] = points[30];
-    let far = points.map(|p| (p[0] - x).hypot(p[1] - y));
-    let reach = far.into_iter().fold(0.0, f32::max);
-    disc(out, luma, truth, [x, y], 1.1 * reach, random);
-}
-
-/// Copies a picture and lays a rough disc of the skin's grey on it.
-fn disc(
-    out: &mut [u8; PIXELS],
-    luma: &[u8; PIXELS],
-    truth: &Truth,
-    [x, y]: [f32; 2],
-    radius: f32,
-    random: &mut fastrand::Rng,
-) {
+    let last = far[order[count - 1]];
+    let radius = order
+        .get(count)
+        .map_or(1.1 * last, |&next| 0.5 * (last + far[next]));
     out.copy_from_slice(luma);
-    let nose = truth.landmarks_px[30];
+    let nose = points[30];
     let skin = f32::from(luma[(nose[1] as usize * WIDTH + nose[0] as usize).min(PIXELS - 1)]);
     let reach = radius.ceil() as i64;
     for row in -reach..=reach {
@@ -64,4 +41,5 @@ fn disc(
             }
         }
     }
+    std::array::from_fn(|i| order[..count].contains(&i))
 }

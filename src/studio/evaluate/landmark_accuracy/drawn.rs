@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::covers::{COVERED, cover, hide};
+use super::covers::{COVERED, cover};
 use super::tallies::{Condition, Seen, Share, mean_percent};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS};
@@ -248,7 +248,7 @@ impl<'a> Player<'a> {
             play.centre = self.random.usize(..LANDMARKS);
         }
         let (out, luma) = (&mut play.changed, &self.frame.luma);
-        let hidden = cover(out, luma, truth, play.centre, &mut self.random);
+        let hidden = cover(out, luma, truth, (play.centre, COVERED), &mut self.random);
         let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
             return;
         };
@@ -270,7 +270,7 @@ impl<'a> Player<'a> {
         let [every, last] = HIDE;
         if play.index % every >= every - last {
             let (out, luma) = (&mut play.changed, &self.frame.luma);
-            hide(out, luma, &now.truth, &mut self.random);
+            cover(out, luma, &now.truth, (30, LANDMARKS), &mut self.random);
             let found = self.fit_in(&play.changed, &mut play.sceptic, now).is_some();
             self.seen.count(Share::Unseen, !found);
             play.waited = Some(0);
