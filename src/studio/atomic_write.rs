@@ -3,6 +3,8 @@
 use std::io;
 use std::path::Path;
 
+use crate::studio::fault::Fault;
+
 /// Writes through a neighbour with `.part` behind its name, so that no half file is left and an old one stands until the
 /// new one is whole. What a link names is written; what is no file, such as `/dev/stdout`, is written to directly.
 ///
@@ -22,6 +24,15 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
             // That it cannot be removed adds nothing to the error reported.
             let _ = std::fs::remove_file(&part);
         })
+}
+
+/// Writes what a command was asked for.
+///
+/// # Errors
+/// As [`write()`], in a sentence.
+pub fn write_out(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
+    let advice = "; give another place with --out";
+    write(path, bytes).map_err(Fault::cannot("write", path, advice))
 }
 
 #[cfg(test)]

@@ -9,7 +9,6 @@ pub fn cells(line: &str) -> Vec<&str> {
 }
 
 /// A table with a header.
-#[derive(Clone, Debug)]
 pub struct Table<'a> {
     /// The first line.
     pub header: &'a str,
@@ -18,7 +17,6 @@ pub struct Table<'a> {
 }
 
 /// A line of a table below its header.
-#[derive(Clone, Debug)]
 pub struct Row<'a> {
     /// Counted from 1 with the header.
     pub line: usize,

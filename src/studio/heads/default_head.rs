@@ -14,7 +14,7 @@ use image::RgbImage;
 use serde_json::{Value, json};
 
 use super::hero::{Hero, JOINT, Layer, Look, NECK, turns};
-use crate::studio::bake::files::write;
+use crate::studio::atomic_write::write_out;
 use crate::studio::bake::glb::{Glb, VERTICES, push};
 use crate::studio::bake::head::Head;
 use crate::studio::bake::mesh::Vec3;
@@ -212,7 +212,7 @@ pub fn write_to(out: &Path) -> Result<String, Fault> {
     let lines: String = hero.landmarks.iter().map(|v| format!("{v}\n")).collect();
     files.push((out.with_extension("txt"), lines.into_bytes()));
     for (path, bytes) in &files {
-        write(path, bytes)?;
+        write_out(path, bytes)?;
     }
     let beside = files[1..].iter().map(|file| file.0.display().to_string());
     let beside = beside.collect::<Vec<_>>().join(", ");

@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Rotation;
 use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site, Texture};
-use crate::studio::atomic_write;
+use crate::studio::atomic_write::write_out;
 use crate::studio::fault::Fault;
 use crate::studio::heads::ict::{IctHead, part, part_of};
 use crate::studio::people_split::numbered;
@@ -40,12 +40,11 @@ const STILL_M: f32 = 2e-5;
 /// Writes a head; returns the size of the file, bytes.
 fn write(asset: &HeadAsset, out: &Path) -> Result<usize, Fault> {
     let bytes = asset.emit();
-    atomic_write::write(out, &bytes).map_err(Fault::cannot("write", out, ""))?;
+    write_out(out, &bytes)?;
     Ok(bytes.len())
 }
 
 /// A head with a photograph, and whose it is.
-#[derive(Clone)]
 pub struct PersonHead {
     /// Place of the person in the list of all persons of the collection: decides the split.
     pub person: usize,

@@ -10,7 +10,7 @@ use super::{mesh, model, ranges, recording, run};
 use crate::appliance::settings::Settings;
 use crate::appliance::source::Source;
 use crate::face_model::{FaceModel, file::MAGIC};
-use crate::studio::atomic_write;
+use crate::studio::atomic_write::write_out;
 use crate::studio::fault::Fault;
 use crate::studio::picture_files::png;
 use crate::studio::text_files::{MOST, name_of};
@@ -72,8 +72,7 @@ pub fn inspect(
         true => album.html().into_bytes(),
         false => png(&album.sheet()),
     };
-    let unwritable = Fault::cannot("write", &out, "; choose another place with --out");
-    atomic_write::write(&out, bytes).map_err(unwritable)?;
+    write_out(&out, bytes)?;
     Ok(out)
 }
 

@@ -19,7 +19,6 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// What the caller chooses.
-#[derive(Clone, Debug)]
 pub struct Settings {
     /// Number of shape modes; none chooses it from the tracks.
     pub rank: Option<usize>,
@@ -40,7 +39,6 @@ impl Default for Settings {
 }
 
 /// What is recovered. Object frame: arbitrary rotation and possibly mirrored in depth as a whole, centroid at 0.
-#[derive(Clone, Debug)]
 pub struct Reconstruction {
     /// F shapes of P points, in the object frame, in the tracks' unit (camera scales average 1).
     pub shapes: Shapes,

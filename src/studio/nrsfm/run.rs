@@ -3,7 +3,7 @@
 use super::align::{rigid_mean_shape, shape_error};
 use super::reconstruction::{Settings, nrsfm};
 use super::tracks::{Shapes, Tracks};
-use crate::studio::atomic_write;
+use crate::studio::atomic_write::write_out;
 use crate::studio::fault::Fault;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -57,8 +57,7 @@ pub fn run(args: &Args) -> Result<(), Fault> {
     if let Some(truth) = &truth {
         print_errors(&tracks, &recovered.shapes, truth);
     }
-    let unwritable = Fault::cannot("write", &args.out, "; choose another --out");
-    atomic_write::write(&args.out, recovered.shapes.to_csv()).map_err(unwritable)?;
+    write_out(&args.out, recovered.shapes.to_csv())?;
     println!("wrote {}", args.out.display());
     Ok(())
 }

@@ -12,7 +12,6 @@ use crate::studio::strongest::strongest;
 use nalgebra::{DMatrix, Vector3};
 
 /// A linear 3D shape model in the reference's frame and unit: `S = mean + Σ q_i mode_i`.
-#[derive(Clone, Debug)]
 pub struct ShapeBases {
     /// Base shape, P points.
     pub mean: Vec<[f64; 3]>,

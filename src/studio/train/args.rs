@@ -1,9 +1,7 @@
-//! The words of `mien-studio train`, and where its result goes.
+//! The words of `mien-studio train`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use crate::studio::atomic_write;
-use crate::studio::fault::Fault;
 use crate::studio::people_split::Data;
 
 /// What to train from and where to write.
@@ -45,10 +43,4 @@ pub struct TrainArgs {
     /// Also hold out the people used for choosing settings, to measure on them
     #[arg(long)]
     pub hold_out_dev: bool,
-}
-
-/// Writes a file of the training, whole or not at all.
-pub(in crate::studio) fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
-    let advice = "; give another place with --out";
-    atomic_write::write(path, bytes).map_err(Fault::cannot("write", path, advice))
 }

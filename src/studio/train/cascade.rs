@@ -25,7 +25,6 @@ const PRIOR_SCALE: f32 = 0.2;
 const PENALTY: f32 = 0.5;
 
 /// Where a sample's fit is, and where it started.
-#[derive(Clone, Copy)]
 pub struct Progress {
     /// Which sample.
     pub sample: usize,

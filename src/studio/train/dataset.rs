@@ -33,7 +33,6 @@ pub(super) fn too_few(expected: usize, found: usize) -> Fault {
 }
 
 /// One picture of a data set, not loaded yet.
-#[derive(Clone, Debug)]
 pub struct Entry {
     /// File name as in the table.
     pub file: String,

@@ -41,7 +41,6 @@ pub mod standard_head;
 mod worn;
 
 pub use args::TrainArgs;
-pub(in crate::studio) use args::write;
 
 use crate::studio::fault::Fault;
 

@@ -107,7 +107,6 @@ pub(super) fn belief(fits: &[Ended]) -> [f32; 2] {
 }
 
 /// What a model reaches on pictures: errors in outer-eye distances.
-#[derive(Clone, Copy, Debug)]
 pub(super) struct Figures {
     start: f32,
     mean: f32,

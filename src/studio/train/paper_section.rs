@@ -4,10 +4,11 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use super::args::{TrainArgs, write};
+use super::args::TrainArgs;
 use super::paper_aam::paper_aam_block;
 use super::person::learn_session;
 use crate::face_model::{FaceModel, SHIPPED, ShapeModel, file};
+use crate::studio::atomic_write::write_out;
 use crate::studio::fault::Fault;
 use crate::studio::nrsfm::Tracks;
 
@@ -63,7 +64,7 @@ pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(),
         None => Source::of(args)?.section(args, &model.shape, say)?,
     };
     let grafted = file::with_section(&bytes, *b"PAAM", &block)?;
-    write(&args.out, &grafted)?;
+    write_out(&args.out, &grafted)?;
     let kept = file::sections(&bytes)?
         .zip(file::sections(&grafted)?)
         .filter(|(before, after)| before == after)

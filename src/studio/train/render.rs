@@ -37,7 +37,6 @@ use crate::studio::heads::{PersonHead, plain_head, textured_heads};
 use crate::studio::progress::Progress;
 
 /// One picture with its truth.
-#[derive(Clone, Debug)]
 pub struct TrainingSample {
     /// Columns of the crop.
     pub width: usize,

@@ -153,7 +153,6 @@ impl TruePicture {
 }
 
 /// How far starts lie from the truth: uniform within ± these.
-#[derive(Clone, Copy, Debug)]
 pub struct Disturbance {
     /// Position, share of the face width.
     pub position: f32,

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::args::{TrainArgs, write};
+use super::args::TrainArgs;
 use super::cascade::{Progress, advance, cold_starts, fit_cold, learn_stage};
 use super::dataset::{read_folder, too_few};
 use super::evaluate::{Errors, differences, mean_offsets, without};
@@ -24,6 +24,7 @@ use crate::face_model::{
 };
 use crate::landmarks::cascade::Solver;
 use crate::simulator::virtual_head::Site;
+use crate::studio::atomic_write::write_out;
 use crate::studio::fault::Fault;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::people_split::Split;
@@ -289,7 +290,7 @@ fn write_offsets(
     let samples = disturbed(few, 4, &[COLD], false, args.seed + 13);
     let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
     let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
-    write(path, crate::studio::fit::emit_offsets(&offsets).as_bytes())
+    write_out(path, crate::studio::fit::emit_offsets(&offsets))
 }
 
 /// Trains a model and writes it; `say` gets one line per step.
@@ -305,7 +306,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     let ict = IctHead::read(&args.data.data.join("ict_facekit"))?;
     let mut model = learn_fits(args, &ict, log)?;
     // Written before the paper's model as well, which takes longest: what is done is not lost.
-    write(&args.out, &file::emit(&model))?;
+    write_out(&args.out, file::emit(&model))?;
     model.paper_aam = paper.section(args, &model.shape, log.say)?;
     if args.drawn > 0 {
         let keep = |person| args.learns_from(Split::of(person));
@@ -317,7 +318,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     let [.., a, b, c, d] = bytes[..] else {
         unreachable!("a model ends with its checksum");
     };
-    write(&args.out, &bytes)?;
+    write_out(&args.out, &bytes)?;
     log.done(&format!(
         "wrote {}: {} bytes, id {:08x}",
         args.out.display(),

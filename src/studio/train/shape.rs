@@ -153,7 +153,6 @@ pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec
 }
 
 /// A similarity: `p -> translation + scale * rotation * p`.
-#[derive(Clone, Copy, Debug)]
 pub struct Similarity {
     /// Size ratio.
     pub scale: f32,
