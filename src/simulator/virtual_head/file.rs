@@ -26,24 +26,12 @@ const STEP_M: f32 = 1e-5;
 /// Pixels per step of a place in the photograph.
 const STEP_PX: f32 = 1.0 / 32.0;
 
-/// Why bytes are not a head.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum HeadFileError {
-    /// Something else.
-    #[error(
-        "expected a head file beginning with MIENHEAD version {VERSION}, found another kind of file; make one with mien-studio"
-    )]
-    NotAHead,
-    /// Damaged: the checksum in the file, and that of the file.
-    #[error("head file damaged: expected checksum {0:08x}, found {1:08x}; fetch or make it again")]
-    Checksum(u32, u32),
-    /// Cut short, or with something behind its end.
-    #[error("head file has the wrong length at {0}; fetch or make it again")]
-    Length(&'static str),
-    /// A number that cannot be.
-    #[error("head file has an impossible value in {0}; fetch or make it again")]
-    Value(&'static str),
-}
+/// Why bytes are not a head: in what of the file they go wrong.
+#[derive(Debug, PartialEq, thiserror::Error)]
+#[error(
+    "not a whole head file of MIENHEAD version {VERSION}: wrong {0}; make it again with mien-studio"
+)]
+pub struct HeadFileError(&'static str);
 
 /// Contexts of the coder; those of several axes take as many.
 mod context {
@@ -119,11 +107,8 @@ impl<C: Coder> File<C> {
     ) -> Result<i32, HeadFileError> {
         let what = self.what;
         let number = before + self.coder.number(context, number - before);
-        if self.coder.is_cut_short() {
-            return Err(HeadFileError::Length(what));
-        }
-        let fits = range.contains(&number);
-        fits.then_some(number).ok_or(HeadFileError::Value(what))
+        let fits = range.contains(&number) && !self.coder.is_cut_short();
+        fits.then_some(number).ok_or(HeadFileError(what))
     }
 
     fn count(&mut self, count: usize, most: i32) -> Result<usize, HeadFileError> {
@@ -152,7 +137,7 @@ impl<C: Coder> File<C> {
         *value = f32::from_le_bytes(bytes);
         let what = self.what;
         let fits = value.is_finite();
-        fits.then_some(()).ok_or(HeadFileError::Value(what))
+        fits.then_some(()).ok_or(HeadFileError(what))
     }
 
     fn head(&mut self, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
@@ -214,7 +199,7 @@ impl<C: Coder> File<C> {
             first = corners[0].cast_signed();
             kind = self.next(context::PART, *part as i32, kind, BYTE)?;
             let known = Part::ALL.get(kind as usize).copied();
-            *part = known.ok_or(HeadFileError::Value(self.what))?;
+            *part = known.ok_or(HeadFileError(self.what))?;
         }
         asset.triangles = triangles.into();
         asset.parts = parts.into();
@@ -262,7 +247,7 @@ impl<C: Coder> File<C> {
             *letter = self.next(context::BYTE, (*letter).into(), 0, BYTE)? as u8;
         }
         let what = self.what;
-        expression.name = String::from_utf8(name).map_err(|_| HeadFileError::Value(what))?;
+        expression.name = String::from_utf8(name).map_err(|_| HeadFileError(what))?;
         let largest = expression.offsets.iter().map(Vector::amax);
         let mut unit = largest.fold(1e-9, f32::max) / 127.0;
         self.f32(&mut unit)?;
@@ -315,18 +300,15 @@ impl<C: Coder> File<C> {
 
 /// What follows the header, if it is whole.
 fn checked(bytes: &[u8]) -> Result<&[u8], HeadFileError> {
-    let (Some(head), Some(body)) = (bytes.get(..HEADER), bytes.get(HEADER..)) else {
-        return Err(HeadFileError::NotAHead);
-    };
+    let (head, body) = bytes
+        .split_at_checked(HEADER)
+        .ok_or(HeadFileError("length"))?;
     let word = |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("four bytes"));
     if &head[..8] != MAGIC || word(8) != VERSION {
-        return Err(HeadFileError::NotAHead);
+        return Err(HeadFileError("beginning"));
     }
-    let (expected, found) = (word(12), crc32(body));
-    if expected != found {
-        return Err(HeadFileError::Checksum(expected, found));
-    }
-    Ok(body)
+    let intact = word(12) == crc32(body);
+    intact.then_some(body).ok_or(HeadFileError("checksum"))
 }
 
 impl HeadAsset {
@@ -349,7 +331,7 @@ impl HeadAsset {
         file.head(&mut asset)?;
         let whole = file.coder.is_finished();
         let what = file.what;
-        whole.then_some(asset).ok_or(HeadFileError::Length(what))
+        whole.then_some(asset).ok_or(HeadFileError(what))
     }
 
     /// The bytes of the file, quantised; places within ±0.32 m.
@@ -398,9 +380,7 @@ mod tests {
                 bad[at] = rng.u8(..);
             }
             // The checksum says so; with a checksum to match, the counts and indices must.
-            assert!(
-                bad == bytes || matches!(HeadAsset::parse(&bad), Err(HeadFileError::Checksum(..)))
-            );
+            assert!(bad == bytes || HeadAsset::parse(&bad) == Err(HeadFileError("checksum")));
             let sum = crc32(&bad[HEADER..]);
             bad[12..16].copy_from_slice(&sum.to_le_bytes());
             if let Ok(head) = HeadAsset::parse(&bad) {

@@ -11,6 +11,7 @@ use crate::simulator::virtual_head::{Light, Truth};
 use crate::studio::fault::Fault;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
+use crate::studio::train::evaluate::{differences, mean_percent};
 
 /// No data set has anybody to play.
 pub(in crate::studio) fn nobody(data: &Path) -> Fault {
@@ -110,14 +111,8 @@ pub(crate) fn median(values: &[f64]) -> f64 {
 
 /// Mean distance of all points and of those without the jaw, per cent of the outer-eye distance.
 pub(super) fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f64; 2] {
-    let distance = |a: [f32; 2], b: [f32; 2]| f64::from((a[0] - b[0]).hypot(a[1] - b[1]));
-    let eyes = distance(truth.landmarks_px[36], truth.landmarks_px[45]);
-    [0, 17].map(|from| {
-        let sum: f64 = (from..LANDMARKS)
-            .map(|i| distance(found[i], truth.landmarks_px[i]))
-            .sum();
-        100.0 * sum / (LANDMARKS - from) as f64 / eyes
-    })
+    let d = differences(found, &truth.landmarks_px);
+    [&d[..], &d[17..]].map(|some| mean_percent(some).into())
 }
 
 /// Mean of `true⁻¹ · found` over pairs of both: the one offset of a person.

@@ -47,8 +47,8 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     let renderer = Renderer::new(&data, |person| person == 32).expect("data are readable");
     let all = renderer.samples(0..4, 9);
     let one = renderer.samples(2..3, 9);
-    assert_eq!(all[2].luma, one[0].luma);
-    assert_ne!(all[2].luma, renderer.samples(2..3, 10)[0].luma);
+    assert_eq!(all[2].grey.luma, one[0].grey.luma);
+    assert_ne!(all[2].grey.luma, renderer.samples(2..3, 10)[0].grey.luma);
     let camera = crate::sensor::kinect::geometry::nominal();
     for sample in &all {
         for k in 0..crate::base::capacity::LANDMARKS {

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use crate::base::capacity::USERS;
 use crate::output::Command;
+use crate::output::osc::packet::{Argument, Packet};
 
 /// Where a box listens for commands, as shipped.
 pub const PORT: u16 = 9131;
@@ -75,21 +76,6 @@ fn done(command: Command) -> &'static str {
     }
 }
 
-/// `/face/cmd/<name>` with a slot and perhaps a switch.
-fn message(name: &str, slot: usize, on: Option<i32>) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let tags = if on.is_some() { ",ii" } else { ",i" };
-    for text in [&*format!("/face/cmd/{name}"), tags] {
-        bytes.extend(text.bytes());
-        // A zero ends a string, and more fill it to a multiple of four.
-        bytes.resize((bytes.len() / 4 + 1) * 4, 0);
-    }
-    for number in [Some(slot as i32), on].into_iter().flatten() {
-        bytes.extend(number.to_be_bytes());
-    }
-    bytes
-}
-
 fn send(command: Command, to: SocketAddr) -> Result<(), String> {
     let (name, slot, on) = match command {
         Command::Forget(slot) => ("forget", slot, None),
@@ -97,13 +83,21 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
         Command::Freeze(slot, on) => ("freeze", slot, Some(on.into())),
         Command::Level(gesture, level) => ("level", gesture, Some(level.into())),
     };
-    let datagram = message(name, slot, on);
+    let numbers = [Some(slot as i32), on].into_iter().flatten();
+    let mut packet = Packet::new();
+    packet.push(
+        "/face/cmd/",
+        format_args!("{name}"),
+        numbers.map(Argument::Int),
+    );
+    // The message alone: without the bundle's header and its length there.
+    let datagram = &packet.bytes()[20..];
     let cannot = |error: std::io::Error| format!("cannot ask {to}: {error}");
     let here = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
     let socket = UdpSocket::bind(here).map_err(cannot)?;
     socket.connect(to).map_err(cannot)?;
     socket.set_read_timeout(Some(REFUSAL)).map_err(cannot)?;
-    socket.send(&datagram).map_err(cannot)?;
+    socket.send(datagram).map_err(cannot)?;
     // Commands are not answered; where nobody listens, the system says so.
     match socket.recv(&mut [0]) {
         Err(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => Err(format!(

@@ -11,9 +11,10 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::cascade::Progress;
+use super::evaluate::{differences, mean_percent};
 use super::samples::{Eye, Sample};
 use crate::base::capacity::LANDMARKS;
-use crate::face_model::{ConfidenceModel, PATCH, ShapeModel, scheme};
+use crate::face_model::{ConfidenceModel, PATCH, ShapeModel};
 use crate::landmarks::cascade::{Solver, discriminants, face_signs, landmark_signs};
 
 /// Errors up to this are good, per cent of the eye distance.
@@ -108,11 +109,8 @@ fn errors_of(
             }
             solver.project(shape, &end.fit);
             let points = &samples[end.sample].points;
-            let eye = scheme::outer_eye_distance(points);
-            let mut errors = std::array::from_fn(|i| {
-                let (a, b) = (solver.window[i], points[i]);
-                100.0 * (a[0] - b[0]).hypot(a[1] - b[1]) / eye
-            });
+            let differences = differences(&solver.window, points);
+            let mut errors = differences.map(|d| mean_percent(&[d]));
             let face = errors.iter().sum::<f32>() / LANDMARKS as f32;
             for (error, visible) in errors.iter_mut().zip(samples[end.sample].visible) {
                 if !visible {

@@ -3,6 +3,14 @@
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::scheme;
 
+/// Differences of all points ([`differences`]).
+pub type Differences = [[f32; 2]; LANDMARKS];
+
+/// Mean distance of some points, per cent.
+pub fn mean_percent(some: &[[f32; 2]]) -> f32 {
+    100.0 * some.iter().map(|d| d[0].hypot(d[1])).sum::<f32>() / some.len() as f32
+}
+
 /// Errors over many faces.
 #[derive(Clone, Debug, Default)]
 pub struct Errors {
@@ -15,10 +23,7 @@ pub struct Errors {
 }
 
 /// Fitted minus placed in face axes (x along the outer eye corners), in outer eye distances.
-pub fn differences(
-    fitted: &[[f32; 2]; LANDMARKS],
-    placed: &[[f32; 2]; LANDMARKS],
-) -> [[f32; 2]; LANDMARKS] {
+pub fn differences(fitted: &[[f32; 2]; LANDMARKS], placed: &[[f32; 2]; LANDMARKS]) -> Differences {
     let [r, l] = scheme::OUTER_EYE_CORNERS;
     let eye = scheme::outer_eye_distance(placed).max(1e-6);
     let along = [0, 1].map(|k| (placed[l][k] - placed[r][k]) / eye);
@@ -33,16 +38,13 @@ pub fn differences(
 
 impl Errors {
     /// Takes in one face's differences ([`differences`]).
-    pub fn add(&mut self, differences: &[[f32; 2]; LANDMARKS]) {
+    pub fn add(&mut self, differences: &Differences) {
         self.sums.resize(LANDMARKS, 0.0);
-        let percent = differences.map(|d| 100.0 * d[0].hypot(d[1]));
-        for (sum, e) in self.sums.iter_mut().zip(percent) {
-            *sum += f64::from(e);
+        for (sum, d) in self.sums.iter_mut().zip(differences) {
+            *sum += f64::from(mean_percent(&[*d]));
         }
-        let [all, inner] = [&percent[..], &percent[scheme::INNER]];
-        let mean = |some: &[f32]| some.iter().sum::<f32>() / some.len() as f32;
-        self.faces.push(mean(all));
-        self.inner.push(mean(inner));
+        self.faces.push(mean_percent(differences));
+        self.inner.push(mean_percent(&differences[scheme::INNER]));
     }
 
     /// Mean over the inner 51.
@@ -79,17 +81,14 @@ impl Errors {
 }
 
 /// Mean difference per landmark, face axes, in outer eye distances.
-pub fn mean_offsets(differences: &[[[f32; 2]; LANDMARKS]]) -> [[f32; 2]; LANDMARKS] {
+pub fn mean_offsets(differences: &[Differences]) -> Differences {
     let count = differences.len().max(1) as f32;
     let mean = |i: usize, k: usize| differences.iter().fold(0.0, |s, d| s + d[i][k]) / count;
     std::array::from_fn(|i| [0, 1].map(|k| mean(i, k)))
 }
 
 /// The differences with offsets taken out.
-pub fn without(
-    differences: &[[f32; 2]; LANDMARKS],
-    offsets: &[[f32; 2]; LANDMARKS],
-) -> [[f32; 2]; LANDMARKS] {
+pub fn without(differences: &Differences, offsets: &Differences) -> Differences {
     std::array::from_fn(|i| [0, 1].map(|k| differences[i][k] - offsets[i][k]))
 }
 

@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::dataset::too_few;
-use super::paper_aam_fits::{Figures, Known, Seen, belief, cut, fits, told};
+use super::paper_aam_fits::{Known, Seen, belief, cut, figures, fits, told};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{NEAR, TruePicture};
 use crate::base::capacity::LANDMARKS;
@@ -115,9 +115,9 @@ pub fn paper_aam_block(
         })
     });
     let strangers: Vec<Known> = strangers.collect();
-    let fits = fits(&model, &strangers, NEAR, seed);
+    let fits = fits(&model, &strangers, &NEAR, seed);
     model.belief = belief(&fits);
-    let figures = Figures::of(&model, &fits, &strangers);
+    let figures = figures(&model, &fits, &strangers);
     say(&format!("strangers, drawn: {figures}"));
     Ok(model.to_bytes())
 }
@@ -320,10 +320,10 @@ pub(super) fn person_block(
     learn_appearance(&mut model, &pictures, MODES_OF_ONE[1], seed);
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
     let others: Vec<Known> = of(1).cloned().collect();
-    let fits = fits(&model, &others, NEAR, seed);
+    let fits = fits(&model, &others, &NEAR, seed);
     // The frames between are of the same session; another one has other light and is drawn, or seen, from elsewhere.
     model.belief = belief(&fits).map(|of| OTHER_SESSION * of);
-    let figures = Figures::of(&model, &fits, &others);
+    let figures = figures(&model, &fits, &others);
     say(&format!(
         "{} shape and {} appearance modes; frames in between, against the default's points: {figures}",
         model.head_modes.len(),

@@ -6,13 +6,13 @@ use super::samples::{Disturbance, TruePicture};
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Point;
 use crate::expression::measures::{self, Measure};
-use crate::face_model::scheme::OUTER_EYE_CORNERS;
 use crate::landmarks::paper_aam::warp::Shape2;
 use crate::landmarks::paper_aam::{AamFit, PaperAam, Solver};
 use crate::landmarks::view::View;
 use crate::landmarks::window::{Placement, Region, WINDOW};
 use crate::studio::correlation::correlation;
 use crate::studio::progress::Progress;
+use crate::studio::train::evaluate::{differences, mean_percent};
 
 /// A picture, and what its points in the head frame of the shape model measure.
 #[derive(Clone)]
@@ -61,7 +61,7 @@ pub(super) struct Ended {
 pub(super) fn fits(
     model: &PaperAam,
     pictures: &[Known],
-    range: Disturbance,
+    range: &Disturbance,
     seed: u64,
 ) -> Vec<Ended> {
     let progress = Progress::new("train: fits", pictures.len());
@@ -74,14 +74,8 @@ pub(super) fn fits(
         let first = solver.cold(&start);
         let started = first.shape;
         let fit = solver.run(&window, first, start, 20);
-        let eyes = OUTER_EYE_CORNERS.map(|i| points[i]);
-        let size = (eyes[0][0] - eyes[1][0]).hypot(eyes[0][1] - eyes[1][1]);
-        let off = |shape: &Shape2| {
-            let apart = points.iter().zip(shape);
-            let sum: f32 = apart.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum();
-            sum / LANDMARKS as f32 / size
-        };
-        let errors = [off(&started), off(&fit.shape)];
+        let off = |shape| mean_percent(&differences(shape, &points)) / 100.0;
+        let errors = [&started, &fit.shape].map(off);
         Ended { fit, errors }
     };
     pictures
@@ -106,53 +100,26 @@ pub(super) fn belief(fits: &[Ended]) -> [f32; 2] {
     [at(0.98), ((at(0.98) - at(0.5)) / 4.0).max(0.01)]
 }
 
-/// What a model reaches on pictures: errors in outer-eye distances.
-pub(super) struct Figures {
-    start: f32,
-    mean: f32,
-    median: f32,
-    failed: f32,
-    correlations: [f32; TOLD.len()],
-}
-
-impl std::fmt::Display for Figures {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "from {:.2} % to {:.2} % (mean {:.2} %) of the outer-eye distance, {:.1} % failed; correlation",
-            100.0 * self.start,
-            100.0 * self.median,
-            100.0 * self.mean,
-            100.0 * self.failed
-        )?;
-        for (measure, r) in TOLD.iter().zip(self.correlations) {
-            write!(f, ", {} {r:.2}", measure.name())?;
-        }
-        Ok(())
-    }
-}
-
-impl Figures {
-    pub(super) fn of(model: &PaperAam, fits: &[Ended], pictures: &[Known]) -> Self {
-        let solver = Solver::new(model.clone());
-        let n = fits.len().max(1) as f32;
-        let [starts, errors] = [0, 1].map(|end| {
-            let mut errors: Vec<f32> = fits.iter().map(|e| e.errors[end]).collect();
-            errors.sort_by(f32::total_cmp);
-            errors
-        });
-        let median = |sorted: &[f32]| sorted.get(sorted.len() / 2).copied().unwrap_or(f32::NAN);
-        let found: Vec<_> = fits.iter().map(|e| told(&solver.head(&e.fit))).collect();
-        let correlations = std::array::from_fn(|m| {
-            let pairs = found.iter().zip(pictures);
-            correlation(pairs.map(|(a, b)| [a[m], b.measures[m]])) as f32
-        });
-        Self {
-            mean: errors.iter().sum::<f32>() / n,
-            start: median(&starts),
-            median: median(&errors),
-            failed: errors.iter().filter(|e| **e > 0.1).count() as f32 / n,
-            correlations,
-        }
-    }
+/// What a model reaches on pictures: errors in outer-eye distances, correlations of measures.
+pub(super) fn figures(model: &PaperAam, fits: &[Ended], pictures: &[Known]) -> String {
+    let solver = Solver::new(model.clone());
+    let n = fits.len().max(1) as f32;
+    let [start, [median, mean, failed]] = [0, 1].map(|end| {
+        let mut errors: Vec<f32> = fits.iter().map(|e| 100.0 * e.errors[end]).collect();
+        errors.sort_by(f32::total_cmp);
+        let median = errors.get(errors.len() / 2).copied().unwrap_or(f32::NAN);
+        let failed = errors.iter().filter(|e| **e > 10.0).count() as f32;
+        [median, errors.iter().sum::<f32>() / n, 100.0 * failed / n]
+    });
+    let found: Vec<_> = fits.iter().map(|e| told(&solver.head(&e.fit))).collect();
+    let correlations = TOLD.iter().enumerate().map(|(m, measure)| {
+        let pairs = found.iter().zip(pictures);
+        let r = correlation(pairs.map(|(a, b)| [a[m], b.measures[m]]));
+        format!(", {} {r:.2}", measure.name())
+    });
+    let correlations: String = correlations.collect();
+    format!(
+        "from {:.2} % to {median:.2} % (mean {mean:.2} %) of the outer-eye distance, {failed:.1} % failed; correlation{correlations}",
+        start[0]
+    )
 }

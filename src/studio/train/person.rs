@@ -9,6 +9,7 @@
 
 use std::path::Path;
 
+use super::dataset::GreyPicture;
 use super::paper_aam::{TRACK_FRAMES, person_block};
 use super::paper_aam_fits::{Known, Seen, told};
 use super::render::TrainingSample;
@@ -103,9 +104,11 @@ fn taught(
     shape: &ShapeModel,
 ) -> Option<Seen> {
     let sample = TrainingSample {
-        width: WIDTH,
-        height: HEIGHT,
-        luma: frame.luma.to_vec(),
+        grey: GreyPicture {
+            luma: frame.luma.to_vec(),
+            width: WIDTH,
+            height: HEIGHT,
+        },
         origin: [0.0; 2],
         points: points.pixels,
         head: points.head,

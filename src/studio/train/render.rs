@@ -19,6 +19,7 @@ use nalgebra::{Translation3, Vector3};
 use rayon::prelude::*;
 
 use super::acting::expression;
+use super::dataset::GreyPicture;
 use super::grey_picture::{Picture, Points};
 use super::photograph::{backdrop, develop, grey_of, mix_skins};
 use super::random::{either, normal};
@@ -38,12 +39,8 @@ use crate::studio::progress::Progress;
 
 /// One picture with its truth.
 pub struct TrainingSample {
-    /// Columns of the crop.
-    pub width: usize,
-    /// Rows of the crop.
-    pub height: usize,
-    /// Luma, row by row.
-    pub luma: Vec<u8>,
+    /// The crop.
+    pub grey: GreyPicture,
     /// Colour pixel of the crop's first pixel: crop pixel + origin = `Camera::colour_pixel` of the point.
     pub origin: [f32; 2],
     /// The 68 points, crop pixels.
@@ -168,9 +165,11 @@ impl Renderer {
         let spare = &mut scratch.spare;
         let luma = develop(&mut rng, width, height, &mut scratch.grey, spare);
         TrainingSample {
-            width,
-            height,
-            luma,
+            grey: GreyPicture {
+                luma,
+                width,
+                height,
+            },
             origin,
             points,
             head: points_head,

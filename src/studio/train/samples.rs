@@ -11,7 +11,7 @@ use crate::face_model::{MAX_MODES, ShapeModel, scheme};
 use crate::landmarks::cascade::FaceFit;
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
-use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Picture, Placement, Region, WINDOW};
+use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Placement, Region, WINDOW};
 use crate::sensor::camera::Camera;
 use crate::studio::fault::Fault;
 
@@ -68,11 +68,7 @@ impl TruePicture {
         const MARGIN: usize = 60;
         const SIDE: usize = WINDOW + 2 * MARGIN;
         let placement = Placement::of_pose(camera, &drawn.sensor_from_head)?;
-        let picture = Picture {
-            luma: &drawn.luma,
-            width: drawn.width,
-            height: drawn.height,
-        };
+        let picture = drawn.grey.picture();
         let margin = MARGIN as f32;
         let grey = |k: usize| {
             let [x, y] = [k % SIDE, k / SIDE].map(|at| at as f32 - margin);
@@ -152,40 +148,28 @@ impl TruePicture {
     }
 }
 
-/// How far starts lie from the truth: uniform within ± these.
-pub struct Disturbance {
-    /// Position, share of the face width.
-    pub position: f32,
-    /// Yaw, pitch and roll, radians.
-    pub angle: f32,
-    /// Logarithm of the scale.
-    pub scale: f32,
-}
+/// How far starts lie from the truth, uniform within ± these: position as a share of the face's width, then yaw, pitch and roll
+/// in radians, then the logarithm of the scale.
+pub struct Disturbance(pub [f32; 3]);
 
 /// What a depth pose gets wrong of most people.
-pub const NEAR: Disturbance = Disturbance {
-    position: 0.06,
-    angle: 0.09,
-    scale: 0.055,
-};
+pub const NEAR: Disturbance = Disturbance([0.06, 0.09, 0.055]);
+
 /// What a depth pose gets wrong at worst, and a box about a face in a still picture.
-pub const COLD: Disturbance = Disturbance {
-    position: 0.10,
-    angle: 0.14,
-    scale: 0.08,
-};
-/// Width of a face, metres: the unit of [`Disturbance::position`].
+pub const COLD: Disturbance = Disturbance([0.10, 0.14, 0.08]);
+
+/// Width of a face, metres: the unit of a [`Disturbance`]'s position.
 const FACE_WIDTH_M: f32 = 0.145;
 
 impl Disturbance {
     /// A view near the true one.
     pub fn of(&self, view: &View, random: &mut fastrand::Rng) -> View {
         let mut about = |size: f32| size * (2.0 * random.f32() - 1.0);
-        let turn =
-            rotation_from_yaw_pitch_roll(about(self.angle), about(self.angle), about(self.angle));
-        let reach = self.position * FACE_WIDTH_M * view.log_scale.exp();
+        let Self([position, angle, scale]) = *self;
+        let turn = rotation_from_yaw_pitch_roll(about(angle), about(angle), about(angle));
+        let reach = position * FACE_WIDTH_M * view.log_scale.exp();
         View {
-            log_scale: view.log_scale + about(self.scale),
+            log_scale: view.log_scale + about(scale),
             rotation: turn * view.rotation,
             shift: [view.shift[0] + about(reach), view.shift[1] + about(reach)],
             inverse_distance: view.inverse_distance,

@@ -119,20 +119,12 @@ const CONFIDENCE_CELL_PX: f32 = 4.0;
 /// Starts in turn: mostly as near as the tracker's, some as far as a box about a still face.
 const STARTS: [Disturbance; 3] = [NEAR, NEAR, COLD];
 /// Starts that mostly fail.
-const FAR: Disturbance = Disturbance {
-    position: 0.35,
-    angle: 0.5,
-    scale: 0.3,
-};
+const FAR: Disturbance = Disturbance([0.35, 0.5, 0.3]);
 /// How much a wrong start, far or beside, counts against one as it is meant: there is one of each for two of those, so
 /// that one fit in twenty starts wrong.
 const WRONG_WEIGHT: f64 = 0.053;
 /// Starts beside the face.
-const BESIDE: Disturbance = Disturbance {
-    position: 1.6,
-    angle: 0.5,
-    scale: 0.5,
-};
+const BESIDE: Disturbance = Disturbance([1.6, 0.5, 0.5]);
 
 fn measured(
     samples: &[Sample],
@@ -151,31 +143,15 @@ fn measured(
     (errors, all)
 }
 
-/// Lines of the steps that are done, and of their figures.
-struct Log<'a> {
-    began: Instant,
-    say: &'a mut dyn FnMut(&str),
-}
-
-impl Log<'_> {
-    /// A step that is done.
-    fn done(&mut self, what: &str) {
-        let seconds = self.began.elapsed().as_secs_f32();
-        (self.say)(&format!("{seconds:5.0} s {what}"));
-    }
-
-    /// A figure.
-    fn figure(&mut self, what: &str) {
-        (self.say)(&format!("  {what}"));
-    }
-}
+/// What is told of a step that is done.
+type Log<'a> = &'a mut dyn FnMut(&str);
 
 /// Shape modes of a population that looks as the portraits show people, not as the head set alone.
 fn learn_shape(
     args: &TrainArgs,
     ict: &IctHead,
     sites: &[Site],
-    log: &mut Log,
+    log: Log,
 ) -> Result<ShapeModel, Fault> {
     let mut faces = shape::population(ict, sites, 6000, args.seed);
     let reference: shape::Face = std::array::from_fn(|i| sites[i].on(&ict.neutral));
@@ -191,14 +167,14 @@ fn learn_shape(
     }
     let shape = shape::principal_components(&faces, &reference, MODES);
     let (modes, count) = (shape.modes.len(), faces.len());
-    log.done(&format!("shape model: {modes} modes from {count} faces"));
+    log(&format!("shape model: {modes} modes from {count} faces"));
     Ok(shape)
 }
 
 /// The portraits, with what the shape model leaves of those to test on.
-fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: &mut Log) -> Result<Pictures, Fault> {
+fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: Log) -> Result<Pictures, Fault> {
     let pictures = portraits(args, shape)?;
-    log.done(&format!(
+    log(&format!(
         "portraits: {} to train on (with mirror images), {} to choose on, {} to test on",
         pictures.train.len(),
         pictures.dev.len(),
@@ -211,7 +187,7 @@ fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: &mut Log) -> Result
         floor.add(&differences(&solver.window, &picture.points));
     }
     let floor = floor.line();
-    log.figure(&format!(
+    log(&format!(
         "residual of the shape model on the test portraits: {floor}"
     ));
     Ok(pictures)
@@ -222,14 +198,14 @@ fn learn_stages(
     args: &TrainArgs,
     shape: &ShapeModel,
     pictures: &mut Pictures,
-    log: &mut Log,
+    log: Log,
 ) -> Result<[Vec<CascadeStage>; 2], Fault> {
     let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
-    log.done(&format!("{} rendered faces", drawn.len()));
+    log(&format!("{} rendered faces", drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
     samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
     pictures.train.extend(drawn);
-    log.done(&format!("{} starts", samples.len()));
+    log(&format!("{} starts", samples.len()));
 
     // People not trained on are taken along from stage to stage: what the stages are worth beyond the training people.
     let strangers = args.strangers();
@@ -242,7 +218,7 @@ fn learn_stages(
         let stage = learn_stage(&samples, &mut progress, shape, settings);
         let this = std::slice::from_ref(&stage);
         advance(&watched, &mut watched_progress, shape, this);
-        log.done(&format!(
+        log(&format!(
             "stage {}: {:.2} % on the training starts, {:.2} % on held-out people (points 17–67)",
             k + 1,
             measured(&samples, &progress, shape).0.mean_inner(),
@@ -255,12 +231,12 @@ fn learn_stages(
         }
     }
     let strangers = measured(&watched, &watched_progress, shape).0.line();
-    log.figure(&format!("strangers: {strangers}"));
+    log(&format!("strangers: {strangers}"));
     Ok([cold, warm])
 }
 
 /// Errors on portraits of people not trained on.
-fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log: &mut Log) {
+fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log: Log) {
     for (name, pictures) in [("dev", &pictures.dev), ("test", &pictures.test)] {
         if pictures.is_empty() {
             continue;
@@ -269,13 +245,13 @@ fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log:
         let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
         let (errors, all) = measured(&samples, &ends, &model.shape);
         let errors = errors.line();
-        log.done(&format!("{name} people, portraits, cold: {errors}"));
+        log(&format!("{name} people, portraits, cold: {errors}"));
         let offsets = mean_offsets(&all);
         let mut clean = Errors::default();
         for d in &all {
             clean.add(&without(d, &offsets));
         }
-        log.figure(&format!("with mean offsets removed: {}", clean.line()));
+        log(&format!("with mean offsets removed: {}", clean.line()));
     }
 }
 
@@ -299,27 +275,25 @@ fn write_offsets(
 /// If the data cannot be read, is too little, or the result cannot be written.
 pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     let paper = paper_section::Source::of(args)?;
-    let log = &mut Log {
-        began: Instant::now(),
-        say,
-    };
+    let began = Instant::now();
+    let log: Log = &mut |what| say(&format!("{:5.0} s {what}", began.elapsed().as_secs_f32()));
     let ict = IctHead::read(&args.data.data.join("ict_facekit"))?;
     let mut model = learn_fits(args, &ict, log)?;
     // Written before the paper's model as well, which takes longest: what is done is not lost.
     write_out(&args.out, file::emit(&model))?;
-    model.paper_aam = paper.section(args, &model.shape, log.say)?;
+    model.paper_aam = paper.section(args, &model.shape, log)?;
     if args.drawn > 0 {
         let keep = |person| args.learns_from(Split::of(person));
         let learnt = learn_refinement(&args.data.data, &model, keep, args.seed + 17)?;
         model.refinement = learnt.map(Into::into);
-        log.done("what depth adds");
+        log("what depth adds");
     }
     let bytes = file::emit(&model);
     let [.., a, b, c, d] = bytes[..] else {
         unreachable!("a model ends with its checksum");
     };
     write_out(&args.out, &bytes)?;
-    log.done(&format!(
+    log(&format!(
         "wrote {}: {} bytes, id {:08x}",
         args.out.display(),
         bytes.len(),
@@ -329,7 +303,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
 }
 
 /// Shape, stages and confidence, with their errors on people not trained on.
-fn learn_fits(args: &TrainArgs, ict: &IctHead, log: &mut Log) -> Result<FaceModel, Fault> {
+fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fault> {
     let sites = crate::studio::heads::plain_head(ict).landmarks;
     let shape = learn_shape(args, ict, &sites, log)?;
     let mut pictures = read_portraits(args, &shape, log)?;
@@ -337,7 +311,7 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: &mut Log) -> Result<FaceMode
     let [cold, warm] = learn_stages(args, &shape, &mut pictures, log)?;
     let photographs = &pictures.train[..portraits_read];
     let confidence = learn_confidence(args, photographs, &shape, &cold, &warm)?;
-    log.done("confidence");
+    log("confidence");
     let (points, normals) = standard_head::standard_head(ict).into_iter().unzip();
     let model = FaceModel {
         provenance: "shape: ICT FaceKit (MIT); pictures: Face Research Lab London Set and Young Adult White Faces, \

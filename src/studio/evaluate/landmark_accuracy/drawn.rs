@@ -6,7 +6,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::covers::{COVERED, cover};
-use super::tallies::{Condition, Seen, Share, mean_percent};
+use super::tallies::{Condition, Seen, Share};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::frames::SensorFromHead;
@@ -25,7 +25,9 @@ use crate::studio::fault::Fault;
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
 use crate::studio::progress::Progress;
-use crate::studio::train::evaluate::{differences, mean_offsets, without};
+use crate::studio::train::evaluate::{
+    Differences, differences, mean_offsets, mean_percent, without,
+};
 
 /// Every so many frames a cold and a wrong start are tried too, and the lamp is moved.
 const SPARSE: i64 = 5;
@@ -85,7 +87,7 @@ struct Play {
     waited: Option<u32>,
     changed: Box<[u8; PIXELS]>,
     /// Differences of all points of all frames that were tracked.
-    found: Vec<[[f32; 2]; LANDMARKS]>,
+    found: Vec<Differences>,
     /// The landmark about which points are covered.
     centre: usize,
 }
@@ -209,10 +211,11 @@ impl<'a> Player<'a> {
             }
         }
         let offsets = mean_offsets(&play.found);
-        self.seen.add(Condition::Offset, mean_percent(&offsets));
+        self.seen
+            .add(Condition::Offset, mean_percent(&offsets).into());
         for d in &play.found {
             let rest = mean_percent(&without(d, &offsets));
-            self.seen.add(Condition::Rest, rest);
+            self.seen.add(Condition::Rest, rest.into());
         }
     }
 

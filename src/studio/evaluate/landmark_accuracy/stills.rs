@@ -5,18 +5,18 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::tallies::{Row, mean_percent};
+use super::tallies::Row;
 use crate::base::capacity::LANDMARKS;
-use crate::face_model::{FaceModel, scheme};
+use crate::face_model::FaceModel;
 use crate::studio::evaluate::sessions::{Spread, median};
 use crate::studio::fault::Fault;
 use crate::studio::fit::still::{FaceBox, StillFitter, disturbed_box};
 use crate::studio::people_split::Split;
 use crate::studio::text_files::listed;
 use crate::studio::train::dataset::{Entry, load_grey, read_folder};
-use crate::studio::train::evaluate::{differences, mean_offsets, without};
-
-type Differences = [[f32; 2]; LANDMARKS];
+use crate::studio::train::evaluate::{
+    Differences, differences, mean_offsets, mean_percent, without,
+};
 
 /// About the 68 points of the video's first picture.
 const TALKING_BOX: FaceBox = FaceBox {
@@ -25,8 +25,8 @@ const TALKING_BOX: FaceBox = FaceBox {
     width: 128.0,
     height: 140.0,
 };
-/// Farthest the points may move between two pictures of the video, mean, in outer-eye distances: faster is a jump.
-const JUMP: f32 = 0.15;
+/// Farthest the points may move between two pictures of the video, mean, per cent of the outer-eye distance: faster is a jump.
+const JUMP_PERCENT: f32 = 15.0;
 
 /// Fitted minus placed of annotated pictures, by person.
 fn fitted(
@@ -61,8 +61,8 @@ fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Vec<f64>; 2] {
         others.retain(|d| mean_percent(d) < 10.0);
         let offsets = mean_offsets(&others);
         for d in own {
-            given.push(mean_percent(d));
-            clean.push(mean_percent(&without(d, &offsets)));
+            given.push(mean_percent(d).into());
+            clean.push(mean_percent(&without(d, &offsets)).into());
         }
     }
     [given, clean]
@@ -113,15 +113,10 @@ fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, Fault> {
             Some((_, view)) => fitter.follow(&picture, view),
         };
         let step = last.as_ref().map_or(0.0, |(before, _)| {
-            let eye = scheme::outer_eye_distance(before).max(1.0);
-            let moved = |i: usize| {
-                let (a, b) = (face.points[i], before[i]);
-                (a[0] - b[0]).hypot(a[1] - b[1]) / eye
-            };
-            (0..LANDMARKS).map(moved).sum::<f32>() / LANDMARKS as f32
+            mean_percent(&differences(&face.points, before))
         });
-        steps.push(f64::from(100.0 * step));
-        followed += usize::from(face.confidence >= 0.5 && step < JUMP);
+        steps.push(f64::from(step));
+        followed += usize::from(face.confidence >= 0.5 && step < JUMP_PERCENT);
         last = Some((face.points, face.view));
     }
     let steps = Spread::of(steps);

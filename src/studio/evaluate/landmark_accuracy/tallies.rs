@@ -7,7 +7,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::landmarks::Landmarks;
 use crate::simulator::virtual_head::Truth;
 use crate::studio::evaluate::sessions::{Spread, median};
-use crate::studio::train::evaluate::differences;
+use crate::studio::train::evaluate::{differences, mean_percent};
 
 /// What is measured, its figure and its bar.
 pub(super) type Row = (&'static str, String, &'static str);
@@ -65,11 +65,6 @@ pub(super) struct Seen {
     pub(super) shares: BTreeMap<Share, [usize; 2]>,
 }
 
-/// Mean distance of all points.
-pub(super) fn mean_percent(d: &[[f32; 2]; LANDMARKS]) -> f64 {
-    f64::from(100.0 * d.iter().map(|d| d[0].hypot(d[1])).sum::<f32>() / LANDMARKS as f32)
-}
-
 impl Seen {
     pub(super) fn add(&mut self, condition: Condition, error: f64) {
         self.errors.entry(condition).or_default().push(error);
@@ -91,10 +86,10 @@ impl Seen {
         least: f32,
     ) -> f64 {
         let d = differences(&fit.pixels, &truth.landmarks_px);
-        let error = mean_percent(&d);
+        let error = f64::from(mean_percent(&d));
         self.faces.add(fit.confidence, error <= 5.0);
         for i in 0..LANDMARKS {
-            let good = d[i][0].hypot(d[i][1]) <= 0.05 && !covered[i];
+            let good = mean_percent(&d[i..=i]) <= 5.0 && !covered[i];
             self.points.add(fit.point_confidence[i], good);
         }
         if error <= 5.0 {
