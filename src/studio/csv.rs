@@ -12,7 +12,8 @@ pub fn cells(line: &str) -> Vec<&str> {
 pub struct Table<'a> {
     /// The first line.
     pub header: &'a str,
-    columns: Vec<&'a str>,
+    /// Names of the columns.
+    pub columns: Vec<&'a str>,
     lines: std::str::Lines<'a>,
 }
 
@@ -36,11 +37,6 @@ impl<'a> Table<'a> {
             columns: cells(header),
             lines,
         }
-    }
-
-    /// Names of the columns.
-    pub fn columns(&self) -> &[&'a str] {
-        &self.columns
     }
 
     /// Where a column stands in a row.

@@ -8,6 +8,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rayon::prelude::*;
 
 /// Between two lines where there is no terminal, and before the first.
 const TOLD_EVERY: Duration = Duration::from_secs(5);
@@ -43,6 +44,17 @@ impl Progress {
             bar,
             next,
         }
+    }
+
+    /// Works on every item, a step each, on all threads.
+    pub fn each<T: Send, R: Send>(
+        what: &str,
+        items: Vec<T>,
+        work: impl Fn(T) -> R + Sync,
+    ) -> Vec<R> {
+        let progress = Self::new(what, items.len());
+        let items = items.into_par_iter().map(&work);
+        items.inspect(|_| progress.step()).collect()
     }
 
     /// One more step is done.

@@ -1,17 +1,17 @@
 //! What Ctrl-C leaves of long work: one sentence on standard error, then the end that the signal always brings.
 
 use std::fs::metadata;
-use std::io::{IsTerminal, Read, Write};
+use std::io::{IsTerminal, Write};
 use std::os::unix::fs::MetadataExt;
-use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
-use signal_hook::low_level::{emulate_default_handler, pipe};
+use signal_hook::iterator::Signals;
+use signal_hook::low_level::emulate_default_handler;
 
 /// Where a command's result goes.
 pub enum Goes {
@@ -61,22 +61,17 @@ pub fn tell(result: Goes) {
 
 fn listen(result: Goes) -> std::io::Result<()> {
     let before = result.version();
-    let signal = Arc::new(AtomicUsize::new(0));
-    let (mut woken, wake) = UnixStream::pair()?;
-    for number in [SIGINT, SIGTERM] {
-        flag::register_usize(number, Arc::clone(&signal), number as usize)?;
-        pipe::register(number, wake.try_clone()?)?;
-    }
+    let mut signals = Signals::new([SIGINT, SIGTERM])?;
     let wait = move || {
-        if woken.read_exact(&mut [0]).is_err() {
+        let Some(signal) = signals.forever().next() else {
             return;
-        }
+        };
         let mut stderr = std::io::stderr();
         // A bar may stand in the line.
         let begin = if stderr.is_terminal() { "\n" } else { "" };
         let line = format!("{begin}mien-studio: stopped; {}\n", result.kept(before));
         let _ = stderr.write_all(line.as_bytes());
-        let _ = emulate_default_handler(signal.load(Ordering::SeqCst) as i32);
+        let _ = emulate_default_handler(signal);
     };
     std::thread::Builder::new()
         .name("stopped".into())

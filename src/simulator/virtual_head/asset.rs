@@ -72,11 +72,14 @@ impl Site {
 
     /// Where the place is, given all vertices.
     pub fn on(&self, vertices: &[Point]) -> Point {
-        let mut sum = Vector::zeros();
-        for (&v, &share) in self.vertices.iter().zip(&self.shares) {
-            sum += vertices[v as usize].coords * share;
-        }
-        Point::from(sum)
+        Point::from(self.mix(|v| vertices[v as usize].coords))
+    }
+
+    /// What vertices have of something, by the corners' shares.
+    pub(crate) fn mix(&self, of: impl Fn(u32) -> Vector) -> Vector {
+        let corners = self.vertices.iter().zip(self.shares);
+        let counting = corners.filter(|corner| corner.1 != 0.0);
+        counting.fold(Vector::zeros(), |sum, (&v, share)| sum + of(v) * share)
     }
 }
 

@@ -143,13 +143,13 @@ fn track(
     let table = csv::Table::new(text);
     let columns = Columns::find(&table, &targets.columns).ok_or_else(|| {
         let expected = "a header with time_us, user and w_<unit> columns";
-        refuse(1, expected, &table.columns().join(","))
+        refuse(1, expected, &table.columns.join(","))
     })?;
     let mut chosen = user.map(str::to_owned);
     let mut out = Track::default();
     let (mut first, mut met) = (None, false);
     for csv::Row { line, text, cells } in table.rows() {
-        if cells.len() != table.columns().len() {
+        if cells.len() != table.columns.len() {
             return Err(refuse(line, "as many cells as in the header", text));
         }
         let slot = Some(cells[columns.slot]).filter(|slot| !slot.is_empty());

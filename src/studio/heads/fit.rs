@@ -44,13 +44,7 @@ type Mode = (Vec<Vector3<f64>>, f64);
 
 /// Those of the identities, then of the expressions.
 fn modes(ict: &IctHead, sites: &[Site]) -> Vec<Mode> {
-    let at = |values: &[Vector3<f32>], site: &Site| {
-        let mut sum = Vector3::zeros();
-        for (&v, &share) in site.vertices.iter().zip(&site.shares) {
-            sum += values[v as usize].cast::<f64>() * f64::from(share);
-        }
-        sum
-    };
+    let at = |offsets: &[Vector3<f32>], site: &Site| site.mix(|v| offsets[v as usize]).cast();
     let identities = ict.identities.iter().map(|d| (d, IDENTITY_SIGMA));
     let expressions = ict.expressions.iter().map(|d| (d, EXPRESSION_SIGMA));
     let all = identities.chain(expressions);

@@ -35,7 +35,7 @@ impl Table {
         needed("frame")?;
         let time = needed("time_us")?;
         let (user, state) = (run.find("user"), run.find("state"));
-        let header: Vec<String> = run.columns().iter().map(ToString::to_string).collect();
+        let header: Vec<String> = run.columns.iter().map(ToString::to_string).collect();
         let mut rows = Vec::new();
         for csv::Row { line, cells, .. } in run.rows() {
             if cells.len() != header.len() {

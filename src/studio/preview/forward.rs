@@ -48,7 +48,7 @@ pub static RECEIVERS: LazyLock<Vec<Known>> = LazyLock::new(|| {
 });
 
 /// What the page asks of a receiver.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
 pub enum Wish {
     /// Send what is shown.
     Connect,
@@ -56,18 +56,6 @@ pub enum Wish {
     Test,
     /// Send nothing any more.
     Stop,
-}
-
-impl Wish {
-    /// By the word that the page has for it.
-    pub fn read(word: &str) -> Option<Self> {
-        match word {
-            "connect" => Some(Self::Connect),
-            "test" => Some(Self::Test),
-            "stop" => Some(Self::Stop),
-            _ => None,
-        }
-    }
 }
 
 struct Order {

@@ -11,8 +11,7 @@
 
 use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use crate::studio::fault::Fault;
@@ -128,29 +127,28 @@ pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), Fault> {
 
 /// Serves until the process ends.
 pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
-    let (open, streams) = <(Arc<AtomicUsize>, Arc<AtomicUsize>)>::default();
+    // Whoever holds one of these is counted.
+    let (open, streams) = <(Arc<()>, Arc<()>)>::default();
     for stream in listener.incoming() {
         let Ok(stream) = stream else {
             // Out of descriptors, perhaps; never at full speed.
             std::thread::sleep(Duration::from_millis(50));
             continue;
         };
-        if open.load(Ordering::Relaxed) >= CONNECTIONS {
+        if Arc::strong_count(&open) > CONNECTIONS {
             site.refused();
             continue;
         }
-        open.fetch_add(1, Ordering::Relaxed);
-        let (theirs, count) = (Arc::clone(site), Arc::clone(&open));
-        let streams = Arc::clone(&streams);
+        let (theirs, counted) = (Arc::clone(site), Arc::clone(&open));
+        let streams = Arc::downgrade(&streams);
         let answer = move || {
+            let _counted = counted;
             if connection(stream, &*theirs, &streams).is_err() {
                 theirs.refused();
             }
-            count.fetch_sub(1, Ordering::Relaxed);
         };
         let thread = std::thread::Builder::new().name("page".into());
         if thread.spawn(answer).is_err() {
-            open.fetch_sub(1, Ordering::Relaxed);
             site.refused();
         }
     }
@@ -190,7 +188,7 @@ impl Write for Until<'_> {
     }
 }
 
-fn connection(stream: TcpStream, site: &impl Site, streams: &AtomicUsize) -> Result<(), Refused> {
+fn connection(stream: TcpStream, site: &impl Site, streams: &Weak<()>) -> Result<(), Refused> {
     let peer = stream.peer_addr().map_err(|_| Refused)?;
     stream.set_nodelay(true).map_err(|_| Refused)?;
     let mut asked = Until(&stream, Instant::now() + PATIENCE);
@@ -219,7 +217,8 @@ fn connection(stream: TcpStream, site: &impl Site, streams: &AtomicUsize) -> Res
         Answer::Forbidden(text) => plain("403 Forbidden", text),
         Answer::Events => {
             // Counted before it is compared, so that two at once do not both take the last place.
-            if streams.fetch_add(1, Ordering::Relaxed) < STREAMS {
+            let _counted = streams.upgrade();
+            if streams.strong_count() <= STREAMS + 1 {
                 // Each event has its own time.
                 let mut send =
                     |bytes: &[u8]| Until(stream.0, Instant::now() + PATIENCE).write_all(bytes);
@@ -229,7 +228,6 @@ fn connection(stream: TcpStream, site: &impl Site, streams: &AtomicUsize) -> Res
                 let text = b"too many pages are open; close some\n";
                 let _ = write_answer(&mut stream, status, "text/plain", "", text);
             }
-            streams.fetch_sub(1, Ordering::Relaxed);
             return Ok(());
         }
     };

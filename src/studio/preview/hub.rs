@@ -6,7 +6,6 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::net::IpAddr;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -50,6 +49,7 @@ struct State {
     facts: BTreeMap<String, Arc<str>>,
     picture: Option<Picture>,
     note: String,
+    counts: Counts,
     /// Where a live source is passed on to, beside the pages.
     onward: Option<SyncSender<Passed>>,
     /// Which host sends what is received over a network.
@@ -61,12 +61,10 @@ pub struct Hub {
     state: Mutex<State>,
     changed: Condvar,
     keep: usize,
-    received: AtomicU64,
-    refused: AtomicU64,
 }
 
 /// What was received and refused so far.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Default)]
 pub struct Counts {
     /// Messages that were understood.
     pub received: u64,
@@ -81,8 +79,6 @@ impl Hub {
             state: Mutex::default(),
             changed: Condvar::new(),
             keep: if session { SESSION_LINES } else { LIVE_LINES },
-            received: AtomicU64::new(0),
-            refused: AtomicU64::new(0),
         }
     }
 
@@ -142,17 +138,14 @@ impl Hub {
 
     /// What was counted so far.
     pub fn counts(&self) -> Counts {
-        Counts {
-            received: self.received.load(Ordering::Relaxed),
-            refused: self.refused.load(Ordering::Relaxed),
-        }
+        self.lock().counts
     }
 
     /// Counts and note as an event.
     pub fn counts_event(&self) -> String {
-        let Counts { received, refused } = self.counts();
-        let note = self.lock().note.clone();
-        let json = json!({"received": received, "refused": refused, "note": note});
+        let state = self.lock();
+        let Counts { received, refused } = state.counts;
+        let json = json!({"received": received, "refused": refused, "note": state.note});
         format!("event: count\ndata: {json}\n\n")
     }
 
@@ -225,8 +218,9 @@ impl Hub {
 
     /// Counts messages, lines or frames accepted and refused.
     pub fn count(&self, taken: u64, refused: u64) {
-        self.received.fetch_add(taken, Ordering::Relaxed);
-        self.refused.fetch_add(refused, Ordering::Relaxed);
+        let counts = &mut self.lock().counts;
+        counts.received += taken;
+        counts.refused += refused;
     }
 }
 

@@ -31,6 +31,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
+use clap::ValueEnum as _;
 use serde_json::{Value, json};
 
 use super::bake::glb::Glb;
@@ -213,8 +214,8 @@ impl Preview {
             "/receiver" => {
                 // Colons of IPv6 come as they are or escaped.
                 let host = word("host").replace("%3A", ":");
-                Wish::read(word("do"))
-                    .ok_or_else(|| "expected connect, test or stop".to_owned())
+                Wish::from_str(word("do"), false)
+                    .map_err(|_| "expected connect, test or stop".to_owned())
                     .and_then(|wish| self.forwarder.ask(word("id"), &host, word("port"), wish))
             }
             "/gains" if !asked.is_local() => {

@@ -100,7 +100,7 @@ fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, Fault> {
     let malformed = |line, expected, found: &str| malformed(path, line, expected, found);
     let column = |name: &str| table.find(name);
     let file = column("file")
-        .ok_or_else(|| malformed(1, "a column named file", &table.columns().join(",")))?;
+        .ok_or_else(|| malformed(1, "a column named file", &table.columns.join(",")))?;
     let names = (0..LANDMARKS).flat_map(|i| [format!("x{i}"), format!("y{i}")]);
     let xy = names.map(|name| {
         column(&name).ok_or_else(|| malformed(1, "columns x0,y0 to x67,y67", &format!("no {name}")))

@@ -9,7 +9,6 @@
 use std::path::Path;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::shape::{Face, aligned};
 use crate::appliance::settings::Settings;
@@ -66,13 +65,8 @@ pub fn learn_refinement(
         refinement: None,
         ..model.clone()
     };
-    let progress = Progress::new("train: depth", heads.len());
-    let session = |head: PersonHead| {
-        let session = practise(head.asset, &plain, seed_of(seed, head.person));
-        progress.step();
-        session
-    };
-    let sessions = heads.into_par_iter().map(session).collect();
+    let session = |head: PersonHead| practise(head.asset, &plain, seed_of(seed, head.person));
+    let sessions = Progress::each("train: depth", heads, session);
     Ok(regressed(sessions, model.shape.modes.len()))
 }
 

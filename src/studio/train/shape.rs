@@ -131,13 +131,7 @@ pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec
             }
             p
         };
-        let mut face: Face = std::array::from_fn(|i| {
-            let site = &sites[i];
-            let corners = site.vertices.iter().zip(site.shares);
-            let corners = corners.filter(|corner| corner.1 != 0.0);
-            let add = |sum, (&v, share): (&u32, f32)| sum + vertex(v) * share;
-            Point::from(corners.fold(Vector::zeros(), add))
-        });
+        let mut face: Face = std::array::from_fn(|i| Point::from(sites[i].mix(vertex)));
         warp(&mut face, &mut random);
         let lively = random.f32() < 0.5;
         let mut both = [0.0; 3];

@@ -161,13 +161,9 @@ fn examples(
     let examples: Vec<Example> = match kept {
         Some(path) => examples::read(&std::fs::read_to_string(path).map_err(unusable(path))?),
         None => {
-            let progress = Progress::new("units", heads.len());
-            let played = heads.into_par_iter().enumerate().map(|(number, head)| {
-                let played = practise(head, number, model, settings, practice);
-                progress.step();
-                played
-            });
-            played.collect::<Result<Vec<_>, _>>()?.concat()
+            let play = |(number, head)| practise(head, number, model, settings, practice);
+            let played = Progress::each("units", heads.into_iter().enumerate().collect(), play);
+            played.into_iter().collect::<Result<Vec<_>, _>>()?.concat()
         }
     };
     if let (Some(path), None) = (&practice.examples, kept) {

@@ -3,8 +3,6 @@
 use std::path::Path;
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 use super::covers::{COVERED, cover};
 use super::tallies::{Condition, Seen, Share};
 use crate::appliance::settings::Settings;
@@ -42,16 +40,11 @@ pub(super) fn play(
     sessions: &Sessions,
 ) -> Result<Seen, Fault> {
     let heads = held_out(data, sessions)?;
-    let progress = Progress::new("evaluate", heads.len());
-    let play = |head| {
-        let seen = Player::new(head, model, settings, sessions).map(Player::play);
-        progress.step();
-        seen
-    };
-    let played = heads.into_par_iter().map(play);
-    let played: Vec<Seen> = played.collect::<Result<_, PipelineError>>()?;
+    let play = |head| Player::new(head, model, settings, sessions).map(Player::play);
     let mut all = Seen::default();
-    played.into_iter().for_each(|one| all.merge(one));
+    for one in Progress::each("evaluate", heads, play) {
+        all.merge(one?);
+    }
     Ok(all)
 }
 
