@@ -78,7 +78,7 @@ impl<D: View> PacketSource for VirtualKinect<D> {
             }
             Request::Audio(message) if !has_motor => camera.audio_write(message),
             Request::AudioAnswer(to) if !has_motor => {
-                let said = camera.audio_read().ok_or(DeviceError::TimedOut)?;
+                let said = camera.audio.pop_front().ok_or(DeviceError::TimedOut)?;
                 return Ok(answer(said, to));
             }
             _ => return Err(DeviceError::NoMotor),

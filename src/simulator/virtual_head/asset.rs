@@ -198,14 +198,17 @@ impl HeadAsset {
         }
     }
 
-    /// Writes the vertices of the face with these expression weights (one per expression) into `out`, which must be as
-    /// long as `neutral`.
-    pub fn deform(&self, weights: &[f32], out: &mut [Point]) {
-        out.copy_from_slice(&self.neutral);
-        self.express(weights, out);
+    /// The 68 points while one expression, if there is one, is acted by so much.
+    #[cfg(feature = "studio")]
+    pub(crate) fn acting(&self, expression: Option<usize>, weight: f32) -> [Point; LANDMARKS] {
+        let of = |k: usize| if Some(k) == expression { weight } else { 0.0 };
+        let weights: Vec<f32> = (0..self.expressions.len()).map(of).collect();
+        let mut vertices = self.neutral.clone();
+        self.express(&weights, &mut vertices);
+        self.landmarks_on(&vertices)
     }
 
-    /// Adds what these weights do to the vertices of a face.
+    /// Adds what expressions of these weights, one each, do to the vertices of a face.
     pub(crate) fn express(&self, weights: &[f32], out: &mut [Point]) {
         for (expression, &weight) in self.expressions.iter().zip(weights) {
             if weight != 0.0 {

@@ -114,7 +114,9 @@ impl Person {
     pub(super) fn pose(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
         self.pose = *sensor_from_head;
         let torso = shoulders_below(sensor_from_head, tilt);
-        self.asset.deform(&self.weights, &mut self.head.deformed);
+        let deformed = &mut self.head.deformed;
+        deformed.copy_from_slice(&self.asset.neutral);
+        self.asset.express(&self.weights, deformed);
         self.head.place_above(sensor_from_head, &torso);
         match &mut self.worn {
             Some(worn) => worn.place(&self.head.deformed, sensor_from_head, &torso),

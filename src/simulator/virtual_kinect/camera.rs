@@ -22,7 +22,7 @@ pub struct VirtualCamera {
     /// Degrees above the horizon it was tilted to.
     pub tilt_deg: f32,
     /// What the audio device has to say, oldest first.
-    audio: std::collections::VecDeque<Vec<u8>>,
+    pub(super) audio: std::collections::VecDeque<Vec<u8>>,
 }
 
 impl VirtualCamera {
@@ -141,10 +141,5 @@ impl VirtualCamera {
             _ => {}
         }
         self.audio.push_back(audio::status(word(1)));
-    }
-
-    /// The next bulk answer of the audio device.
-    pub fn audio_read(&mut self) -> Option<Vec<u8>> {
-        self.audio.pop_front()
     }
 }

@@ -61,16 +61,10 @@ pub(crate) struct Acted {
 impl Acted {
     /// Of this head; units whose expressions it lacks are left out.
     pub(crate) fn new(asset: &HeadAsset) -> Self {
-        let mut vertices = asset.neutral.clone();
-        let mut gap = |jaw: f32| {
-            let mut weights = vec![0.0; asset.expressions.len()];
-            if let Some(k) = asset.expression("jawOpen") {
-                weights[k] = jaw;
-            }
-            asset.deform(&weights, &mut vertices);
-            measures::raw(&asset.landmarks_on(&vertices))[Measure::LipGap as usize]
-        };
-        let gap = [gap(0.0), gap(1.0)];
+        let gap = [0.0, 1.0].map(|jaw| {
+            let points = asset.acting(asset.expression("jawOpen"), jaw);
+            measures::raw(&points)[Measure::LipGap as usize]
+        });
         let units = UNITS.iter().filter_map(|(unit, names)| {
             let found: Vec<usize> = names.iter().filter_map(|n| asset.expression(n)).collect();
             (found.len() == names.len()).then_some((*unit, found))

@@ -79,8 +79,10 @@ pub fn textured_heads(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Vec<P
     portraits.into_par_iter().map(head).collect()
 }
 
-/// Annotated photographs: place of the person in the list of all, file, the 68 points.
-fn portraits(data: &Path) -> Result<Vec<(usize, PathBuf, [[f32; 2]; LANDMARKS])>, Fault> {
+/// An annotated photograph: place of the person in the list of all, file, the 68 points.
+type Portrait = (usize, PathBuf, [[f32; 2]; LANDMARKS]);
+
+fn portraits(data: &Path) -> Result<Vec<Portrait>, Fault> {
     let entries = read_folder(&data.join("faces_frl189"))?;
     let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
     let portraits = numbered(&persons).into_iter().zip(entries);
@@ -98,19 +100,20 @@ fn set_upright(asset: &mut HeadAsset, mean: &HeadAsset) {
     asset.centre();
 }
 
+/// Triangles of the vertices that have a number, by these, and what they show; clockwise seen from outside, as the source
+/// does not have them.
+fn shown(ict: &IctHead, number: impl Fn(u32) -> Option<u32>) -> (Vec<[u32; 3]>, Vec<Part>) {
+    let one = |&[a, b, c]: &[u32; 3]| {
+        let corners = [number(a)?, number(c)?, number(b)?];
+        Some((corners, part_of(a as usize)?))
+    };
+    ict.triangles.iter().filter_map(one).unzip()
+}
+
 /// The generic head in plain skin colour: for depth pictures.
 pub fn plain_head(ict: &IctHead) -> HeadAsset {
     let drawn = part::EYEBALLS.end;
-    let (mut triangles, mut parts) = (Vec::new(), Vec::new());
-    for &[a, b, c] in &ict.triangles {
-        if let Some(part) = part_of(a as usize)
-            && [a, b, c].iter().all(|&v| (v as usize) < drawn)
-        {
-            // The source is counter-clockwise seen from outside.
-            triangles.push([a, c, b]);
-            parts.push(part);
-        }
-    }
+    let (triangles, parts) = shown(ict, |v| Some(v).filter(|&v| (v as usize) < drawn));
     // Little light reaches the back of a mouth: colours fall off behind the lips.
     let lips = ict.neutral[ict.landmarks[62]].z;
     let colour = (0..drawn).map(|v| {

@@ -13,9 +13,8 @@ use std::path::Path;
 pub struct Tracks {
     frames: usize,
     points: usize,
-    /// `F * P` image points, frame after frame; meaningless where not seen.
-    positions: Vec<[f64; 2]>,
-    seen: Vec<bool>,
+    /// `F * P` image points, frame after frame; none where missing.
+    positions: Vec<Option<[f64; 2]>>,
 }
 
 impl Tracks {
@@ -32,12 +31,16 @@ impl Tracks {
                 "expected at least 4 frames of at least 4 points, found {frames} frames of {points} points; track longer"
             )));
         }
-        let seen: Vec<bool> = positions
-            .iter()
-            .map(|p| p[0].is_finite() && p[1].is_finite())
-            .collect();
+        let seen = |p: &[f64; 2]| p.iter().all(|v| v.is_finite());
+        let positions = positions.into_iter().map(|p| Some(p).filter(seen));
+        let positions: Vec<_> = positions.collect();
         for point in 0..points {
-            let sightings = (0..frames).filter(|t| seen[t * points + point]).count();
+            let sightings = positions
+                .iter()
+                .skip(point)
+                .step_by(points)
+                .flatten()
+                .count();
             if sightings < Self::LEAST_SIGHTINGS {
                 return Err(Fault::new(format!(
                     "column {}: expected the point in at least 3 frames, found it in {sightings}; leave the column out",
@@ -45,16 +48,10 @@ impl Tracks {
                 )));
             }
         }
-        let positions = positions
-            .into_iter()
-            .zip(&seen)
-            .map(|(p, seen)| if *seen { p } else { [0.0, 0.0] })
-            .collect();
         Ok(Self {
             frames,
             points,
             positions,
-            seen,
         })
     }
 
@@ -77,8 +74,7 @@ impl Tracks {
 
     /// The image point, or none where it is missing.
     pub fn position(&self, frame: usize, point: usize) -> Option<[f64; 2]> {
-        let i = frame * self.points + point;
-        self.seen[i].then(|| self.positions[i])
+        self.positions[frame * self.points + point]
     }
 
     /// The points that a frame shows, and where.
@@ -87,24 +83,16 @@ impl Tracks {
         (0..self.points).filter_map(position)
     }
 
-    /// Whether the point is seen in the frame.
-    pub fn is_seen(&self, frame: usize, point: usize) -> bool {
-        self.seen[frame * self.points + point]
-    }
-
     /// Number of image points that are seen.
     pub fn sightings(&self) -> usize {
-        self.seen.iter().filter(|seen| **seen).count()
+        self.positions.iter().flatten().count()
     }
 
     /// The same tracks with every coordinate multiplied by `factor`.
     pub(crate) fn scaled(&self, factor: f64) -> Self {
         let mut scaled = self.clone();
-        scaled
-            .positions
-            .iter_mut()
-            .flatten()
-            .for_each(|v| *v *= factor);
+        let coordinates = scaled.positions.iter_mut().flatten().flatten();
+        coordinates.for_each(|v| *v *= factor);
         scaled
     }
 

@@ -191,7 +191,9 @@ impl Thread {
                 Ok(Passed::Units(units)) => {
                     if units != self.units {
                         self.units = units;
-                        self.open_again();
+                        for line in self.lines.values_mut() {
+                            line.wires = Self::open(&self.units, &line.settings);
+                        }
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -210,12 +212,6 @@ impl Thread {
         let units: Vec<&str> = units.iter().map(String::as_str).collect();
         // The settings were checked; without a socket nothing is sent, and the page shows that.
         wires::open(settings, &units).unwrap_or_default()
-    }
-
-    fn open_again(&mut self) {
-        for line in self.lines.values_mut() {
-            line.wires = Self::open(&self.units, &line.settings);
-        }
     }
 
     fn obey(&mut self, order: Order) {

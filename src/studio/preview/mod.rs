@@ -147,14 +147,13 @@ fn address(text: &str) -> Result<SocketAddr, &'static str> {
 
 /// What is to be known of a page that others can open too.
 fn warning(page: SocketAddr) -> Option<String> {
-    let warning = || {
+    (!page.ip().is_loopback()).then(|| {
         format!(
             "warning: {page} is open to everybody whose packets reach this machine, without a password: they see \
              weights and heads, no pictures, and may let people be forgotten, frozen or taken for neutral; --port {} is for this machine only",
             page.port()
         )
-    };
-    (!page.ip().is_loopback()).then(warning)
+    })
 }
 
 /// All that pages are answered from.

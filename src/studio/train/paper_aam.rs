@@ -75,10 +75,10 @@ pub fn paper_aam_block(
 ) -> Result<Vec<u8>, Fault> {
     let renderer = Renderer::new(data, |person| Split::of(person) == Split::Train)?;
     let drawn = renderer.samples(0..PICTURES, seed);
-    let (faces, people) = (drawn.len(), renderer.heads().len());
+    let (faces, people) = (drawn.len(), renderer.heads.len());
     say(&format!("{faces} rendered faces of {people} people"));
     let camera = crate::sensor::kinect::geometry::nominal();
-    let acted = match (tracks, renderer.heads().first()) {
+    let acted = match (tracks, renderer.heads.first()) {
         (Some(tracks), _) => tracks.clone(),
         (None, Some(actor)) => acted_tracks(&actor.asset, seed)?,
         (None, None) => return Err(too_few(1, 0)),

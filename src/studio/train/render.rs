@@ -57,7 +57,8 @@ pub struct TrainingSample {
 
 /// Draws training pictures of a set of people.
 pub struct Renderer {
-    heads: Vec<PersonHead>,
+    /// The people.
+    pub heads: Vec<PersonHead>,
     identities: Vec<Vec<Vector>>,
     camera: Camera,
 }
@@ -97,11 +98,6 @@ impl Renderer {
             identities: identities.collect(),
             camera: crate::sensor::kinect::geometry::nominal(),
         })
-    }
-
-    /// The people.
-    pub fn heads(&self) -> &[PersonHead] {
-        &self.heads
     }
 
     /// Draws the samples with these numbers, on all threads. None if there are no heads.

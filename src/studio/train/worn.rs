@@ -14,17 +14,16 @@ use crate::face_model::scheme;
 
 /// Beard, glasses, hair, headwear and what is before the face, each now and then.
 pub(super) fn wear(rng: &mut Rng, picture: &mut Picture) {
-    if rng.f32() < 0.2 {
-        beard(rng, picture);
-    }
-    if rng.f32() < 0.15 {
-        glasses(rng, picture);
-    }
-    if rng.f32() < 0.35 {
-        mane(rng, picture);
-    }
-    if rng.f32() < 0.15 {
-        headwear(rng, picture);
+    let worn: [(f32, fn(&mut Rng, &mut Picture)); 4] = [
+        (0.2, beard),
+        (0.15, glasses),
+        (0.35, mane),
+        (0.15, headwear),
+    ];
+    for (often, put_on) in worn {
+        if rng.f32() < often {
+            put_on(rng, picture);
+        }
     }
     if rng.f32() < 0.22 {
         let cover = if rng.f32() < 0.35 { hand } else { block };

@@ -27,22 +27,12 @@ pub(super) struct Learnt {
     pub say: String,
 }
 
-/// What is assumed of a direction: people look ahead, and look about.
-pub(super) fn prior(name: &str) -> String {
-    format!("\n[[feature]]\nname = \"{name}\"\nrest = 0.000\nrest_sd = 0.300\nspan = 0.500\n")
-}
-
 /// Learns the map and sets the departures of the gaze in all examples.
 pub(super) fn learn(examples: &mut [Example]) -> Learnt {
-    let closed: Vec<usize> = UNITS
-        .iter()
-        .enumerate()
-        .filter(|(_, (unit, _))| unit.starts_with("AU43"))
-        .map(|(k, _)| k)
-        .collect();
+    let lids = (0..UNITS.len()).filter(|&k| UNITS[k].0.starts_with("AU43"));
     let (mut text, mut say) = (String::from("\n[gaze]\n"), String::from("gaze:"));
     for (axis, name) in ["left", "up"].into_iter().enumerate() {
-        let open = |example: &Example| closed.iter().all(|&k| example.truth[k] < CLOSED);
+        let open = |example: &Example| lids.clone().all(|k| example.truth[k] < CLOSED);
         let all = examples.iter().enumerate().filter(|(_, e)| open(e));
         let mut seen: Vec<Seen> = all.filter_map(|(at, e)| e.glance.seen(at, axis)).collect();
         centre(&mut seen);

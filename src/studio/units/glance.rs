@@ -32,13 +32,9 @@ impl Glance {
             return Self::NONE;
         };
         let ahead = pose.rotation * Vector::z();
-        let mut numbers = vec![
-            who as f32,
-            looks[0] as f32,
-            looks[1] as f32,
-            ahead.x,
-            ahead.y,
-        ];
+        let mut numbers = vec![who as f32];
+        numbers.extend(looks.map(|look| look as f32));
+        numbers.extend([ahead.x, ahead.y]);
         numbers.extend(eyes.iter().flatten());
         Self(numbers)
     }

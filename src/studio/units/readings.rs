@@ -339,14 +339,8 @@ fn feature_priors(heads: &[PersonHead]) -> String {
     let mut spans = [0.0f64; LENGTHS];
     for head in heads {
         let asset = &head.asset;
-        let mut vertices = asset.neutral.clone();
-        let mut lengths = |acted: Option<usize>| -> Vec<f64> {
-            let mut weights = vec![0.0; asset.expressions.len()];
-            if let Some(k) = acted {
-                weights[k] = 1.0;
-            }
-            asset.deform(&weights, &mut vertices);
-            let points = asset.landmarks_on(&vertices);
+        let lengths = |acted: Option<usize>| -> Vec<f64> {
+            let points = asset.acting(acted, 1.0);
             let w = nalgebra::distance(&points[39], &points[42]);
             features::ALL
                 .iter()
@@ -377,8 +371,11 @@ fn feature_priors(heads: &[PersonHead]) -> String {
             0.5 * span
         );
     }
+    // People look ahead, and look about.
     for name in features::GAZE {
-        text.push_str(&gaze::prior(name));
+        text += &format!(
+            "\n[[feature]]\nname = \"{name}\"\nrest = 0.000\nrest_sd = 0.300\nspan = 0.500\n"
+        );
     }
     text
 }

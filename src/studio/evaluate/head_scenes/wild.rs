@@ -46,12 +46,6 @@ pub struct Row {
     pub landmarks: Spread,
 }
 
-/// The table.
-pub struct Table {
-    /// By person.
-    pub rows: Vec<Row>,
-}
-
 /// The sensor and the light that a person is seen by.
 fn sensor_of(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f32, &'static str) {
     let (mut light, exposure) = lighting(random);
@@ -166,14 +160,14 @@ pub fn play(
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
-) -> Result<Table, Fault> {
+) -> Result<String, Fault> {
     let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
     let heads = heads.into_par_iter().enumerate();
     let rows =
         heads.map(|(number, head)| play_one(head, number, model, settings, sessions, &progress));
-    let rows = rows.collect::<Result<_, _>>()?;
-    Ok(Table { rows })
+    let rows: Vec<Row> = rows.collect::<Result<_, _>>()?;
+    Ok(table(&rows))
 }
 
 impl Display for Row {
@@ -186,52 +180,37 @@ impl Display for Row {
     }
 }
 
-impl Display for Table {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{} people never trained on; errors are mean / 95th percentile, after removing one offset per person",
-            self.rows.len()
-        )?;
-        writeln!(
-            f,
-            "| person | wears, conditions | lost, % | into or out of held, per 10 s | rotation | position | landmarks |\n| --- | --- | --- | --- | --- | --- | --- |"
-        )?;
-        for (number, row) in self.rows.iter().enumerate() {
-            writeln!(f, "| {number} | {row} |")?;
-        }
-        let mean = |value: &dyn Fn(&Row) -> f64| {
-            let mut known: Vec<f64> = self.rows.iter().map(value).collect();
-            known.retain(|v| v.is_finite());
-            known.iter().sum::<f64>() / known.len().max(1) as f64
-        };
-        // Somebody who is never found is worse than any error.
-        let worst = |value: &dyn Fn(&Row) -> f64| {
-            let rank = |v: f64| if v.is_finite() { v } else { f64::INFINITY };
-            let all = self.rows.iter().map(value).enumerate();
-            let found = all.max_by(|a, b| rank(a.1).total_cmp(&rank(b.1)));
-            found.unwrap_or((0, f64::NAN))
-        };
-        type Figure<'a> = (&'a str, &'a str, usize, &'a dyn Fn(&Row) -> f64);
-        let told: [Figure; 5] = [
-            ("lost", " %", 2, &|row| row.lost),
-            ("into or out of held, per 10 s", "", 1, &|row| row.flips),
-            ("rotation", "°", 2, &|row| row.rotation_deg.mean),
-            ("position", " mm", 1, &|row| row.position_mm.mean),
-            ("landmarks", " %", 2, &|row| row.landmarks.mean),
-        ];
-        writeln!(
-            f,
-            "\n| what | mean of people | worst person |\n| --- | --- | --- |"
-        )?;
-        for (what, unit, digits, value) in told {
-            let (number, most) = worst(value);
-            writeln!(
-                f,
-                "| {what} | {:.digits$}{unit} | {most:.digits$}{unit} (person {number}) |",
-                mean(value)
-            )?;
-        }
-        Ok(())
+fn table(rows: &[Row]) -> String {
+    let mut table = format!(
+        "{} people never trained on; errors are mean / 95th percentile, after removing one offset per person\n\
+         | person | wears, conditions | lost, % | into or out of held, per 10 s | rotation | position | landmarks |\n\
+         | --- | --- | --- | --- | --- | --- | --- |\n",
+        rows.len()
+    );
+    for (number, row) in rows.iter().enumerate() {
+        table += &format!("| {number} | {row} |\n");
     }
+    table += "\n| what | mean of people | worst person |\n| --- | --- | --- |\n";
+    type Figure<'a> = (&'a str, &'a str, usize, &'a dyn Fn(&Row) -> f64);
+    let told: [Figure; 5] = [
+        ("lost", " %", 2, &|row| row.lost),
+        ("into or out of held, per 10 s", "", 1, &|row| row.flips),
+        ("rotation", "°", 2, &|row| row.rotation_deg.mean),
+        ("position", " mm", 1, &|row| row.position_mm.mean),
+        ("landmarks", " %", 2, &|row| row.landmarks.mean),
+    ];
+    for (what, unit, digits, value) in told {
+        let mut known: Vec<f64> = rows.iter().map(value).collect();
+        // Somebody who is never found is worse than any error.
+        let rank = |v: f64| if v.is_finite() { v } else { f64::INFINITY };
+        let all = known.iter().copied().enumerate();
+        let worst = all.max_by(|a, b| rank(a.1).total_cmp(&rank(b.1)));
+        let (number, most) = worst.unwrap_or((0, f64::NAN));
+        known.retain(|v| v.is_finite());
+        let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+        table += &format!(
+            "| {what} | {mean:.digits$}{unit} | {most:.digits$}{unit} (person {number}) |\n"
+        );
+    }
+    table
 }

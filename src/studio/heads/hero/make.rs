@@ -17,7 +17,7 @@ use crate::simulator::virtual_head::raster::{Corner, DepthBuffer, sum_normals};
 use crate::simulator::virtual_head::{HeadAsset, Site};
 use crate::studio::fault::Fault;
 use crate::studio::heads;
-use crate::studio::heads::ict::{IctHead, part, part_of};
+use crate::studio::heads::ict::{IctHead, part};
 
 /// Lashes across a lid.
 pub const COLUMNS: usize = 19;
@@ -74,17 +74,8 @@ fn of(ict: &IctHead) -> HeadAsset {
     for (k, &v) in kept.iter().enumerate() {
         number[v] = k as u32;
     }
-    let (mut triangles, mut parts) = (Vec::new(), Vec::new());
-    for t in &ict.triangles {
-        let [a, b, c] = t.map(|v| number[v as usize]);
-        if let Some(part) = part_of(t[0] as usize)
-            && a.max(b).max(c) != u32::MAX
-        {
-            // The source is counter-clockwise seen from outside.
-            triangles.push([a, c, b]);
-            parts.push(part);
-        }
-    }
+    let numbered = |v: u32| Some(number[v as usize]).filter(|&k| k != u32::MAX);
+    let (triangles, parts) = heads::shown(ict, numbered);
     let mut neutral: Vec<Point> = kept.iter().map(|&v| ict.neutral[v]).collect();
     close(ict, &kept, &mut neutral);
     let light = light(&neutral, &triangles);
