@@ -12,9 +12,11 @@ use super::random::{either, normal};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::scheme;
 
+type Mark = fn(&mut Rng, &mut Picture);
+
 /// Beard, glasses, hair, headwear and what is before the face, each now and then.
 pub(super) fn wear(rng: &mut Rng, picture: &mut Picture) {
-    let worn: [(f32, fn(&mut Rng, &mut Picture)); 4] = [
+    let worn: [(f32, Mark); 4] = [
         (0.2, beard),
         (0.15, glasses),
         (0.35, mane),
