@@ -55,9 +55,9 @@ fn modes(ict: &IctHead, sites: &[Site]) -> Vec<Mode> {
 impl PortraitFit {
     /// Pixel of a point of the head, and its distance behind the head's origin, metres.
     pub fn project(&self, p: &Point3<f32>) -> ([f32; 2], f32) {
-        let q = self.rotation * p.cast::<f64>();
-        let pixel = [0, 1].map(|k| (self.scale * q[k] + self.shift[k]) as f32);
-        (pixel, q.z as f32)
+        let q = self.rotation.cast::<f32>() * p;
+        let pixel = [0, 1].map(|k| self.scale as f32 * q[k] + self.shift[k] as f32);
+        (pixel, q.z)
     }
 
     /// Upright, with the corners of the eyes where they should be.

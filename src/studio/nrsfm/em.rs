@@ -301,9 +301,7 @@ impl Model {
         };
         let shared = solve(total.clone());
         for j in 0..points {
-            let mut gaps = (0..frames)
-                .filter(|t| tracks.position(*t, j).is_none())
-                .peekable();
+            let mut gaps = (0..frames).filter(|t| !tracks.is_seen(*t, j)).peekable();
             let own = gaps.peek().is_some().then(|| {
                 let mut normal = total.clone();
                 gaps.for_each(|t| normal -= &blocks[t]);

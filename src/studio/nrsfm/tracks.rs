@@ -83,6 +83,11 @@ impl Tracks {
         (0..self.points).filter_map(position)
     }
 
+    /// Whether the point is seen in the frame.
+    pub fn is_seen(&self, frame: usize, point: usize) -> bool {
+        self.position(frame, point).is_some()
+    }
+
     /// Number of image points that are seen.
     pub fn sightings(&self) -> usize {
         self.positions.iter().flatten().count()
