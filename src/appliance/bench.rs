@@ -89,6 +89,14 @@ impl Times {
                 out,
                 "frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} per second"
             )?;
+            let people = (self.seen as f32 / frames.len() as f32).round();
+            let noun = if people == 1.0 { "person" } else { "people" };
+            // Of a sensor's 33 ms.
+            let share = mean * 3.0;
+            writeln!(
+                out,
+                "{people} {noun}: {share:.0} % of a frame at 30 per second"
+            )?;
         }
         Ok(())
     }
@@ -247,6 +255,10 @@ mod tests {
         assert_eq!(
             row(4),
             ["sensor", "2.000", "102.000", "200.000", "201.000", "200"]
+        );
+        assert!(
+            text.ends_with("0 people: 304 % of a frame at 30 per second\n"),
+            "{text}"
         );
         assert_eq!(row(5), ["segment", "-", "-", "-", "-", "0"]);
     }
