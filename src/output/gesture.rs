@@ -22,7 +22,7 @@ use crate::users::TrackingState;
 pub const ENABLED: bool = cfg!(any(test, feature = "wires"));
 /// Turns of the mouth that make speech, how far each goes, and within how long.
 const REVERSALS: usize = 4;
-const REVERSAL: f32 = 0.08;
+const REVERSAL: f32 = 0.15;
 const SHARE: f32 = 0.2;
 const SPEECH_S: f64 = 1.2;
 const QUIET_S: f64 = 0.4;
