@@ -344,7 +344,9 @@ impl Placing<'_> {
             let reach = BESIDE_LID * head.eye_distance;
             let acts = |v: u32| Some((positions[v as usize], asked.goal.get(&v)?.norm()));
             let line: Vec<(Vec3, f64)> = head.lids[side].both().filter_map(acts).collect();
-            for k in (0..positions.len()).filter(|&k| head.skin[k]) {
+            let apart = apart(extent_of(line.iter().map(|(p, _)| p)), reach);
+            let near = |&k: &usize| head.skin[k] && !apart(&positions[k]);
+            for k in (0..positions.len()).filter(near) {
                 let acts =
                     |(p, size): &(Vec3, f64)| size * (1.0 - (positions[k] - p).norm() / reach);
                 asked.u[k] = line.iter().map(acts).fold(asked.u[k], f64::max);

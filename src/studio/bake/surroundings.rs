@@ -71,17 +71,12 @@ impl Surroundings {
     pub fn seeing(&self, changed: &[u32]) -> Vec<u32> {
         // A triangle sees the corners of all triangles that touch the ring of one of its corners: three steps.
         let near = self.rings.about(changed, 2).concat();
-        let at = near.iter().flat_map(|&v| self.at.of(v as usize));
-        let mut found: Vec<u32> = at.copied().collect();
-        found.sort_unstable();
-        found.dedup();
-        found
-    }
-
-    /// Normal of a triangle, as long as twice its area.
-    fn normal(&self, triangle: u32, p: &impl Fn(u32) -> Vec3) -> Vec3 {
-        let [a, b, c] = self.triangles[triangle as usize].map(p);
-        (b - a).cross(&(c - a))
+        let mut sees = vec![false; self.triangles.len()];
+        for &k in near.iter().flat_map(|&v| self.at.of(v as usize)) {
+            sees[k as usize] = true;
+        }
+        let all = 0..self.triangles.len() as u32;
+        all.filter(|&k| sees[k as usize]).collect()
     }
 
     /// Doubled area, cosine with the mean normal of the surroundings and that normal, for some of the triangles.
@@ -89,18 +84,28 @@ impl Surroundings {
         let corners = some.iter().flat_map(|&k| self.triangles[k as usize]);
         let needed = self.rings.about(&corners.collect::<Vec<u32>>(), 1);
         // Sums of normals around each vertex. Plain numbers: what is not looked at costs no memory.
-        let mut one = vec![[0.0; 3]; self.at.owners()];
-        let mut two = one.clone();
+        let none = |count: usize| vec![[0.0; 3]; count];
+        let (mut one, mut two) = (none(self.at.owners()), none(self.at.owners()));
+        // Of each triangle, as long as twice its area.
+        let mut normal = none(self.triangles.len());
+        let mut known = vec![false; normal.len()];
         for v in needed.iter().flatten().map(|&v| v as usize) {
-            let normals = self.at.of(v).iter().map(|&k| self.normal(k, p));
-            one[v] = normals.sum::<Vec3>().into();
+            let mut sum = Vec3::zeros();
+            for k in self.at.of(v).iter().map(|&k| k as usize) {
+                if !std::mem::replace(&mut known[k], true) {
+                    let [a, b, c] = self.triangles[k].map(p);
+                    normal[k] = (b - a).cross(&(c - a)).into();
+                }
+                sum += Vec3::from(normal[k]);
+            }
+            one[v] = sum.into();
         }
         for v in needed[0].iter().map(|&v| v as usize) {
             let add = |sum: Vec3, &o: &u32| sum + Vec3::from(one[o as usize]);
             two[v] = self.rings.of(v).iter().fold(one[v].into(), add).into();
         }
         let lie = |&k: &u32| {
-            let n = self.normal(k, p);
+            let n = Vec3::from(normal[k as usize]);
             let around = self.triangles[k as usize].iter();
             let around: Vec3 = around.map(|&v| Vec3::from(two[v as usize])).sum();
             let around = around.try_normalize(0.0).unwrap_or_default();
