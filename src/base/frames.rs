@@ -9,6 +9,7 @@
 //! `SensorFromHead * HeadFromFace` is a `SensorFromFace`; nothing else is. A motion dereferences to its plain [`Rigid`] for
 //! reading.
 
+use core::borrow::Borrow;
 use core::marker::PhantomData;
 use core::ops::{Deref, Mul};
 
@@ -16,16 +17,17 @@ use super::geometry::{Point, Rigid, Rotation};
 use nalgebra::Translation3;
 
 /// The depth camera's frame.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sensor {}
 /// The standard head's frame, as depth sees the head.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Head {}
 /// The face's frame, as the picture shows it.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Face {}
 
 /// A rigid motion that takes coordinates in the frame `From` to coordinates in the frame `To`.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion<To, From>(Rigid, PhantomData<fn(From) -> To>);
 
 /// Where the head is, as depth sees it.
@@ -79,56 +81,19 @@ impl<A, B, C> Mul<Motion<B, C>> for Motion<A, B> {
     }
 }
 
-impl<To, From> Mul<Point> for Motion<To, From> {
+impl<To, From, P: Borrow<Point>> Mul<P> for Motion<To, From> {
     type Output = Point;
 
-    fn mul(self, point: Point) -> Point {
-        self.0 * point
+    fn mul(self, point: P) -> Point {
+        self.0 * point.borrow()
     }
 }
 
-impl<To, From> Mul<Point> for &Motion<To, From> {
+impl<To, From, P: Borrow<Point>> Mul<P> for &Motion<To, From> {
     type Output = Point;
 
-    fn mul(self, point: Point) -> Point {
-        self.0 * point
-    }
-}
-
-impl<To, From> Mul<&Point> for &Motion<To, From> {
-    type Output = Point;
-
-    fn mul(self, point: &Point) -> Point {
-        self.0 * point
-    }
-}
-
-impl<To, From> Mul<&Point> for Motion<To, From> {
-    type Output = Point;
-
-    fn mul(self, point: &Point) -> Point {
-        self.0 * point
-    }
-}
-
-// By hand: the frames themselves need to be none of these.
-impl<To, From> Clone for Motion<To, From> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<To, From> Copy for Motion<To, From> {}
-
-impl<To, From> PartialEq for Motion<To, From> {
-    fn eq(&self, other: &Self) -> bool {
-        self.0 == other.0
-    }
-}
-
-impl<To, From> core::fmt::Debug for Motion<To, From> {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        self.0.fmt(f)
+    fn mul(self, point: P) -> Point {
+        self.0 * point.borrow()
     }
 }
 
