@@ -10,49 +10,27 @@ pub enum ModelError {
         "expected a face model (first bytes \"MIENFACE\"), found {0:?}; give a file written by `mien-studio train`"
     )]
     NotAModel(Vec<u8>),
-    /// Another version of the format.
+    /// Another version of the format: the one this program reads, and the file's.
     #[error(
-        "expected a face model of version {expected}, found version {found}; train it again with this mien-studio"
+        "expected a face model of version {0}, found version {1}; train it again with this mien-studio"
     )]
-    Version {
-        /// What this program reads.
-        expected: u32,
-        /// What the file says.
-        found: u32,
-    },
-    /// Too short or too long.
-    #[error("expected a face model of {expected} bytes, found {found}; copy the file again")]
-    Length {
-        /// What the header says.
-        expected: u64,
-        /// What is there.
-        found: u64,
-    },
-    /// A byte is wrong.
+    Version(u32, u32),
+    /// Too short or too long: bytes by the header, and bytes there.
+    #[error("expected a face model of {0} bytes, found {1}; copy the file again")]
+    Length(u64, u64),
+    /// A byte is wrong: checksum by the file, and of its bytes.
     #[error(
-        "expected face model checksum {expected:08x}, found {found:08x}: the file is damaged; copy it again"
+        "expected face model checksum {0:08x}, found {1:08x}: the file is damaged; copy it again"
     )]
-    Damaged {
-        /// What the file says.
-        expected: u32,
-        /// What its bytes give.
-        found: u32,
-    },
+    Damaged(u32, u32),
     /// A section is not there.
     #[error(
         "expected a section {0} in the face model, found none; train it again with this mien-studio"
     )]
     Missing(&'static str),
-    /// A section says something impossible.
+    /// A section says something impossible: its tag, what should be there, and what is.
     #[error(
-        "section {section} of the face model: expected {expected}, found {found}; train it again with this mien-studio"
+        "section {0} of the face model: expected {1}, found {2}; train it again with this mien-studio"
     )]
-    Malformed {
-        /// Tag of the section.
-        section: &'static str,
-        /// What should be there.
-        expected: &'static str,
-        /// What is there.
-        found: f64,
-    },
+    Malformed(&'static str, &'static str, f64),
 }

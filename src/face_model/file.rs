@@ -67,19 +67,13 @@ fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
         let found = bytes[..bytes.len().min(MAGIC.len())].to_vec();
         return Err(ModelError::NotAModel(found));
     }
-    let length = |expected| ModelError::Length {
-        expected,
-        found: bytes.len() as u64,
-    };
+    let length = |expected| ModelError::Length(expected, bytes.len() as u64);
     if bytes.len() < HEADER + CHECKSUM {
         return Err(length((HEADER + CHECKSUM) as u64));
     }
     let version = u32_at(bytes, MAGIC.len());
     if !(OLDEST..=VERSION).contains(&version) {
-        return Err(ModelError::Version {
-            expected: VERSION,
-            found: version,
-        });
+        return Err(ModelError::Version(VERSION, version));
     }
     let stated = u64::from(u32_at(bytes, 12)) | u64::from(u32_at(bytes, 16)) << 32;
     if stated != bytes.len() as u64 {
@@ -88,7 +82,7 @@ fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
     let body = bytes.len() - CHECKSUM;
     let (expected, found) = (u32_at(bytes, body), crc32(&bytes[..body]));
     if expected != found {
-        return Err(ModelError::Damaged { expected, found });
+        return Err(ModelError::Damaged(expected, found));
     }
     Ok((&bytes[HEADER..body], found))
 }
@@ -434,16 +428,13 @@ mod tests {
         other[8] = 9;
         assert_eq!(
             FaceModel::read(&other),
-            Err(ModelError::Version {
-                expected: VERSION,
-                found: 9
-            })
+            Err(ModelError::Version(VERSION, 9))
         );
         for length in [8, 19, 23, 100, bytes.len() - 1] {
             assert!(
                 matches!(
                     FaceModel::read(&bytes[..length]),
-                    Err(ModelError::Length { .. })
+                    Err(ModelError::Length(..))
                 ),
                 "{length}"
             );
@@ -452,7 +443,7 @@ mod tests {
             let mut flipped = bytes.clone();
             flipped[at] ^= 1;
             assert!(
-                matches!(FaceModel::read(&flipped), Err(ModelError::Damaged { .. })),
+                matches!(FaceModel::read(&flipped), Err(ModelError::Damaged(..))),
                 "{at}"
             );
         }

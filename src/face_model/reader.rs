@@ -16,11 +16,7 @@ pub(crate) struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub(crate) fn malformed(&self, expected: &'static str, found: f64) -> ModelError {
-        ModelError::Malformed {
-            section: self.section,
-            expected,
-            found,
-        }
+        ModelError::Malformed(self.section, expected, found)
     }
 
     pub(crate) fn take(&mut self, count: usize) -> Result<&'a [u8], ModelError> {
