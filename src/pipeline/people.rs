@@ -13,7 +13,7 @@ use alloc::sync::Arc;
 use super::follower::Follower;
 use super::settings::Settings;
 use super::stage::Now;
-use crate::base::capacity::{HEADS, REMEMBERED, USERS};
+use crate::base::capacity::{HEADS, USERS};
 use crate::base::geometry::Point;
 use crate::base::shared_cell::Shared;
 use crate::base::time::Timestamp;
@@ -21,13 +21,12 @@ use crate::expression::Expression;
 use crate::expression::units::Units;
 use crate::face_model::FaceModel;
 use crate::landmarks::LandmarkStage;
-use crate::output::{Command, Report};
 use crate::pose::{PoseError, PoseTracker};
 use crate::segment::{HeadCloud, Segmenter};
 use crate::users::choice::{Candidate, Choice};
 use crate::users::likeness::Likeness;
 use crate::users::matching::Place;
-use crate::users::memory::{Gone, Memory};
+use crate::users::memory::Memory;
 use crate::users::{self, Presence, TrackingState, matching};
 
 /// Frames for which a newcomer's whole head is compared before deciding whether they were here before, if anybody was,
@@ -58,21 +57,21 @@ const SAME_M: f32 = 0.12;
 pub(super) struct People {
     /// By slot, and last the candidate's.
     pub(super) followers: Vec<Follower>,
-    settings: users::Settings,
-    memory: Memory,
-    choice: Choice,
+    pub(super) settings: users::Settings,
+    pub(super) memory: Memory,
+    pub(super) choice: Choice,
     /// Heads without a face, and the frame from which they are tried again.
-    refused: heapless::Deque<(Point, u64), HEADS>,
+    pub(super) refused: heapless::Deque<(Point, u64), HEADS>,
     /// Slots whose users were forgotten in this frame.
-    left: [bool; USERS],
-    frame: u64,
+    pub(super) left: [bool; USERS],
+    pub(super) frame: u64,
     /// Frames processed so far.
     count: u64,
-    at: Timestamp,
+    pub(super) at: Timestamp,
 }
 
 /// The follower of the candidate, who may become a user.
-const CANDIDATE: usize = USERS;
+pub(super) const CANDIDATE: usize = USERS;
 
 /// Why a pipeline cannot be created from these settings and this model.
 #[derive(Debug, thiserror::Error)]
@@ -201,27 +200,6 @@ impl People {
         if self.settings.remember_s > 0.0 {
             self.memory.keep(user.gone(slot));
         }
-    }
-
-    /// People who left, longest gone first, and those present, as if they left now; nobody if none are remembered.
-    pub(super) fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
-        let users = self.followers[..USERS].iter().enumerate();
-        let known =
-            users.filter(|(_, user)| user.is_taken() && user.pose.learned_frames() >= FIRST_LOOK);
-        let there = known.map(|(slot, user)| user.gone(slot));
-        let left = self.memory.gone().iter().cloned();
-        let all = left.chain(there);
-        all.take_while(|_| self.settings.remember_s > 0.0).collect()
-    }
-
-    /// Remembers people of an earlier run.
-    pub(super) fn recall(&mut self, people: impl IntoIterator<Item = Gone>) {
-        people.into_iter().for_each(|gone| self.memory.keep(gone));
-    }
-
-    /// Time of the last frame.
-    pub(super) fn at(&self) -> Timestamp {
-        self.at
     }
 
     /// Processes one unassigned head, which may become a user.
@@ -382,12 +360,6 @@ impl People {
         Some(one.apart(other, pose.differ(&one.head, &other.head)?))
     }
 
-    /// The features of the user of a slot so far.
-    #[cfg(feature = "studio")]
-    pub(super) fn likeness(&self, slot: usize) -> Likeness {
-        self.followers[slot].likeness()
-    }
-
     /// The user that single-person outputs show.
     fn choose(&mut self) {
         let mut there: heapless::Vec<Candidate, USERS> = heapless::Vec::new();
@@ -402,91 +374,5 @@ impl People {
             }
         }
         self.choice.look(&there, self.at);
-    }
-
-    /// The reports of the last frame: one for each user, one with the state absent for each user forgotten in this frame, and
-    /// one without a user if there is neither.
-    pub(super) fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
-        let nobody = Report {
-            frame: self.frame,
-            at: self.at,
-            ..Report::default()
-        };
-        let mut reports = heapless::Vec::new();
-        for (slot, user) in self.followers[..USERS].iter().enumerate() {
-            if user.is_taken() || self.left[slot] {
-                // Room for all slots and one more.
-                let _ = reports.push(user.report(Report {
-                    user: Some(slot),
-                    aside: self.choice.shown().is_some_and(|shown| shown != slot),
-                    ..nobody
-                }));
-            }
-        }
-        if !self.followers[..USERS].iter().any(Follower::is_taken) {
-            match reports.first_mut() {
-                Some(gone) => gone.alone = true,
-                None => {
-                    let _ = reports.push(nobody);
-                }
-            }
-        }
-        reports
-    }
-
-    /// Names of the units, in the order of [`Report::weights`].
-    pub(super) fn unit_names(&self) -> Vec<&str> {
-        self.expression(0)
-            .unit_names()
-            .iter()
-            .map(|name| name.as_str())
-            .collect()
-    }
-
-    /// Executes a receiver's command; a slot without a user is left unchanged.
-    pub(super) fn obey(&mut self, command: Command) {
-        let (Command::Forget(slot @ ..USERS)
-        | Command::Freeze(slot @ ..USERS, _)
-        | Command::Neutral(slot @ ..USERS)) = command
-        else {
-            return;
-        };
-        let user = &mut self.followers[slot];
-        match command {
-            Command::Forget(_) => {
-                self.memory.forget_slot(slot);
-                user.expression.reset();
-                user.pose.reset();
-                user.landmarks.reset();
-            }
-            Command::Freeze(_, frozen) => user.expression.freeze(frozen),
-            Command::Neutral(_) => user.expression.take_neutral(),
-            Command::Level(..) => {}
-        }
-    }
-
-    /// The frames now come from another camera; forgets everybody.
-    pub(super) fn forget(&mut self) {
-        self.refused.clear();
-        for follower in &mut self.followers {
-            follower.forget();
-        }
-    }
-
-    /// What was learned about the user of a slot (beyond the last: the candidate), for pictures and tables.
-    pub(super) fn expression(&self, slot: usize) -> &Expression {
-        &self.followers[slot.min(CANDIDATE)].expression
-    }
-
-    /// Takes over what another pipeline knows about its users, as when settings change during a run.
-    pub(super) fn adopt(&mut self, before: &Self) {
-        let before_users = before.followers.iter().take(CANDIDATE);
-        for (follower, before) in self.followers.iter_mut().zip(before_users) {
-            if before.is_taken() {
-                follower.adopt(before);
-            }
-        }
-        self.memory = before.memory.clone();
-        self.choice.adopt(&before.choice);
     }
 }

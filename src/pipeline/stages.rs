@@ -5,7 +5,8 @@
 //! ```
 //! All memory is allocated in [`Pipeline::new`].
 
-use super::people::{People, PipelineError};
+use super::follower::Follower;
+use super::people::{CANDIDATE, FIRST_LOOK, People, PipelineError};
 use super::settings::Settings;
 use super::stage::{Now, Stage};
 use crate::base::capacity::{REMEMBERED, USERS};
@@ -68,7 +69,33 @@ impl Pipeline {
     /// one without a user if there is neither.
     #[must_use]
     pub fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
-        self.people.reports()
+        let people = &self.people;
+        let users = &people.followers[..USERS];
+        let nobody = Report {
+            frame: people.frame,
+            at: people.at,
+            ..Report::default()
+        };
+        let mut reports = heapless::Vec::new();
+        for (slot, user) in users.iter().enumerate() {
+            if user.is_taken() || people.left[slot] {
+                // Room for all slots and one more.
+                let _ = reports.push(user.report(Report {
+                    user: Some(slot),
+                    aside: people.choice.shown().is_some_and(|shown| shown != slot),
+                    ..nobody
+                }));
+            }
+        }
+        if !users.iter().any(Follower::is_taken) {
+            match reports.first_mut() {
+                Some(gone) => gone.alone = true,
+                None => {
+                    let _ = reports.push(nobody);
+                }
+            }
+        }
+        reports
     }
 
     /// The report of the user that single-person outputs show; of nobody if there is none.
@@ -90,40 +117,75 @@ impl Pipeline {
     /// Names of the units, in the order of [`Report::weights`].
     #[must_use]
     pub fn unit_names(&self) -> Vec<&str> {
-        self.people.unit_names()
+        let names = self.expression(0).unit_names().iter();
+        names.map(|name| name.as_str()).collect()
     }
 
     /// Executes a receiver's command; a slot without a user is left unchanged.
     pub fn obey(&mut self, command: Command) {
-        self.people.obey(command);
+        let (Command::Forget(slot @ ..USERS)
+        | Command::Freeze(slot @ ..USERS, _)
+        | Command::Neutral(slot @ ..USERS)) = command
+        else {
+            return;
+        };
+        let user = &mut self.people.followers[slot];
+        match command {
+            Command::Forget(_) => {
+                self.people.memory.forget_slot(slot);
+                user.expression.reset();
+                user.pose.reset();
+                user.landmarks.reset();
+            }
+            Command::Freeze(_, frozen) => user.expression.freeze(frozen),
+            Command::Neutral(_) => user.expression.take_neutral(),
+            Command::Level(..) => {}
+        }
     }
 
     /// People who left, longest gone first, and those present, as if they left now; nobody if none are remembered.
     pub fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
-        self.people.people()
+        let users = self.people.followers[..USERS].iter().enumerate();
+        let known =
+            users.filter(|(_, user)| user.is_taken() && user.pose.learned_frames() >= FIRST_LOOK);
+        let there = known.map(|(slot, user)| user.gone(slot));
+        let all = self.people.memory.gone().iter().cloned().chain(there);
+        all.take_while(|_| self.people.settings.remember_s > 0.0)
+            .collect()
     }
 
     /// Remembers people of an earlier run.
     pub fn recall(&mut self, people: impl IntoIterator<Item = Gone>) {
-        self.people.recall(people);
+        people
+            .into_iter()
+            .for_each(|gone| self.people.memory.keep(gone));
     }
 
     /// Takes over what another pipeline knows about its users, as when settings change during a run.
     pub fn adopt(&mut self, before: &Self) {
-        self.people.adopt(&before.people);
+        let (people, before) = (&mut self.people, &before.people);
+        let before_users = before.followers.iter().take(CANDIDATE);
+        for (follower, before) in people.followers.iter_mut().zip(before_users) {
+            if before.is_taken() {
+                follower.adopt(before);
+            }
+        }
+        people.memory = before.memory.clone();
+        people.choice.adopt(&before.choice);
     }
 
     /// The frames now come from another camera.
     pub fn set_camera(&mut self, camera: &Camera) {
         self.camera = camera.clone();
         self.segmenter.reset();
-        self.people.forget();
+        self.people.refused.clear();
+        self.people.followers.iter_mut().for_each(Follower::forget);
     }
 
     /// Time of the last frame.
     #[must_use]
     pub fn at(&self) -> Timestamp {
-        self.people.at()
+        self.people.at
     }
 
     /// The camera the pipeline assumes.
@@ -141,7 +203,7 @@ impl Pipeline {
     /// What was learned about the user of a slot (beyond the last: the candidate), for pictures and tables.
     #[must_use]
     pub fn expression(&self, slot: usize) -> &Expression {
-        self.people.expression(slot)
+        &self.people.followers[slot.min(CANDIDATE)].expression
     }
 
     /// How far apart two people are; `None` when too little was seen to tell.
@@ -153,7 +215,7 @@ impl Pipeline {
     /// The features of the user of a slot so far.
     #[cfg(feature = "studio")]
     pub(crate) fn likeness(&self, slot: usize) -> Likeness {
-        self.people.likeness(slot)
+        self.people.followers[slot].likeness()
     }
 }
 
