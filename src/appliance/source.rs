@@ -5,15 +5,16 @@ use std::time::{Duration, Instant};
 
 use crate::base::nearest_word::hint;
 use crate::base::time::Timestamp;
+use crate::sensor::RecordingError;
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::device::{DeviceError, Stream};
 pub use crate::sensor::kinect::driver::{KinectError as SensorError, Settings as SensorSettings};
 use crate::sensor::kinect::frame::Developed;
 pub use crate::sensor::kinect::geometry::nominal;
 use crate::sensor::kinect::live::LiveKinect;
-use crate::sensor::kinect::recording::{Recording, RecordingError};
+use crate::sensor::kinect::recording::Recording;
 use crate::sensor::kinect::registration::Registration;
-use crate::sensor::rgbd::{Rgbd, RgbdError};
+use crate::sensor::rgbd::Rgbd;
 use crate::simulator::simulated::{Simulated, UnknownScene};
 
 /// The source unless another is named.
@@ -61,9 +62,6 @@ pub enum SourceError {
         "expected kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {0}{1}"
     )]
     Unknown(String, String),
-    /// Nor a depth camera's.
-    #[error(transparent)]
-    Rgbd(#[from] RgbdError),
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
@@ -180,7 +178,7 @@ impl Source {
     pub fn camera(&self) -> &Camera {
         match self {
             Self::Recording(recording) => recording.camera(),
-            Self::Rgbd(recording) => recording.camera(),
+            Self::Rgbd(recording) => &recording.camera,
             Self::Simulated(simulated) => simulated.camera(),
             Self::Kinect(live) => live.camera(),
         }

@@ -7,6 +7,9 @@ mod picture_file;
 #[cfg(feature = "std")]
 pub mod rgbd;
 
+#[cfg(feature = "std")]
+pub use picture_file::RecordingError;
+
 use crate::base::capacity::PIXELS;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;

@@ -1,8 +1,8 @@
-//! The pictures of a recording. A file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG and JPEG where the program has
+//! The pictures of a recording, and what the two kinds of recordings share. A file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG and JPEG where the program has
 //! decoders: the workstation's build, `--features studio`. Why a frame is skipped, and how that is told.
 
 use std::io::{ErrorKind, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::base::bounded_read;
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
@@ -11,6 +11,26 @@ use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 const HEADER_MOST: usize = 4096;
 /// Up to this many skipped frames are logged in full; after that only when their number has doubled.
 const WARNINGS_IN_FULL: u64 = 10;
+
+/// Why a recording cannot be opened or written: the file, and what is wrong with it.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {}", .0.display(), .1)]
+pub struct RecordingError(pub(super) PathBuf, pub(super) String);
+
+impl RecordingError {
+    /// Of a file that cannot be read or written.
+    pub(super) fn of_file(path: &Path, problem: &std::io::Error) -> Self {
+        let advice = "check the path, its permissions and the space left";
+        Self(path.to_owned(), format!("{problem}; {advice}"))
+    }
+}
+
+/// Place of what is nearest to a time in a list that is sorted by time; of two equally near the earlier.
+pub(super) fn nearest<T>(list: &[T], time: i64, time_of: impl Fn(&T) -> i64) -> Option<usize> {
+    let after = list.partition_point(|one| time_of(one) < time);
+    let near = after.saturating_sub(1)..list.len().min(after + 1);
+    near.min_by_key(|&at| time_of(&list[at]).abs_diff(time))
+}
 
 /// Why one frame was skipped.
 #[derive(Debug, thiserror::Error)]

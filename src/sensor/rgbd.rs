@@ -16,11 +16,10 @@
 
 mod calibration;
 
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::camera::{Camera, Picture, Pinhole, RANGE_M};
-use super::picture_file::{Damage, PictureFile, Pixels, Skipped};
+use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
 use super::{Frame, NO_DEPTH};
 use crate::base::bounded_read;
 use crate::base::capacity::{HEIGHT, WIDTH};
@@ -32,24 +31,6 @@ const LIST_MOST: usize = 1 << 26;
 const CALIBRATION_MOST: usize = 1 << 16;
 const UNLISTED: Damage =
     Damage::Listed("expected seconds and a file of this folder, later than the line before");
-
-/// Why a recording cannot be opened.
-#[derive(Debug, thiserror::Error)]
-pub enum RgbdError {
-    /// A file that must be there.
-    #[error("{}: cannot be read ({}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md", .0.display(), .1)]
-    File(PathBuf, std::io::Error),
-    /// The calibration is not one.
-    #[error("{}: {}", .0.display(), .1)]
-    Calibration(PathBuf, String),
-    /// Pictures that this program cannot decode.
-    #[cfg(not(feature = "studio"))]
-    #[error("{}: names PNG, which this lean program does not read; play it with one built with --features studio, or convert it to PGM, see docs/recordings.md", .0.display())]
-    Png(PathBuf),
-    /// A list without a picture.
-    #[error("{}: names no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?", .0.display())]
-    Empty(PathBuf),
-}
 
 /// One stream: its view as the frame has it, and what it takes to read a picture.
 struct Stream {
@@ -88,11 +69,11 @@ impl Stream {
     }
 }
 
-fn text(path: &Path, most: usize) -> Result<String, RgbdError> {
-    match bounded_read::regular(path, most) {
-        Ok(bytes) => Ok(String::from_utf8_lossy(&bytes).into_owned()),
-        Err(source) => Err(RgbdError::File(path.to_owned(), source)),
-    }
+fn text(path: &Path, most: usize) -> Result<String, RecordingError> {
+    let bytes = bounded_read::regular(path, most).map_err(|problem| {
+        RecordingError(path.to_owned(), format!("cannot be read ({problem}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md"))
+    })?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// Raw depth by what a file says.
@@ -111,7 +92,8 @@ pub struct Rgbd {
     index: Index,
     next: usize,
     skipped: Skipped,
-    camera: Camera,
+    /// Geometry of both cameras.
+    pub camera: Camera,
     depth: Stream,
     picture: Stream,
     /// Raw depth by what a file says.
@@ -132,24 +114,22 @@ impl Rgbd {
     ///
     /// # Errors
     /// If there is no list of depth pictures, or the calibration is missing or unusable.
-    pub fn open(folder: &Path) -> Result<Self, RgbdError> {
+    pub fn open(folder: &Path) -> Result<Self, RecordingError> {
         let text = |name, most| text(&folder.join(name), most);
         let calibration = Calibration::parse(&text("camera.json", CALIBRATION_MOST)?);
-        let calibration = calibration
-            .map_err(|problem| RgbdError::Calibration(folder.join("camera.json"), problem))?;
-        let pictures = match text("rgb.txt", LIST_MOST) {
-            Err(RgbdError::File(_, source)) if source.kind() == ErrorKind::NotFound => {
-                String::new()
-            }
-            text => text?,
+        let calibration =
+            calibration.map_err(|problem| RecordingError(folder.join("camera.json"), problem))?;
+        let pictures = match folder.join("rgb.txt").try_exists() {
+            Ok(false) => String::new(),
+            _ => text("rgb.txt", LIST_MOST)?,
         };
         let index = Index::parse(&text("depth.txt", LIST_MOST)?, &pictures);
         if index.depth.is_empty() {
-            return Err(RgbdError::Empty(folder.join("depth.txt")));
+            return Err(RecordingError(folder.join("depth.txt"), "names no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?".into()));
         }
         #[cfg(not(feature = "studio"))]
         if index.depth[0].name.ends_with(".png") {
-            return Err(RgbdError::Png(folder.join("depth.txt")));
+            return Err(RecordingError(folder.join("depth.txt"), "names PNG, which this lean program does not read; play it with one built with --features studio, or convert it to PGM, see docs/recordings.md".into()));
         }
         let (depth, picture) = (&calibration.depth, &calibration.colour);
         let streams = [depth, picture].map(Stream::new);
@@ -178,12 +158,6 @@ impl Rgbd {
             picture: of_picture,
             raw,
         })
-    }
-
-    /// Geometry of both cameras.
-    #[must_use]
-    pub fn camera(&self) -> &Camera {
-        &self.camera
     }
 
     /// Frames skipped so far because a file of theirs is damaged or missing.
@@ -314,16 +288,14 @@ impl Index {
         periods.sort_unstable();
         let period = periods.get(periods.len() / 2).copied().unwrap_or(PERIOD_US);
         let others = known(&pictures);
-        let nearest = |time: i64| {
-            let at = others.partition_point(|(other, _)| *other < time);
-            let near = others[at.saturating_sub(1)..(at + 1).min(others.len())].iter();
-            let nearest = near.min_by_key(|(other, _)| (other - time).abs())?;
-            ((nearest.0 - time).abs() * 2 <= period).then_some(nearest.1)
+        let partner = |time: i64| {
+            let (other, place) = others[nearest(&others, time, |other| other.0)?];
+            ((other - time).abs() * 2 <= period).then_some(place)
         };
         let entry = |(time, name): (Option<i64>, String)| Entry {
             name,
             time_us: time.and_then(|time| time.try_into().ok()),
-            picture: time.and_then(nearest),
+            picture: time.and_then(partner),
         };
         Self {
             depth: depth.into_iter().map(entry).collect(),

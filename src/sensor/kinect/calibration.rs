@@ -5,7 +5,7 @@
 //! devices store 2.3, and the registration was computed with 2.4.
 
 use super::device::Model;
-use super::registration::{Padding, Registration, ZeroPlane};
+use super::registration::{Registration, ZeroPlane};
 use crate::base::prelude::*;
 
 /// Which block of [`super::command::Command::AlgorithmParameters`].
@@ -52,25 +52,16 @@ const OPTICS: usize = 94;
 const CAMERA_DISTANCE: f32 = 2.4;
 
 /// A block that cannot be a Kinect's.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum CalibrationError {
-    /// A block that has not the length this model sends: its name, bytes found and expected.
-    #[error(
-        "the Kinect's calibration block {0} has {1} bytes, expected {2}; unplug it and plug it in again"
-    )]
-    Length(&'static str, usize, usize),
-    /// A length of the optics that no Kinect has: its name, value and range.
-    #[error(
-        "the Kinect's calibration says {} is {}, expected {} to {}; unplug it and plug it in again",
-        .0, .1, .2[0], .2[1]
-    )]
-    Range(&'static str, f32, [f32; 2]),
-}
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("the Kinect's calibration {0}; unplug it and plug it in again")]
+pub struct CalibrationError(String);
 
 fn of_length(block: &'static str, bytes: &[u8], expected: usize) -> Result<(), CalibrationError> {
     let found = bytes.len();
-    let problem = CalibrationError::Length(block, found, expected);
-    (found == expected).then_some(()).ok_or(problem)
+    let problem = || format!("block {block} has {found} bytes, expected {expected}");
+    (found == expected)
+        .then_some(())
+        .ok_or_else(|| CalibrationError(problem()))
 }
 
 /// Reads the optics from the fixed parameters.
@@ -79,11 +70,12 @@ fn of_length(block: &'static str, bytes: &[u8], expected: usize) -> Result<(), C
 /// Wrong length for the model, or a value no Kinect has (limits are generous: a factor of ten about the usual).
 pub fn parse_fixed(block: &[u8], model: Model) -> Result<ZeroPlane, CalibrationError> {
     of_length("fixed parameters", block, model.fixed_parameters_len())?;
-    let checked = |i: usize, name, least, most| {
+    let checked = |i: usize, name: &str, least: f32, most: f32| {
         let found = f32::from_le_bytes(block[OPTICS..].as_chunks().0[i]);
-        let problem = CalibrationError::Range(name, found, [least, most]);
+        let problem = || format!("says {name} is {found}, expected {least} to {most}");
         let fits = (least..=most).contains(&found);
-        fits.then_some(found).ok_or(problem)
+        fits.then_some(found)
+            .ok_or_else(|| CalibrationError(problem()))
     };
     Ok(ZeroPlane {
         dcmos_emitter_distance: checked(0, "the emitter's distance (cm)", 0.75, 75.0)?,
@@ -106,13 +98,7 @@ pub fn parse_block(
     let short = |i: usize| u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
     match block {
         Block::ConstShift => registration.const_shift = short(0),
-        Block::Padding => {
-            registration.padding = Padding {
-                start_lines: short(0),
-                end_lines: short(1),
-                cropping_lines: short(2),
-            };
-        }
+        Block::Padding => registration.padding = [0, 1, 2].map(short),
         Block::Registration => {
             for (integer, bytes) in registration.integers.iter_mut().zip(bytes.as_chunks().0) {
                 *integer = i32::from_le_bytes(*bytes);
@@ -143,18 +129,13 @@ pub fn emit_fixed(registration: &Registration, model: Model) -> Vec<u8> {
 /// One algorithm block, without its status word.
 #[must_use]
 pub fn emit_block(block: Block, registration: &Registration) -> Vec<u8> {
-    let padding = &registration.padding;
     let bytes = |shorts: &[u16]| {
         let bytes = shorts.iter().flat_map(|short| short.to_le_bytes());
         bytes.collect()
     };
     match block {
         Block::ConstShift => bytes(&[registration.const_shift]),
-        Block::Padding => bytes(&[
-            padding.start_lines,
-            padding.end_lines,
-            padding.cropping_lines,
-        ]),
+        Block::Padding => bytes(&registration.padding),
         Block::Registration => {
             let integers = registration.integers.iter();
             integers.flat_map(|integer| integer.to_le_bytes()).collect()
@@ -176,7 +157,7 @@ mod tests {
             let mut sent = Registration::default();
             sent.integers = sent.integers.map(|_| random.i32(..));
             sent.const_shift = random.u16(..);
-            sent.padding.end_lines = random.u16(..);
+            sent.padding[1] = random.u16(..);
             sent.zero_plane.reference_distance = 100.0 + round as f32 * 0.01;
             let mut found = Registration {
                 zero_plane: parse_fixed(&emit_fixed(&sent, MODELS[round % 3]), MODELS[round % 3])

@@ -83,24 +83,9 @@ pub struct LiveKinect {
     /// Opening of the last frame, and when it was taken from the ring.
     last: Option<(u64, Instant)>,
     arrived: Option<Instant>,
-    calibration: Calibration,
-}
-
-defaults! {
     /// What was read from the sensor that the last frame came from, nominal before the first.
-    struct Calibration {
-        registration: Registration = Registration::default(),
-        camera: Camera = Registration::default().camera(),
-    }
-}
-
-impl Calibration {
-    fn read(&mut self, registration: &Registration) {
-        if self.registration != *registration {
-            self.registration.clone_from(registration);
-            self.camera = registration.camera();
-        }
-    }
+    registration: Registration,
+    camera: Camera,
 }
 
 impl LiveKinect {
@@ -131,7 +116,8 @@ impl LiveKinect {
             clock: PictureClock::default(),
             last: None,
             arrived: None,
-            calibration: Calibration::default(),
+            registration: Registration::default(),
+            camera: Registration::default().camera(),
         }
     }
 
@@ -149,7 +135,8 @@ impl LiveKinect {
             self.clock.restart(now - at);
         }
         if self.last.is_none_or(|(former, _)| former != opening) {
-            self.calibration.read(&inner.registration);
+            self.registration.clone_from(&inner.registration);
+            self.camera = inner.registration.camera();
         }
         self.last = Some((opening, now));
         drop(inner);
@@ -164,7 +151,8 @@ impl LiveKinect {
         let attempted =
             |inner: &Inner| inner.status.openings > 0 || inner.status.waiting_for.is_some();
         let inner = self.shared.wait(wait, attempted);
-        self.calibration.read(&inner.registration);
+        self.registration.clone_from(&inner.registration);
+        self.camera = inner.registration.camera();
         inner.status.clone()
     }
 
@@ -177,13 +165,13 @@ impl LiveKinect {
     /// Calibration of the sensor behind the last frame; the usual one before the first.
     #[must_use]
     pub const fn registration(&self) -> &Registration {
-        &self.calibration.registration
+        &self.registration
     }
 
     /// The same in the form the stages use.
     #[must_use]
     pub const fn camera(&self) -> &Camera {
-        &self.calibration.camera
+        &self.camera
     }
 
     /// When the last frame was whole in this machine's memory.

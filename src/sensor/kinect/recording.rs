@@ -17,11 +17,9 @@
 //! nothing is allocated per frame. Cost: reading 1.5 MB per frame.
 
 pub mod device;
-mod error;
 mod index;
 mod write;
 
-pub use error::RecordingError;
 pub use write::Recorder;
 
 use std::io::ErrorKind;
@@ -36,9 +34,9 @@ use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::base::vectors::wide;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
-use crate::sensor::picture_file::{Damage, PictureFile, Skipped};
-use error::{DEVICE_NAME, INDEX_NAME};
+use crate::sensor::picture_file::{Damage, PictureFile, RecordingError, Skipped};
 use index::{Entry, Index};
+use write::{DEVICE_NAME, INDEX_NAME};
 
 /// Bytes and pictures of the longest index: nine hours of both streams at 30 a second, which take a terabyte and a half.
 const INDEX_MOST: [usize; 2] = [1 << 26, 1 << 21];
@@ -69,16 +67,13 @@ impl Recording {
             let fits = index::names(&text).count() <= INDEX_MOST[1];
             fits.then_some(text).ok_or(ErrorKind::FileTooLarge.into())
         });
-        let text = text.map_err(|source| {
-            let path = path.clone();
-            match source.kind() {
-                ErrorKind::Other | ErrorKind::FileTooLarge => RecordingError::File(path, source),
-                kind => RecordingError::NoIndex(path, kind),
-            }
+        let text = text.map_err(|problem| match problem.kind() {
+            ErrorKind::Other | ErrorKind::FileTooLarge => RecordingError::of_file(&path, &problem),
+            kind => RecordingError(path.clone(), format!("no recording there ({kind}); a recording is a directory with INDEX.txt and the files it names")),
         })?;
         let index = Index::parse(&text);
         if index.depth.is_empty() {
-            return Err(RecordingError::NoDepth(path));
+            return Err(RecordingError(path, "names no depth picture, expected lines like d-1700000000.033333-2000000.pgm; is the recording complete?".into()));
         }
         let registration = device::read(&directory.join(DEVICE_NAME))?.unwrap_or_default();
         Ok(Self {

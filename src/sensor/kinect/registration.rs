@@ -19,16 +19,8 @@ pub fn integer_names() -> impl Iterator<Item = &'static str> {
     INTEGERS.split_whitespace()
 }
 
-/// Rows and columns the device cuts off; all zero on the sensors known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Padding {
-    /// Rows above the picture.
-    pub start_lines: u16,
-    /// Rows below the picture.
-    pub end_lines: u16,
-    /// Rows cropped.
-    pub cropping_lines: u16,
-}
+/// Names of [`Registration::padding`].
+pub const PADDING: [&str; 3] = ["start_lines", "end_lines", "cropping_lines"];
 
 defaults! {
     /// The triangle of emitter, camera and reference plane. Lengths in centimetres, as the device gives them.
@@ -49,8 +41,8 @@ defaults! {
     pub struct Registration {
         /// Depth pixel to colour pixel: the device's integers, by [`integer_names`].
         pub integers: [i32; 29] = SAMPLE,
-        /// Rows cut off.
-        pub padding: Padding = Padding::default(),
+        /// Rows the device cuts off above, below and beside the picture, by [`PADDING`]; all zero on the sensors known.
+        pub padding: [u16; 3] = [0; 3],
         /// Raw depth to distance.
         pub zero_plane: ZeroPlane = ZeroPlane::default(),
         /// C: offset of raw depth, in steps of four raw values.

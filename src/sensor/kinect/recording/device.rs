@@ -11,9 +11,9 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::error::RecordingError;
 use crate::base::bounded_read;
-use crate::sensor::kinect::registration::{Registration, integer_names};
+use crate::sensor::kinect::registration::{PADDING, Registration, integer_names};
+use crate::sensor::picture_file::RecordingError;
 
 /// Larger files are no calibration.
 const LARGEST_BYTES: usize = 64 * 1024;
@@ -27,10 +27,11 @@ const LONGEST_CM: f32 = 1000.0;
 pub fn read(path: &Path) -> Result<Option<Registration>, RecordingError> {
     match bounded_read::regular(path, LARGEST_BYTES) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(problem) => Err(RecordingError::File(path.into(), problem)),
-        Ok(text) => from_json(&text)
-            .map(Some)
-            .map_err(|problem| RecordingError::Device(path.into(), problem)),
+        Err(problem) => Err(RecordingError::of_file(path, &problem)),
+        Ok(text) => from_json(&text).map(Some).map_err(|problem| {
+            let advice = "correct it, or remove the file to use the nominal calibration";
+            RecordingError(path.into(), format!("{problem}; {advice}"))
+        }),
     }
 }
 
@@ -54,10 +55,9 @@ fn from_json(text: &[u8]) -> Result<Registration, String> {
     for (name, integer) in integer_names().zip(&mut registration.integers) {
         whole(block, name, integer)?;
     }
-    let (padding, from) = (&mut registration.padding, &block["pad_info"]);
-    whole(from, "start_lines", &mut padding.start_lines)?;
-    whole(from, "end_lines", &mut padding.end_lines)?;
-    whole(from, "cropping_lines", &mut padding.cropping_lines)?;
+    for (name, lines) in PADDING.into_iter().zip(&mut registration.padding) {
+        whole(&block["pad_info"], name, lines)?;
+    }
     let (plane, from) = (&mut registration.zero_plane, &block["zero_plane_info"]);
     for (name, field) in [
         ("dcmos_emitter_distance", &mut plane.dcmos_emitter_distance),
@@ -100,15 +100,12 @@ pub fn to_json(registration: &Registration) -> String {
     for (name, value) in integer_names().zip(registration.integers) {
         writeln!(text, "    \"{name}\": {value},").expect("a String takes everything");
     }
-    let (padding, plane) = (&registration.padding, &registration.zero_plane);
+    let ([start, end, cropping], plane) = (registration.padding, &registration.zero_plane);
     write!(
         text,
-        "    \"pad_info\": {{ \"start_lines\": {}, \"end_lines\": {}, \"cropping_lines\": {} }},\n    \
+        "    \"pad_info\": {{ \"start_lines\": {start}, \"end_lines\": {end}, \"cropping_lines\": {cropping} }},\n    \
          \"zero_plane_info\": {{\n      \"dcmos_emitter_distance\": {},\n      \"dcmos_rcmos_distance\": {},\n      \
          \"reference_distance\": {},\n      \"reference_pixel_size\": {}\n    }}\n  }},\n  \"const_shift\": {}\n}}\n",
-        padding.start_lines,
-        padding.end_lines,
-        padding.cropping_lines,
         plane.dcmos_emitter_distance,
         plane.dcmos_rcmos_distance,
         plane.reference_distance,
@@ -127,7 +124,7 @@ mod tests {
     fn a_calibration_survives_the_file() {
         let mut registration = Registration::default();
         registration.integers[1] = -17;
-        registration.padding.end_lines = 3;
+        registration.padding[1] = 3;
         registration.zero_plane.dcmos_rcmos_distance = 2.3;
         registration.const_shift = 187;
         assert_eq!(

@@ -18,6 +18,7 @@
 use std::collections::BinaryHeap;
 
 use crate::sensor::kinect::picture_clock::FRAME_TICKS;
+use crate::sensor::picture_file::nearest;
 
 /// A step back beyond this many ticks (a second) is a restart, not pictures out of order.
 const RESTART_TICKS: i64 = 60_000_000;
@@ -122,8 +123,11 @@ impl Index {
             }
         }
         let reach = period(depth) / 2;
+        let time_of = |entry: &Entry| entry.time.unwrap_or(i64::MAX);
         for entry in depth.iter_mut() {
-            entry.colour = entry.time.and_then(|time| nearest(colour, time, reach));
+            let Some(time) = entry.time else { continue };
+            let near = nearest(colour, time, time_of);
+            entry.colour = near.filter(|&near| (time_of(&colour[near]) - time).abs() <= reach);
         }
         index
     }
@@ -227,10 +231,7 @@ fn time_by_walls(colour: &mut [Entry], depth: &[Entry]) -> bool {
         return false;
     }
     for entry in colour.iter_mut().filter(|entry| !entry.stray) {
-        let after = anchors.partition_point(|anchor| anchor.wall_us < entry.wall_us);
-        let away = |anchor: &&Entry| wall(anchor).saturating_sub(wall(entry)).saturating_abs();
-        let near = &anchors[after.saturating_sub(1)..anchors.len().min(after + 1)];
-        let near = near.iter().min_by_key(away);
+        let near = nearest(&anchors, wall(entry), wall).map(|near| anchors[near]);
         entry.time = near.and_then(|near| Some(near.time? + step(near.ticks?, entry.ticks?)));
     }
     true
@@ -249,17 +250,6 @@ fn period(depth: &[Entry]) -> i64 {
     } else {
         FRAME_TICKS
     }
-}
-
-/// The colour picture nearest in time, at most `reach` away; of two equally near the earlier.
-fn nearest(colour: &[Entry], time: i64, reach: i64) -> Option<usize> {
-    let distance = |i: usize| colour[i].time.map_or(i64::MAX, |at| (at - time).abs());
-    let after = colour.partition_point(|entry| entry.time < Some(time));
-    [after.checked_sub(1), Some(after)]
-        .into_iter()
-        .flatten()
-        .filter(|&i| i < colour.len() && distance(i) <= reach)
-        .min_by_key(|&i| distance(i))
 }
 
 /// Unwraps the counter of one stream of pictures. What comes back is where each run of the sensor began: counter and unwrapped

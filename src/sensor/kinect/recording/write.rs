@@ -7,12 +7,17 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::device;
-use super::error::{DEVICE_NAME, INDEX_NAME, RecordingError};
 use crate::base::capacity::PIXELS;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::sensor::kinect::registration::Registration;
+use crate::sensor::picture_file::RecordingError;
+
+/// Name of the file that lists a recording's pictures.
+pub(super) const INDEX_NAME: &str = "INDEX.txt";
+/// Name of the file with the sensor's calibration.
+pub(super) const DEVICE_NAME: &str = "device.json";
 
 /// A recording that is being made.
 pub struct Recorder {
@@ -37,18 +42,20 @@ impl Recorder {
         registration: &Registration,
         started_unix_s: f64,
     ) -> Result<Self, RecordingError> {
-        let file_error = |path: &Path| {
-            let path = path.to_path_buf();
-            |problem| RecordingError::File(path, problem)
-        };
-        std::fs::create_dir_all(directory).map_err(file_error(directory))?;
+        let failed = |path: &Path, problem| RecordingError::of_file(path, &problem);
+        std::fs::create_dir_all(directory).map_err(|problem| failed(directory, problem))?;
         let path = directory.join(INDEX_NAME);
         let index = File::create_new(&path).map_err(|problem| match problem.kind() {
-            std::io::ErrorKind::AlreadyExists => RecordingError::Exists(directory.to_path_buf()),
-            _ => file_error(&path)(problem),
+            std::io::ErrorKind::AlreadyExists => {
+                let problem =
+                    "holds a recording already; choose another directory, nothing was changed";
+                RecordingError(directory.to_path_buf(), problem.into())
+            }
+            _ => failed(&path, problem),
         })?;
         let path = directory.join(DEVICE_NAME);
-        std::fs::write(&path, device::to_json(registration)).map_err(file_error(&path))?;
+        std::fs::write(&path, device::to_json(registration))
+            .map_err(|problem| failed(&path, problem))?;
         Ok(Self {
             directory: directory.to_path_buf(),
             index,
@@ -106,7 +113,7 @@ impl Recorder {
         written.map_err(|problem| {
             // Not being able to remove it adds nothing to what the user must already do.
             std::fs::remove_file(&path).ok();
-            RecordingError::File(path, problem)
+            RecordingError::of_file(&path, &problem)
         })
     }
 }
