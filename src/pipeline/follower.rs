@@ -42,12 +42,9 @@ const SURE_CONFIDENCE: f32 = 0.56;
 /// A head with this agreement needs only one frame.
 const CERTAIN_CONFIDENCE: f32 = 0.62;
 
-/// Tracks one person.
-pub(crate) struct Follower {
-    pub(crate) pose: PoseTracker,
-    pub(crate) landmarks: LandmarkStage,
-    pub(crate) expression: Expression,
-    pub(crate) presence: Presence,
+/// What is known of a person besides what their stages have learned.
+#[derive(Clone, Default)]
+pub(crate) struct Person {
     pub(crate) state: TrackingState,
     /// Last head pose; kept while held.
     head: Option<SensorFromFace>,
@@ -71,6 +68,15 @@ pub(crate) struct Follower {
     missed: bool,
     /// Features for re-identification, besides the head.
     face: FaceLengths,
+}
+
+/// Tracks one person.
+pub(crate) struct Follower {
+    pub(crate) pose: PoseTracker,
+    pub(crate) landmarks: LandmarkStage,
+    pub(crate) expression: Expression,
+    pub(crate) presence: Presence,
+    pub(crate) person: Person,
     /// Consecutive frames with a pose and without a face.
     faceless: u32,
     /// Number of places searched for a face without depth; continues from person to person.
@@ -91,18 +97,7 @@ impl Follower {
             landmarks,
             expression,
             presence,
-            state: TrackingState::Absent,
-            head: None,
-            points: None,
-            confidence: 0.0,
-            rect: None,
-            place: None,
-            since: Timestamp::default(),
-            last_seen: Timestamp::default(),
-            frames: 0,
-            posed: 0,
-            missed: false,
-            face: FaceLengths::default(),
+            person: Person::default(),
             faceless: 0,
             guesses: 0,
             ranges: heapless::Vec::new(),
@@ -111,22 +106,22 @@ impl Follower {
 
     /// Whether this follower is assigned to a person.
     pub(crate) fn is_taken(&self) -> bool {
-        self.state != TrackingState::Absent
+        self.person.state != TrackingState::Absent
     }
 
     /// Whether enough was seen to make this a user: a face, or without colour a stable head.
     pub(crate) fn is_somebody(&self) -> bool {
-        self.frames > 0 || self.posed >= POSED_FRAMES
+        self.person.frames > 0 || self.person.posed >= POSED_FRAMES
     }
 
     /// Whether enough was seen to accept an uncertain pose.
     fn is_known(&self) -> bool {
-        self.frames > 0 || self.posed >= KNOWN_FRAMES
+        self.person.frames > 0 || self.person.posed >= KNOWN_FRAMES
     }
 
     /// Frames for which the candidate was tracked.
     pub(crate) fn followed(&self) -> u64 {
-        self.frames + self.posed
+        self.person.frames + self.person.posed
     }
 
     /// The stages of a user, where their head is expected, or else in the cut-out of it that `head` numbers. Whether they
@@ -157,7 +152,7 @@ impl Follower {
         (pose, now.searches) = self.pose.find(cloud, now.frame.at, now.searches);
         (now.after)(Stage::Pose);
         let Some(pose) = pose else {
-            self.rect = Some(cloud.rect);
+            self.person.rect = Some(cloud.rect);
             self.miss_head();
             self.spot(now, cloud);
             return false;
@@ -167,7 +162,7 @@ impl Follower {
 
     /// The stages after the pose: landmarks, the pose's correction by them, expression.
     fn look(&mut self, now: &mut Now<'_>, cloud: &HeadCloud, pose: &HeadPose) -> bool {
-        self.rect = Some(cloud.rect);
+        self.person.rect = Some(cloud.rect);
         let Some(landmarks) = self.fit(now, pose) else {
             return self.follow_without_face(now, cloud, pose);
         };
@@ -177,7 +172,7 @@ impl Follower {
         self.expression
             .observe(&landmarks, &sensor_from_face, now.frame.at);
         self.ranges = self.expression.unit_ranges();
-        self.face.see(&landmarks.head);
+        self.person.face.see(&landmarks.head);
         self.show(now, landmarks, sensor_from_face, cloud);
         true
     }
@@ -188,7 +183,7 @@ impl Follower {
         if !frame.has_picture() {
             return None;
         }
-        self.posed = 0;
+        self.person.posed = 0;
         let fitted = self
             .landmarks
             .fit(&frame.luma, &frame.depth, now.camera, pose, frame.at);
@@ -207,7 +202,7 @@ impl Follower {
         let strayed = self.landmarks.strayed().filter(|_| sure);
         let by_picture = strayed.map(|strayed| pose.sensor_from_head * strayed);
         // The face knows better than hair where the head is.
-        let head_from_face = (self.frames < CORRECTED_FRAMES)
+        let head_from_face = (self.person.frames < CORRECTED_FRAMES)
             .then(|| self.landmarks.straighten())
             .flatten();
         let corrected = self.pose.see(Sighting::Face {
@@ -232,7 +227,7 @@ impl Follower {
         }
         if !now.frame.has_picture() {
             // Until somebody is known to be there, only what is surely a head counts.
-            let is_one = is_sure || (self.is_known() && !self.missed);
+            let is_one = is_sure || (self.is_known() && !self.person.missed);
             if is_one {
                 self.follow_by_depth(now, cloud, pose);
             } else {
@@ -246,7 +241,7 @@ impl Follower {
             return true;
         }
         // Somebody whose head is there beyond doubt: a hand, the light or the hair hides the face.
-        if self.frames >= KNOWN_FRAMES && is_sure {
+        if self.person.frames >= KNOWN_FRAMES && is_sure {
             self.follow_by_depth(now, cloud, pose);
             return true;
         }
@@ -266,13 +261,13 @@ impl Follower {
         (now.after)(Stage::Expression);
         let at = now.frame.at;
         self.find(sensor_from_face, cloud, at);
-        self.confidence = landmarks.confidence;
-        self.points = Some(landmarks);
+        self.person.confidence = landmarks.confidence;
+        self.person.points = Some(landmarks);
         self.faceless = 0;
-        self.missed = false;
-        self.frames += 1;
+        self.person.missed = false;
+        self.person.frames += 1;
         let ready = !self.expression.weights().warming;
-        self.state = self.presence.seen(at, ready);
+        self.person.state = self.presence.seen(at, ready);
     }
 
     /// Searches the colour picture for a face that depth does not show: one place per frame.
@@ -292,22 +287,22 @@ impl Follower {
     /// The head was found, with or without its face.
     fn find(&mut self, sensor_from_face: SensorFromFace, cloud: &HeadCloud, at: Timestamp) {
         let origin = sensor_from_face.translation.vector;
-        match &mut self.place {
+        match &mut self.person.place {
             Some(place) => place.see(cloud.centre, origin, at),
-            None => self.place = Some(Place::new(cloud.centre, origin, at)),
+            None => self.person.place = Some(Place::new(cloud.centre, origin, at)),
         }
-        if self.head.is_none() {
-            self.since = at;
+        if self.person.head.is_none() {
+            self.person.since = at;
         }
-        self.head = Some(sensor_from_face);
-        self.last_seen = at;
+        self.person.head = Some(sensor_from_face);
+        self.person.last_seen = at;
     }
 
     /// Depth shows no head; for a known person a single such frame is ignored.
     fn miss_head(&mut self) {
-        self.missed = true;
+        self.person.missed = true;
         if !self.is_known() {
-            self.posed = 0;
+            self.person.posed = 0;
         }
     }
 
@@ -318,15 +313,15 @@ impl Follower {
         self.pose.see(Sighting::Head(cloud));
         self.find(sensor_from_face, cloud, at);
         self.faceless = 0;
-        self.missed = false;
-        self.posed += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
-        self.state = self.presence.posed(at);
-        if self.state == TrackingState::Posed {
-            self.points = None;
+        self.person.missed = false;
+        self.person.posed += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
+        self.person.state = self.presence.posed(at);
+        if self.person.state == TrackingState::Posed {
+            self.person.points = None;
         }
-        match &mut self.points {
+        match &mut self.person.points {
             Some(points) => points.move_to(&sensor_from_face, now.camera),
-            None => self.confidence = pose.confidence,
+            None => self.person.confidence = pose.confidence,
         }
     }
 
@@ -338,8 +333,9 @@ impl Follower {
         camera: &Camera,
         at: Timestamp,
     ) -> Option<Landmarks> {
-        let last = self.points.as_ref()?;
-        let known = self.frames >= KNOWN_FRAMES && at.seconds_since(self.last_seen) < AWAY_GAP_S;
+        let last = self.person.points.as_ref()?;
+        let known = self.person.frames >= KNOWN_FRAMES
+            && at.seconds_since(self.person.last_seen) < AWAY_GAP_S;
         let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
         if !known || !AWAY_FACING.contains(&facing) {
             return None;
@@ -356,7 +352,7 @@ impl Follower {
     /// A pose without a face: after a few of them it is rejected, since depth alone may track a wrong pose for long.
     fn count_faceless(&mut self) {
         self.faceless += 1;
-        if self.faceless >= FACELESS_FRAMES || self.frames < KNOWN_FRAMES {
+        if self.faceless >= FACELESS_FRAMES || self.person.frames < KNOWN_FRAMES {
             self.faceless = 0;
             self.pose.see(Sighting::NoFace);
         }
@@ -364,7 +360,7 @@ impl Follower {
 
     /// The face was not found in this frame.
     pub(crate) fn miss(&mut self, at: Timestamp) {
-        self.state = self.presence.unseen(at);
+        self.person.state = self.presence.unseen(at);
     }
 
     /// Resets for the next person, who starts from the priors.
@@ -374,11 +370,7 @@ impl Follower {
         self.expression.reset();
         self.expression.freeze(false);
         self.presence.reset();
-        self.state = TrackingState::Absent;
-        (self.head, self.points, self.rect) = (None, None, None);
-        self.place = None;
-        (self.frames, self.posed, self.missed) = (0, 0, false);
-        self.face = FaceLengths::default();
+        self.person = Person::default();
         self.faceless = 0;
     }
 
@@ -387,14 +379,7 @@ impl Follower {
         self.expression.restore(&before.expression.learned());
         self.expression.freeze(before.expression.weights().frozen);
         self.presence.adopt(&before.presence);
-        self.state = before.state;
-        self.head = before.head;
-        self.points.clone_from(&before.points);
-        (self.confidence, self.rect) = (before.confidence, before.rect);
-        (self.place, self.since) = (before.place, before.since);
-        (self.last_seen, self.frames) = (before.last_seen, before.frames);
-        (self.posed, self.missed) = (before.posed, before.missed);
-        self.face = before.face;
+        self.person.clone_from(&before.person);
         self.ranges = self.expression.unit_ranges();
     }
 
@@ -402,7 +387,7 @@ impl Follower {
     pub(crate) fn likeness(&self) -> Likeness {
         Likeness {
             head: self.pose.signature(),
-            face: self.face,
+            face: self.person.face,
         }
     }
 
@@ -412,7 +397,7 @@ impl Follower {
             slot,
             likeness: self.likeness(),
             learned: self.expression.learned(),
-            last_seen: self.last_seen,
+            last_seen: self.person.last_seen,
             before_s: 0.0,
         }
     }
@@ -420,20 +405,20 @@ impl Follower {
     /// Fills in a report that has frame, time and user.
     pub(crate) fn report<'a>(&'a self, known: Report<'a>) -> Report<'a> {
         let known = Report {
-            state: self.state,
+            state: self.person.state,
             ..known
         };
-        if !self.state.is_present() {
+        if !self.person.state.is_present() {
             return known;
         }
         let known = Report {
-            confidence: self.confidence,
-            sensor_from_face: self.head.as_deref(),
-            head_box: self.rect,
+            confidence: self.person.confidence,
+            sensor_from_face: self.person.head.as_deref(),
+            head_box: self.person.rect,
             frozen: self.expression.weights().frozen,
             ..known
         };
-        match &self.points {
+        match &self.person.points {
             Some(points) => Report {
                 landmarks: Some(points),
                 measures: &self.expression.weights().measures,
@@ -523,7 +508,7 @@ mod tests {
             if seen {
                 assert_eq!(done, [Stage::Landmarks, Stage::Expression]);
             }
-            if seen && let Some(head) = follower.head {
+            if seen && let Some(head) = follower.person.head {
                 left.push(head.rotation.angle_to(&truth.rotation));
             }
         });
@@ -576,37 +561,43 @@ mod tests {
         let mut at = Timestamp::default();
         let mut face = FaceLengths::default();
         frames(12, |frame, camera, cloud, truth| {
-            let frames = before.frames;
+            let frames = before.person.frames;
             look(&mut before, (frame, camera), cloud, &pose(truth));
-            if before.frames > frames {
-                face.see(&before.points.as_ref().expect("a face").head);
+            if before.person.frames > frames {
+                face.see(&before.person.points.as_ref().expect("a face").head);
             }
             at = frame.at;
         });
-        assert_eq!(before.face, face, "known by every face that was seen");
+        assert_eq!(
+            before.person.face, face,
+            "known by every face that was seen"
+        );
         before.expression.freeze(true);
         after.adopt(&before);
-        assert!(before.frames > 5 && before.since < before.last_seen);
-        assert_eq!(after.since, before.since);
-        assert_eq!(after.last_seen, before.last_seen);
-        assert_eq!((after.frames, after.posed), (before.frames, before.posed));
-        assert_eq!(after.state, before.state);
-        assert_eq!(after.head, before.head);
-        assert_eq!(after.confidence, before.confidence);
-        assert_eq!(after.rect, before.rect);
-        assert_eq!(after.face, before.face);
+        assert!(before.person.frames > 5 && before.person.since < before.person.last_seen);
+        assert_eq!(after.person.since, before.person.since);
+        assert_eq!(after.person.last_seen, before.person.last_seen);
+        assert_eq!(
+            (after.person.frames, after.person.posed),
+            (before.person.frames, before.person.posed)
+        );
+        assert_eq!(after.person.state, before.person.state);
+        assert_eq!(after.person.head, before.person.head);
+        assert_eq!(after.person.confidence, before.person.confidence);
+        assert_eq!(after.person.rect, before.person.rect);
+        assert_eq!(after.person.face, before.person.face);
         assert!(after.expression.weights().frozen);
-        let centre = |one: &Follower| one.place.map(|place| place.centre());
+        let centre = |one: &Follower| one.person.place.map(|place| place.centre());
         assert_eq!(centre(&after), centre(&before));
-        let points = |one: &Follower| one.points.as_ref().map(|points| points.head);
+        let points = |one: &Follower| one.person.points.as_ref().map(|points| points.head);
         assert!(points(&after).is_some() && points(&after) == points(&before));
         assert_eq!(after.ranges.len(), before.ranges.len());
         // Unseen just after, they are held and not lost: their presence came along.
         after.miss(Timestamp::from_us(at.as_us() + 33_000));
-        assert_eq!(after.state, TrackingState::Held);
+        assert_eq!(after.person.state, TrackingState::Held);
         // And nothing is left of them in the end.
         after.forget();
-        assert!(!after.is_taken() && after.head.is_none() && after.place.is_none());
+        assert!(!after.is_taken() && after.person.head.is_none() && after.person.place.is_none());
         assert!(!after.is_somebody() && !after.expression.weights().frozen);
     }
 
@@ -621,7 +612,7 @@ mod tests {
                 look(&mut follower, (frame, camera), cloud, &pose(truth));
                 return;
             }
-            if follower.frames < KNOWN_FRAMES {
+            if follower.person.frames < KNOWN_FRAMES {
                 return;
             }
             // Something before the face: a picture, but none of a face.
@@ -635,15 +626,15 @@ mod tests {
                 ..pose(truth)
             };
             let faces = (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
-            let before = follower.frames;
+            let before = follower.person.frames;
             if faces >= AWAY_FACING.end {
                 if covered == 1 {
                     assert!(!look(&mut follower, (&hidden, camera), cloud, &unsure).0);
                 }
                 assert!(look(&mut follower, (&hidden, camera), cloud, &pose(truth)).0);
-                assert_eq!(follower.frames, before, "no face was seen");
-                assert_eq!(follower.last_seen, frame.at);
-                assert!(follower.head.is_some_and(|head| {
+                assert_eq!(follower.person.frames, before, "no face was seen");
+                assert_eq!(follower.person.last_seen, frame.at);
+                assert!(follower.person.head.is_some_and(|head| {
                     (head.translation.vector - truth.translation.vector).norm() < 1e-4
                 }));
             }
@@ -674,8 +665,8 @@ mod tests {
                 seen += 1;
                 if first.is_none() && follower.is_somebody() {
                     first = Some(seen);
-                    assert_eq!(follower.state, TrackingState::Posed);
-                    assert_eq!(follower.confidence, confidence);
+                    assert_eq!(follower.person.state, TrackingState::Posed);
+                    assert_eq!(follower.person.confidence, confidence);
                 }
             });
             assert_eq!(first, somebody_after, "{confidence} {coverage}");
@@ -686,7 +677,7 @@ mod tests {
     fn who_is_known_is_doubted_at_the_third_frame_without_a_face_who_is_not_at_once() {
         let mut follower = follower();
         for (frames, counts) in [(29, [0, 0, 0]), (30, [1, 2, 0])] {
-            follower.frames = frames;
+            follower.person.frames = frames;
             for count in counts {
                 follower.count_faceless();
                 assert_eq!(follower.faceless, count, "{frames} frames");
@@ -710,7 +701,7 @@ mod tests {
                     *luma = (k % 251) as u8;
                 }
                 let mut follower = follower();
-                follower.frames = frames_before;
+                follower.person.frames = frames_before;
                 let found = look(&mut follower, (&hidden, camera), cloud, &pose(truth)).0;
                 assert_eq!(found, followed, "{frames_before} frames");
             });

@@ -133,7 +133,7 @@ impl People {
         // With nobody to follow there is time for both halves of a search.
         let busy = self.followers[..USERS]
             .iter()
-            .any(|user| user.state.is_present());
+            .any(|user| user.person.state.is_present());
         now.searches = if busy { 1 } else { 2 };
         let free = self.follow_users(now, segmenter);
         self.follow_candidate(now, segmenter.heads(), &free);
@@ -151,7 +151,7 @@ impl People {
         let centres: heapless::Vec<Point, HEADS> = heads.map(|head| head.centre).collect();
         let expected = core::array::from_fn(|slot| {
             let user = &self.followers[slot];
-            let place = user.place.filter(|_| user.is_taken());
+            let place = user.person.place.filter(|_| user.is_taken());
             place.map(|place| place.expected(at))
         });
         let theirs = matching::assign(&expected, &centres);
@@ -162,11 +162,11 @@ impl People {
             if !user.is_taken() {
                 continue;
             }
-            user.rect = None;
+            user.person.rect = None;
             if !user.follow(now, segmenter, theirs[slot]) {
-                let before = user.state;
+                let before = user.person.state;
                 user.miss(at);
-                if user.state == TrackingState::Absent && before != TrackingState::Absent {
+                if user.person.state == TrackingState::Absent && before != TrackingState::Absent {
                     self.left[slot] = true;
                 }
             }
@@ -175,7 +175,7 @@ impl People {
         let taken = |head: &usize| {
             theirs.contains(&Some(*head))
                 || users.iter().any(|user| {
-                    let place = user.place.filter(|_| user.rect.is_some());
+                    let place = user.person.place.filter(|_| user.person.rect.is_some());
                     place.is_some_and(|place| (centres[*head] - place.centre()).norm() < SAME_M)
                 })
         };
@@ -204,13 +204,13 @@ impl People {
 
     /// Processes one unassigned head, which may become a user.
     fn follow_candidate(&mut self, now: &mut Now<'_>, heads: &[HeadCloud], free: &[usize]) {
-        let present = (0..USERS).filter(|&slot| self.followers[slot].state.is_present());
+        let present = (0..USERS).filter(|&slot| self.followers[slot].person.state.is_present());
         if present.count() >= self.settings.most as usize {
             self.followers[CANDIDATE].forget();
             return;
         }
         let candidate = &mut self.followers[CANDIDATE];
-        let head = match &candidate.place {
+        let head = match &candidate.person.place {
             Some(place) => {
                 let (place, reach) = place.expected(now.frame.at);
                 let apart = |head: usize| (heads[head].centre - place).norm();
@@ -230,18 +230,18 @@ impl People {
             }
         };
         let Some(head) = head else {
-            if candidate.place.is_some() {
+            if candidate.person.place.is_some() {
                 candidate.forget();
             }
             return;
         };
-        if now.searches == 0 && candidate.place.is_none() {
+        if now.searches == 0 && candidate.person.place.is_none() {
             return;
         }
         if !candidate.follow_in(now, &heads[head]) {
             if candidate.pose.is_searching() {
                 let centre = heads[head].centre;
-                candidate.place = Some(Place::new(centre, centre.coords, now.frame.at));
+                candidate.person.place = Some(Place::new(centre, centre.coords, now.frame.at));
                 return;
             }
             candidate.forget();
@@ -261,7 +261,7 @@ impl People {
 
     /// Gives the candidate a slot, once identified.
     fn admit(&mut self) {
-        let lost = |slot: usize| self.followers[slot].state == TrackingState::Lost;
+        let lost = |slot: usize| self.followers[slot].person.state == TrackingState::Lost;
         let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
         let candidate = &self.followers[CANDIDATE];
         let (learned, waited) = (
@@ -291,8 +291,9 @@ impl People {
             Some(slot)
         });
         let slot = slot.or_else(|| {
-            let lost = (0..most).filter(|&slot| self.followers[slot].state == TrackingState::Lost);
-            lost.min_by_key(|&slot| self.followers[slot].last_seen)
+            let lost =
+                (0..most).filter(|&slot| self.followers[slot].person.state == TrackingState::Lost);
+            lost.min_by_key(|&slot| self.followers[slot].person.last_seen)
         });
         if let Some(slot) = slot {
             if known.is_some() {
@@ -329,7 +330,7 @@ impl People {
             // The ranges of then, the pose of now.
             let [one, other] = self.followers.get_disjoint_mut([of, slot]).ok()?;
             core::mem::swap(&mut one.expression, &mut other.expression);
-            one.since = other.since;
+            one.person.since = other.person.since;
             return Some(slot);
         }
         let gone = self.memory.take(slot)?;
@@ -342,7 +343,7 @@ impl People {
         let one = &self.followers[of];
         let likeness = one.likeness();
         let lost = (0..USERS)
-            .filter(|&slot| slot != of && self.followers[slot].state == TrackingState::Lost);
+            .filter(|&slot| slot != of && self.followers[slot].person.state == TrackingState::Lost);
         let lost = lost.map(|slot| (slot, true, self.followers[slot].likeness()));
         let gone = self.memory.gone().iter();
         let gone = gone.map(|gone| (gone.slot, false, gone.likeness.clone()));
@@ -364,11 +365,11 @@ impl People {
     fn choose(&mut self) {
         let mut there: heapless::Vec<Candidate, USERS> = heapless::Vec::new();
         for (slot, user) in self.followers[..USERS].iter().enumerate() {
-            if let Some(place) = user.place.filter(|_| user.state.is_present()) {
+            if let Some(place) = user.person.place.filter(|_| user.person.state.is_present()) {
                 // As many as slots.
                 let _ = there.push(Candidate {
                     slot,
-                    since: user.since,
+                    since: user.person.since,
                     place: place.centre(),
                 });
             }

@@ -26,7 +26,8 @@ use crate::users::memory::Gone;
 /// Frame to reports: segmentation, then pose, landmarks and expression of each user.
 pub struct Pipeline {
     camera: Camera,
-    segmenter: Segmenter,
+    /// Heads of the last frame, for pictures of them.
+    pub segmenter: Segmenter,
     people: People,
 }
 
@@ -194,12 +195,6 @@ impl Pipeline {
         &self.camera
     }
 
-    /// The segmenter, for pictures of its results.
-    #[must_use]
-    pub fn segmenter(&self) -> &Segmenter {
-        &self.segmenter
-    }
-
     /// What was learned about the user of a slot (beyond the last: the candidate), for pictures and tables.
     #[must_use]
     pub fn expression(&self, slot: usize) -> &Expression {
@@ -244,20 +239,27 @@ mod tests {
             frame.at
         };
         follow(&mut pipeline, 45, true);
-        let since = pipeline.people.followers[0].since;
-        assert!(pipeline.people.followers[0].state.has_face());
+        let since = pipeline.people.followers[0].person.since;
+        assert!(pipeline.people.followers[0].person.state.has_face());
         // Lost, in another slot, and not where they were.
         pipeline.people.followers.swap(0, 2);
         follow(&mut pipeline, 45, false);
-        assert_eq!(pipeline.people.followers[2].state, TrackingState::Lost);
-        pipeline.people.followers[2].place = None;
+        assert_eq!(
+            pipeline.people.followers[2].person.state,
+            TrackingState::Lost
+        );
+        pipeline.people.followers[2].person.place = None;
         pipeline.people.followers[2].pose.see(Sighting::NoFace);
-        let left = pipeline.people.followers[2].last_seen;
+        let left = pipeline.people.followers[2].person.last_seen;
         let now = follow(&mut pipeline, 15, true);
         let user = &pipeline.people.followers[2];
-        assert!(user.state.has_face(), "known again: {:?}", user.state);
+        assert!(
+            user.person.state.has_face(),
+            "known again: {:?}",
+            user.person.state
+        );
         assert!(!pipeline.people.followers[0].is_taken());
-        assert_eq!(user.since, since, "came at {left:?}, it is {now:?}");
-        assert!(user.since < left);
+        assert_eq!(user.person.since, since, "came at {left:?}, it is {now:?}");
+        assert!(user.person.since < left);
     }
 }

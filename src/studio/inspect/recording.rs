@@ -142,7 +142,7 @@ fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let camera = pipeline.camera();
     let mut picture = depth_picture(&frame.depth, camera);
     let reports = pipeline.reports();
-    let heads = pipeline.segmenter().heads().iter().map(|cloud| {
+    let heads = pipeline.segmenter.heads().iter().map(|cloud| {
         let whose = reports.iter().find(|one| one.head_box == Some(cloud.rect));
         let state = whose.map_or(TrackingState::Absent, |one| one.state);
         let words = match whose.and_then(|one| one.user) {
@@ -185,7 +185,7 @@ impl Counts {
         let posed = report.sensor_from_face.is_some();
         self.frames += 1;
         self.coloured += usize::from(frame.has_colour);
-        self.heads += usize::from(!pipeline.segmenter().heads().is_empty());
+        self.heads += usize::from(!pipeline.segmenter.heads().is_empty());
         self.posed += usize::from(posed);
         self.faces += usize::from(posed && report.landmarks.is_some());
         for report in pipeline.reports() {
@@ -227,7 +227,7 @@ fn values(pipeline: &Pipeline) -> Values {
             *value = Some(f64::from(*told));
         }
     }
-    values[STATES - 1] = Some(pipeline.segmenter().heads().len() as f64);
+    values[STATES - 1] = Some(pipeline.segmenter.heads().len() as f64);
     for report in pipeline.reports() {
         if let Some(user) = report.user {
             values[STATES + user] = Some(f64::from(report.state.code()));
