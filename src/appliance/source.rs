@@ -157,7 +157,7 @@ impl Source {
     #[must_use]
     pub fn arrived(&self) -> Option<Instant> {
         match self {
-            Self::Kinect(live) => live.arrived(),
+            Self::Kinect(live) => live.arrived,
             _ => None,
         }
     }
@@ -166,10 +166,10 @@ impl Source {
     #[must_use]
     pub fn registration(&self) -> Option<&Registration> {
         match self {
-            Self::Recording(recording) => Some(recording.registration()),
+            Self::Recording(recording) => Some(&recording.registration),
             Self::Rgbd(_) => None,
             Self::Simulated(simulated) => Some(simulated.registration()),
-            Self::Kinect(live) => Some(live.registration()),
+            Self::Kinect(live) => Some(&live.registration),
         }
     }
 
@@ -177,10 +177,10 @@ impl Source {
     #[must_use]
     pub fn camera(&self) -> &Camera {
         match self {
-            Self::Recording(recording) => recording.camera(),
+            Self::Recording(recording) => &recording.camera,
             Self::Rgbd(recording) => &recording.camera,
             Self::Simulated(simulated) => simulated.camera(),
-            Self::Kinect(live) => live.camera(),
+            Self::Kinect(live) => &live.camera,
         }
     }
 

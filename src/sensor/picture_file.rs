@@ -1,7 +1,7 @@
 //! The pictures of a recording, and what the two kinds of recordings share. A file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG and JPEG where the program has
 //! decoders: the workstation's build, `--features studio`. Why a frame is skipped, and how that is told.
 
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::base::bounded_read;
@@ -69,7 +69,7 @@ impl Skipped {
 
 /// A file's bytes.
 pub(super) struct PictureFile {
-    bytes: Box<[u8]>,
+    bytes: Vec<u8>,
     #[cfg(feature = "studio")]
     decoded: Vec<u8>,
 }
@@ -136,7 +136,7 @@ impl PictureFile {
     /// For pictures of so many bytes.
     pub(super) fn new(bytes: usize) -> Self {
         Self {
-            bytes: vec![0; bytes + HEADER_MOST].into_boxed_slice(),
+            bytes: Vec::with_capacity(bytes + HEADER_MOST),
             #[cfg(feature = "studio")]
             decoded: Vec::new(),
         }
@@ -144,24 +144,18 @@ impl PictureFile {
 
     /// Reads a picture of a size. What follows its last pixel is ignored, as fakenect does.
     pub(super) fn read(&mut self, path: &Path, size: [usize; 2]) -> Result<Pixels<'_>, Damage> {
-        let mut file = bounded_read::open_regular(path)?;
-        let mut got = 0;
-        while got < self.bytes.len() {
-            match file.read(&mut self.bytes[got..]) {
-                Ok(0) => break,
-                Ok(more) => got += more,
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(error.into()),
-            }
-        }
+        self.bytes.clear();
+        let most = self.bytes.capacity() as u64;
+        let file = bounded_read::open_regular(path)?;
+        file.take(most).read_to_end(&mut self.bytes)?;
         #[cfg(feature = "studio")]
-        if let Ok(format) = image::guess_format(&self.bytes[..got])
+        if let Ok(format) = image::guess_format(&self.bytes)
             && format != image::ImageFormat::Pnm
         {
-            return self.decode(format, got, size);
+            return self.decode(format, size);
         }
-        let (header, start) = netpbm(&self.bytes[..got]).ok_or(Damage::Format)?;
-        let ([channels, columns, rows, most], body) = (header, &self.bytes[start..got]);
+        let (header, start) = netpbm(&self.bytes).ok_or(Damage::Format)?;
+        let ([channels, columns, rows, most], body) = (header, &self.bytes[start..]);
         pixels(body, channels, most > 255, [columns, rows], size)
     }
 
@@ -169,14 +163,13 @@ impl PictureFile {
     fn decode(
         &mut self,
         format: image::ImageFormat,
-        got: usize,
         size: [usize; 2],
     ) -> Result<Pixels<'_>, Damage> {
         use image::{DynamicImage, ImageReader, Limits};
-        let bytes = std::io::Cursor::new(&self.bytes[..got]);
+        let bytes = std::io::Cursor::new(&self.bytes);
         let mut reader = ImageReader::with_format(bytes, format);
         let mut limits = Limits::default();
-        limits.max_alloc = Some(self.bytes.len() as u64 * 2);
+        limits.max_alloc = Some(self.bytes.capacity() as u64 * 2);
         reader.limits(limits);
         let picture = reader.decode().map_err(|_| Damage::Format)?;
         let found = [picture.width(), picture.height()].map(|n| n as usize);

@@ -19,7 +19,7 @@ mod calibration;
 use std::path::{Path, PathBuf};
 
 use super::camera::{Camera, Picture, Pinhole, RANGE_M};
-use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
+use super::picture_file::{Damage, PictureFile, RecordingError, Skipped, nearest};
 use super::{Frame, NO_DEPTH};
 use crate::base::bounded_read;
 use crate::base::capacity::{HEIGHT, WIDTH};
@@ -62,10 +62,6 @@ impl Stream {
             focal: whole.focal.map(|focal| focal / reduced),
             centre: whole.centre.map(|centre| (centre - within) / reduced),
         }
-    }
-
-    fn read(&mut self, path: &Path) -> Result<Pixels<'_>, Damage> {
-        self.file.read(path, self.size)
     }
 }
 
@@ -202,7 +198,7 @@ impl Rgbd {
         let time_us = entry.time_us.ok_or(UNLISTED)?;
         let ([columns, rows], reduced) = (self.depth.kept(), self.depth.reduced);
         let width = self.depth.size[0];
-        let pixels = self.depth.read(path)?;
+        let pixels = self.depth.file.read(path, self.depth.size)?;
         if pixels.channels != 1 || !pixels.wide {
             return Err(Damage::Kind("grey of 16 bit, as depth is"));
         }
@@ -218,7 +214,7 @@ impl Rgbd {
             Some(other) => {
                 place(path, &index.pictures[other].name);
                 let (kept, reduced) = (self.picture.kept(), self.picture.reduced);
-                let pixels = self.picture.read(path)?;
+                let pixels = self.picture.file.read(path, self.picture.size)?;
                 pixels.brightness(reduced, kept, self.white, &mut frame.luma);
                 frame.has_colour = true;
             }

@@ -105,7 +105,7 @@ impl Simulated {
 
     /// Calibration, as read from the virtual Kinect.
     pub fn registration(&self) -> &Registration {
-        self.kinect.registration()
+        &self.kinect.registration
     }
 }
 

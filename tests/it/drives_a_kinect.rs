@@ -49,7 +49,7 @@ fn pairs_in<S: PacketSource>(
 fn starts_streams_and_stops_every_model() {
     for model in MODELS {
         let mut kinect = Kinect::open(virtual_kinect(model), Settings::default()).unwrap();
-        assert_eq!(*kinect.registration(), Registration::default());
+        assert_eq!(kinect.registration, Registration::default());
         assert_eq!(pairs_in(&mut kinect, 100), Ok(0));
         kinect.start().unwrap();
         let camera = &kinect.source.camera;
@@ -253,7 +253,7 @@ fn spoilt_replies_are_asked_again() {
     source.spoil_every = 3;
     let mut kinect = Kinect::open(source, Settings::default()).unwrap();
     kinect.start().unwrap();
-    assert_eq!(*kinect.registration(), Registration::default());
+    assert_eq!(kinect.registration, Registration::default());
 
     let mut source = sick(Model::Xbox1414);
     source.spoil_every = 1;

@@ -202,7 +202,7 @@ fn a_person_of_the_second_world_is_followed_by_the_papers_system() {
     let column: HashMap<&str, usize> = names.enumerate().map(|(k, name)| (name, k)).collect();
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
     let mut recording = Recording::open(&scene).expect("a recording");
-    let camera = recording.camera().clone();
+    let camera = recording.camera.clone();
     let model = FaceModel::shipped();
     let mut pipeline =
         Pipeline::new(&settings().stages, &camera, &model).expect("the shipped model");

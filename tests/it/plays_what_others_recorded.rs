@@ -111,7 +111,7 @@ fn play(folder: &Path) -> (Vec<Played>, u64) {
     let mut recording = Recording::open(folder).unwrap();
     let mut pipeline = Pipeline::new(
         &Settings::default().stages,
-        recording.camera(),
+        &recording.camera,
         &FaceModel::shipped(),
     )
     .unwrap();

@@ -238,7 +238,7 @@ fn a_depth_picture_without_colour_nearby_is_a_frame_without_colour() {
     }
     // Recorded again it is the same recording.
     let again = tempfile::tempdir().unwrap();
-    let mut recorder = Recorder::create(again.path(), recording.registration(), 1.7e9).unwrap();
+    let mut recorder = Recorder::create(again.path(), &recording.registration, 1.7e9).unwrap();
     let mut recording = Recording::open(directory.path()).unwrap();
     while recording.next_frame(&mut frame) {
         recorder.write(&frame).unwrap();
@@ -263,13 +263,13 @@ fn the_calibration_comes_back() {
     let mut recorder = Recorder::create(directory.path(), &registration, 0.0).unwrap();
     recorder.write(&common::noise_frame(0, SEED)).unwrap();
     assert_eq!(
-        Recording::open(directory.path()).unwrap().registration(),
-        &registration
+        Recording::open(directory.path()).unwrap().registration,
+        registration
     );
     fs::remove_file(directory.path().join("device.json")).unwrap();
     assert_eq!(
-        Recording::open(directory.path()).unwrap().registration(),
-        &Registration::default()
+        Recording::open(directory.path()).unwrap().registration,
+        Registration::default()
     );
 }
 
@@ -318,7 +318,7 @@ fn real_frames_become_a_recording() {
     let directory = tempfile::tempdir().unwrap();
     common::write_kinect_recording(&data, &["desk_000", "five_people"], 2, directory.path());
     let mut recording = Recording::open(directory.path()).unwrap();
-    let camera = recording.camera().clone();
+    let camera = recording.camera.clone();
     let mut frame = KinectFrame::default();
     let mut medians = Vec::new();
     while recording.next_frame(&mut frame) {

@@ -80,7 +80,7 @@ fn damaged(of: &Path, lines: &[String], damage: impl Fn(&str, &Path) -> bool) ->
 fn replayed(folder: &Path) -> (Vec<String>, u64) {
     let mut recording = Recording::open(folder).unwrap();
     let model = FaceModel::shipped();
-    let camera = recording.camera();
+    let camera = &recording.camera;
     let mut pipeline = Pipeline::new(&Settings::default().stages, camera, &model).unwrap();
     let mut frame = Frame::default();
     let mut lines = Vec::new();

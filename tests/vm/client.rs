@@ -107,10 +107,10 @@ fn main() -> ExitCode {
         println!("counted {stream:?}: {tally:?}");
     }
     if delivered > 0 {
-        let [distances, places] = tables(live.registration());
+        let [distances, places] = tables(&live.registration);
         println!("tables distances {distances:016x} places {places:016x}");
     }
-    let calibrated = *live.registration() == Registration::default();
+    let calibrated = live.registration == Registration::default();
     println!("calibration as sent {calibrated}");
     let good = delivered > 0 && wrong_pixels == 0 && mixed == 0 && backwards == 0 && calibrated;
     ExitCode::from(u8::from(!good))

@@ -113,7 +113,8 @@ pub struct Kinect<S> {
     /// The source below.
     pub source: S,
     settings: Settings,
-    registration: Registration,
+    /// Calibration of this unit.
+    pub registration: Registration,
     tag: u16,
     audio_tag: u32,
     command: Vec<u8>,
@@ -166,11 +167,6 @@ impl<S: PacketSource> Kinect<S> {
             tracing::info!("tilt not set: {problem}");
         }
         Ok(kinect)
-    }
-
-    /// Calibration of this unit.
-    pub const fn registration(&self) -> &Registration {
-        &self.registration
     }
 
     /// Counts so far.

@@ -82,10 +82,12 @@ pub struct LiveKinect {
     clock: PictureClock,
     /// Opening of the last frame, and when it was taken from the ring.
     last: Option<(u64, Instant)>,
-    arrived: Option<Instant>,
-    /// What was read from the sensor that the last frame came from, nominal before the first.
-    registration: Registration,
-    camera: Camera,
+    /// When the last frame was whole in this machine's memory.
+    pub arrived: Option<Instant>,
+    /// Calibration of the sensor behind the last frame; the usual one before the first.
+    pub registration: Registration,
+    /// The same in the form the stages use.
+    pub camera: Camera,
 }
 
 impl LiveKinect {
@@ -162,24 +164,6 @@ impl LiveKinect {
         self.shared.lock().status.clone()
     }
 
-    /// Calibration of the sensor behind the last frame; the usual one before the first.
-    #[must_use]
-    pub const fn registration(&self) -> &Registration {
-        &self.registration
-    }
-
-    /// The same in the form the stages use.
-    #[must_use]
-    pub const fn camera(&self) -> &Camera {
-        &self.camera
-    }
-
-    /// When the last frame was whole in this machine's memory.
-    #[must_use]
-    pub fn arrived(&self) -> Option<Instant> {
-        self.arrived
-    }
-
     /// Tells the sensor whether a face is tracked: LED, and exposure if the settings say so. Cheap to call every frame.
     pub fn show_tracking(&self, tracking: bool) {
         self.shared.lock().tracking = tracking;
@@ -239,7 +223,7 @@ fn stream<S: PacketSource>(
     let source = &kinect.source;
     inner.status.sensor = Some((source.model(), source.serial().to_owned()));
     inner.status.openings += 1;
-    inner.registration = kinect.registration().clone();
+    inner.registration = kinect.registration.clone();
     drop(inner);
     let result = deliver(shared, &mut kinect, *pictures);
     let failed = result.is_err();

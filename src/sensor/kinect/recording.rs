@@ -42,8 +42,10 @@ use write::{DEVICE_NAME, INDEX_NAME};
 const INDEX_MOST: [usize; 2] = [1 << 26, 1 << 21];
 /// A recording that is played.
 pub struct Recording {
-    registration: Registration,
-    camera: Camera,
+    /// Calibration of the sensor that was recorded, or the nominal one.
+    pub registration: Registration,
+    /// The same in the form the stages use.
+    pub camera: Camera,
     index: Index,
     next: usize,
     skipped: Skipped,
@@ -88,18 +90,6 @@ impl Recording {
             path: PathBuf::with_capacity(directory.as_os_str().len() + 256),
             file: PictureFile::new(colour::RGB_BYTES),
         })
-    }
-
-    /// Calibration of the sensor that was recorded, or the nominal one.
-    #[must_use]
-    pub fn registration(&self) -> &Registration {
-        &self.registration
-    }
-
-    /// The same in the form the stages use.
-    #[must_use]
-    pub fn camera(&self) -> &Camera {
-        &self.camera
     }
 
     /// Depth pictures the index names, skipped ones included.
