@@ -9,8 +9,9 @@
 //! Cells and metres. Memory: a profile of at most [`MAX_PROFILE`] rows. Cost: linear in the cells of the tops' columns.
 //! Limitation: the cut is level with the picture, so a head lying on its side is cut badly.
 
-use super::regions::{CELL_PX, COLUMNS, FOREGROUND, PixelRect, ROWS, Regions};
+use super::regions::{CELL_PX, COLUMNS, PixelRect, ROWS, Regions};
 use crate::base::capacity::HEADS;
+use crate::base::geometry::Point;
 
 /// Rows of cells a head can be high: 0.3 m at 0.4 m.
 const MAX_PROFILE: usize = 110;
@@ -83,13 +84,10 @@ fn covered(a: &PixelRect, b: &PixelRect) -> f32 {
     wide.max(0.0) * high.max(0.0) / area.max(1.0)
 }
 
-/// Finds heads from the top of the picture down and marks them in the mask. `last` is where they were in the last frame.
+/// Finds heads from the top of the picture down. `last` is where they were in the last frame.
 /// When full, those further down in the picture are left out.
-pub(crate) fn heads(
-    regions: &mut Regions,
-    last: &[PixelRect],
-    found: &mut heapless::Vec<Head, HEADS>,
-) {
+pub(crate) fn heads(regions: &Regions, last: &[(PixelRect, Point)]) -> heapless::Vec<Head, HEADS> {
+    let mut found = heapless::Vec::new();
     for row in 0..ROWS {
         let mut col = 0;
         while col < COLUMNS {
@@ -102,7 +100,7 @@ pub(crate) fn heads(
             col = end;
             if found.is_full()
                 || !is_top(regions, row, begin, end, label)
-                || inside(found, regions, row, begin, end)
+                || inside(&found, regions, row, begin, end)
             {
                 continue;
             }
@@ -110,7 +108,9 @@ pub(crate) fn heads(
                 continue;
             };
             let rect = head.rect();
-            let known = last.iter().any(|last| covered(last, &rect) > SAME_SHARE);
+            let known = last
+                .iter()
+                .any(|(last, _)| covered(last, &rect) > SAME_SHARE);
             let limits = if known { FOLLOWED } else { NEWCOMER };
             if fits(regions, &head, &limits) {
                 // Cannot be full: checked above.
@@ -118,15 +118,7 @@ pub(crate) fn heads(
             }
         }
     }
-    for (k, head) in (0u8..).zip(found.iter()) {
-        for (row, &(begin, end)) in (head.top..).zip(&head.rows) {
-            for col in usize::from(begin)..usize::from(end) {
-                if regions.belongs(head, row, col) {
-                    regions.mask[row * COLUMNS + col] = FOREGROUND + 1 + k;
-                }
-            }
-        }
-    }
+    found
 }
 
 impl Regions {

@@ -96,22 +96,17 @@ impl DepthKMeans {
             let mut begin = 0;
             let mut moved = false;
             for k in 0..LAYERS {
-                let end = if k + 1 < LAYERS {
-                    // Up to the middle between two centres; on the middle, to the nearer layer.
-                    let middle = (self.layers[k].centre + self.layers[k + 1].centre) * 0.5;
+                // Up to the middle between two centres; on the middle, to the nearer layer.
+                let next = self.layers.get(k + 1).map(|next| next.centre);
+                let layer = &mut self.layers[k];
+                layer.end = next.map_or(RAW_DEPTH_VALUES, |next| {
+                    let middle = (layer.centre + next) * 0.5;
                     (middle.floor() as usize + 1).clamp(begin, RAW_DEPTH_VALUES)
-                } else {
-                    RAW_DEPTH_VALUES
-                };
-                self.layers[k].end = end;
-                self.layers[k].count = self.counts[end] - self.counts[begin];
-                begin = end;
-            }
-            begin = 0;
-            for layer in &mut self.layers {
+                });
+                layer.count = self.counts[layer.end] - self.counts[begin];
                 if layer.count > 0 {
-                    let mean =
-                        (self.sums[layer.end] - self.sums[begin]) as f64 / layer.count as f64;
+                    let sum = self.sums[layer.end] - self.sums[begin];
+                    let mean = sum as f64 / layer.count as f64;
                     moved |= mean != layer.centre;
                     layer.centre = mean;
                 }

@@ -27,10 +27,9 @@ use crate::base::geometry::Point;
 use crate::base::prelude::*;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
-use cut::Head;
 use kmeans::DepthKMeans;
 use regions::Regions;
-pub use regions::{BACKGROUND, CELL_PX, COLUMNS, FOREGROUND, HeadCloud, PixelRect, ROWS};
+pub use regions::{HeadCloud, PixelRect};
 
 defaults! {
     /// Settings of the segment stage.
@@ -94,12 +93,8 @@ impl Segmenter {
     pub fn segment(&mut self, frame: &Frame, camera: &Camera) -> Option<&HeadCloud> {
         let farthest = self.foreground_end(frame, camera);
         self.regions.label(&frame.depth, camera, farthest);
-        let mut found: heapless::Vec<Head, HEADS> = heapless::Vec::new();
-        let last: heapless::Vec<PixelRect, HEADS> =
-            self.last.iter().map(|(rect, _)| *rect).collect();
-        cut::heads(&mut self.regions, &last, &mut found);
         self.count = 0;
-        for head in &found {
+        for head in &cut::heads(&self.regions, &self.last) {
             let into = &mut self.heads[self.count];
             if cloud::gather(&frame.depth, camera, &self.regions, head, into) {
                 self.count += 1;
@@ -142,13 +137,6 @@ impl Segmenter {
         &self.heads[..self.count]
     }
 
-    /// Labels of the last frame's cells ([`COLUMNS`] × [`ROWS`] cells of [`CELL_PX`]² pixels), row by row, for pictures:
-    /// [`BACKGROUND`], [`FOREGROUND`] or a head.
-    #[must_use]
-    pub fn mask(&self) -> &[u8] {
-        &self.regions.mask
-    }
-
     /// One past the last raw value of the foreground.
     fn foreground_end(&mut self, frame: &Frame, camera: &Camera) -> usize {
         self.histogram.fill(0);
@@ -159,17 +147,10 @@ impl Segmenter {
             .kmeans
             .cluster(&self.histogram, self.settings.iterations);
         // Nearest first; a border counts as one only where hardly any pixel is near it.
-        let mut end = 0;
-        for (k, layer) in layers.iter().enumerate() {
-            if layer.count == 0 {
-                continue;
-            }
-            let farthest_layer = k + 1 == layers.len();
-            if farthest_layer || layer.centre > reach as f64 {
-                break;
-            }
-            end = layer.end;
-        }
+        let [nearer @ .., _] = layers;
+        let filled = nearer.iter().filter(|layer| layer.count > 0);
+        let foreground = filled.take_while(|layer| layer.centre <= reach as f64);
+        let mut end = foreground.last().map_or(0, |layer| layer.end);
         let gap = usize::from(camera.raw_steps(GAP));
         let stray = camera.pixels_of(GAP_PIXELS);
         // A layer's border may run through a person: it moves on to the next gap of the histogram.

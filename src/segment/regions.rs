@@ -1,5 +1,5 @@
 //! Cells and regions: the depth picture at a quarter of its size, neighbours of like depth joined. What comes of them: heads as
-//! points and as rectangles of the picture, and the labels of the mask.
+//! points and as rectangles of the picture.
 //!
 //! A cell is 4 × 4 pixels, read at four of them; its depth is the mean of those that agree with the nearest one. Cells
 //! whose depths differ by less than their distance explains are joined (two-pass labelling with union–find; Rosenfeld &
@@ -17,11 +17,11 @@ use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 
 /// Side of a cell, pixels.
-pub const CELL_PX: usize = 4;
+pub(super) const CELL_PX: usize = 4;
 /// Cells in a row.
-pub const COLUMNS: usize = WIDTH / CELL_PX;
+pub(super) const COLUMNS: usize = WIDTH / CELL_PX;
 /// Rows of cells.
-pub const ROWS: usize = HEIGHT / CELL_PX;
+pub(super) const ROWS: usize = HEIGHT / CELL_PX;
 /// Provisional labels one picture may use.
 const MAX_REGIONS: usize = 4096;
 /// Samples of one cell may differ by this in 1/z, 1/m: 35 mm at 1 m.
@@ -37,8 +37,6 @@ defaults! {
         pub(crate) depth_m: Vec<f32> = vec![0.0; COLUMNS * ROWS],
         /// Region of each cell, 0 = none.
         pub(crate) label: Vec<u16> = vec![0; COLUMNS * ROWS],
-        /// For pictures, see `Segmenter::mask`.
-        pub(crate) mask: Vec<u8> = vec![0; COLUMNS * ROWS],
         /// Metres per cell at 1 m.
         pub(crate) cell_at_1m: f32 = 0.0,
         parents: Vec<u16> = vec![0; MAX_REGIONS],
@@ -47,7 +45,7 @@ defaults! {
 
 impl Regions {
     /// Bytes on the heap.
-    pub(crate) const BYTES: usize = COLUMNS * ROWS * (4 + 2 + 1) + MAX_REGIONS * 2;
+    pub(crate) const BYTES: usize = COLUMNS * ROWS * (4 + 2) + MAX_REGIONS * 2;
 }
 
 /// Counts the raw values of every second pixel of every second row. Neighbours are counted apart and added up at the end:
@@ -107,14 +105,13 @@ impl Regions {
         self.cell_at_1m = CELL_PX as f32 / camera.depth_focal_px();
         let spread = camera.raw_steps(CELL_SPREAD);
         let cells = self.depth_m.chunks_exact_mut(COLUMNS);
-        for (row, (cells, mask)) in cells.zip(self.mask.chunks_exact_mut(COLUMNS)).enumerate() {
+        for (row, cells) in cells.enumerate() {
             let pixels = |row: usize| depth[row * WIDTH..(row + 1) * WIDTH].chunks_exact(CELL_PX);
             let upper = pixels(row * CELL_PX + 1);
             let lower = pixels(row * CELL_PX + 3);
-            for (((cell, mask), upper), lower) in cells.iter_mut().zip(mask).zip(upper).zip(lower) {
+            for ((cell, upper), lower) in cells.iter_mut().zip(upper).zip(lower) {
                 let samples = [upper[1], upper[3], lower[1], lower[3]];
                 *cell = cell_depth(samples, camera, spread, end);
-                *mask = u8::from(*cell > 0.0);
             }
         }
         self.join();
@@ -215,9 +212,3 @@ pub struct HeadCloud {
     /// Depth pixels that belong to the head, before thinning.
     pub pixels: u32,
 }
-
-/// Label of a cell in [`super::Segmenter::mask`]: background or no depth.
-pub const BACKGROUND: u8 = 0;
-
-/// Label of a cell in [`super::Segmenter::mask`]: foreground that is no head. Head number k is `FOREGROUND + 1 + k`.
-pub const FOREGROUND: u8 = 1;
