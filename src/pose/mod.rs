@@ -123,7 +123,7 @@ impl PoseTracker {
     /// Frames from which this head's shape was learned.
     #[must_use]
     pub fn learned_frames(&self) -> u64 {
-        self.tracker.learned_frames()
+        self.tracker.shape().learned_frames
     }
 
     /// The signature of this head, for re-identification.

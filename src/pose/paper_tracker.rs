@@ -7,8 +7,8 @@ use nalgebra::SMatrix;
 
 use super::anchor::{Anchor, Surface};
 use super::settings::{HeadPose, Settings};
-use super::shape::HeadShape;
-use super::trail::{Found, LEARN_ALL, LEARN_STEP, Tracker, Trail};
+use super::shape::{HeadShape, LEARN_ALL};
+use super::trail::{Found, Tracker, Trail};
 use super::{icp, start};
 use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::{Point, Rigid};
@@ -56,8 +56,6 @@ pub(super) struct PaperTracker {
     /// The surface between anchor points, and of the learned head.
     surface: Arc<Surface>,
     standard: Option<icp::Target>,
-    /// Frames that the head was learned from.
-    learned_frames: u64,
     /// The last frame's cloud.
     previous: Option<icp::Target>,
     scratch: icp::Scratch,
@@ -68,10 +66,6 @@ pub(super) struct PaperTracker {
 impl Tracker for PaperTracker {
     fn shape(&self) -> &HeadShape {
         &self.shape
-    }
-
-    fn learned_frames(&self) -> u64 {
-        self.learned_frames
     }
 
     fn find(
@@ -137,17 +131,16 @@ impl Tracker for PaperTracker {
         let Some(head_from_sensor) = self.pending.take() else {
             return;
         };
-        self.learned_frames += 1;
-        let (step, remade) = if self.learned_frames <= LEARN_ALL {
-            (1, REMADE_EARLY)
-        } else {
-            (LEARN_STEP, REMADE)
-        };
-        if self.learned_frames.is_multiple_of(step) {
+        if self.shape.takes_frame() {
             self.shape
                 .learn_size(&self.anchor, &cloud.points, &head_from_sensor);
         }
-        if self.learned_frames.is_multiple_of(remade) {
+        let remade = if self.shape.learned_frames <= LEARN_ALL {
+            REMADE_EARLY
+        } else {
+            REMADE
+        };
+        if self.shape.learned_frames.is_multiple_of(remade) {
             self.standard = self.known_head();
         }
     }
@@ -163,9 +156,8 @@ impl Tracker for PaperTracker {
     fn forget(&mut self) {
         self.restart();
         self.pending = None;
-        self.shape.forget();
-        if self.learned_frames > 0 {
-            self.learned_frames = 0;
+        if self.shape.learned_frames > 0 {
+            self.shape.forget();
             self.standard = self.known_head();
         }
     }
@@ -180,7 +172,6 @@ impl PaperTracker {
             anchor,
             learns: settings.learn_shape,
             rounds: settings.rounds,
-            learned_frames: 0,
             previous: None,
             scratch: icp::Scratch::default(),
             pending: None,
@@ -201,15 +192,10 @@ impl PaperTracker {
             max_distance_m: 0.05,
             ..icp::Settings::default()
         };
-        let mut best: Option<icp::Alignment> = None;
-        for start in start::starts(&self.anchor, cloud) {
-            let (target, scratch) = (&self.anchor.target, &mut self.scratch);
-            if let Some(end) = icp::align(target, &thin, *start, &brief, scratch)
-                && best.is_none_or(|best| end.residual < best.residual)
-            {
-                best = Some(end);
-            }
-        }
-        best.map(|best| HeadFromSensor::of(best.target_from_moving))
+        let (target, scratch) = (&self.anchor.target, &mut self.scratch);
+        let ends = start::starts(&self.anchor, cloud)
+            .filter_map(|start| icp::align(target, &thin, *start, &brief, scratch));
+        let best = ends.min_by(|a, b| a.residual.total_cmp(&b.residual))?;
+        Some(HeadFromSensor::of(best.target_from_moving))
     }
 }

@@ -8,7 +8,7 @@ use super::plane::{self, Coverage, Effort, PlaneFit};
 use super::settings::{HeadPose, Settings};
 use super::shape::HeadShape;
 use super::start;
-use super::trail::{COAST_S, Found, LEARN_ALL, LEARN_STEP, STEP_M, Tracker, Trail};
+use super::trail::{COAST_S, Found, STEP_M, Tracker, Trail};
 use crate::base::frames::{HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
 use crate::base::prelude::*;
@@ -93,17 +93,11 @@ pub(super) struct PlaneTracker {
     searched: Timestamp,
     /// The last frame's fit, until the shape has learned from it.
     pending: Option<PlaneFit>,
-    /// Frames good enough to learn the shape from.
-    learned_frames: u64,
 }
 
 impl Tracker for PlaneTracker {
     fn shape(&self) -> &HeadShape {
         &self.shape
-    }
-
-    fn learned_frames(&self) -> u64 {
-        self.learned_frames
     }
 
     fn is_searching(&self) -> bool {
@@ -162,8 +156,7 @@ impl Tracker for PlaneTracker {
         let Some(fit) = self.pending.take() else {
             return;
         };
-        self.learned_frames += 1;
-        if self.learned_frames <= LEARN_ALL || self.learned_frames.is_multiple_of(LEARN_STEP) {
+        if self.shape.takes_frame() {
             let (pose, scale) = (&fit.head_from_sensor, fit.scale);
             self.shape.learn(&self.anchor, &cloud.points, pose, scale);
         }
@@ -177,7 +170,6 @@ impl Tracker for PlaneTracker {
     fn forget(&mut self) {
         self.restart();
         self.pending = None;
-        self.learned_frames = 0;
         self.shape.forget();
     }
 }
@@ -196,7 +188,6 @@ impl PlaneTracker {
             ends: heapless::Vec::new(),
             searched: Timestamp::default(),
             pending: None,
-            learned_frames: 0,
         }
     }
 

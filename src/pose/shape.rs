@@ -18,7 +18,7 @@
 
 use nalgebra::SVector;
 
-use super::anchor::Anchor;
+use super::anchor::{Anchor, NEIGHBOURS};
 use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::Point;
 use crate::base::prelude::*;
@@ -46,6 +46,11 @@ const MEMORY_FRAMES: f32 = 150.0;
 /// Fewer where the size is derived from the offsets, which have to settle first.
 const SIZE_MEMORY_FRAMES: f32 = 50.0;
 
+/// The first [`LEARN_ALL`] frames that are good enough all teach the shape, later ones every [`LEARN_STEP`]-th: neighbours are
+/// redundant.
+pub(super) const LEARN_ALL: u64 = 60;
+const LEARN_STEP: u64 = 3;
+
 /// Largest learned offset, metres.
 const MAX_OFFSET_M: f32 = 0.015;
 
@@ -54,6 +59,8 @@ const MAX_OFFSET_M: f32 = 0.015;
 pub(crate) struct HeadShape {
     /// Natural logarithm of the head's size relative to the standard head.
     pub(crate) log_scale: f64,
+    /// Frames good enough to learn from.
+    pub(crate) learned_frames: u64,
     /// Offset of each anchor point along its normal, metres, in the standard head's size.
     pub(crate) offset: Vec<f32>,
     /// Frames from which each offset was learned, capped.
@@ -68,6 +75,7 @@ impl HeadShape {
     pub(crate) fn standard(points: usize) -> Self {
         Self {
             log_scale: 0.0,
+            learned_frames: 0,
             offset: vec![0.0; points],
             seen: vec![0.0; points],
             frames: 0.0,
@@ -78,9 +86,16 @@ impl HeadShape {
     /// Back to the standard head, in place.
     pub(crate) fn forget(&mut self) {
         self.log_scale = 0.0;
+        self.learned_frames = 0;
         self.frames = 0.0;
         self.offset.fill(0.0);
         self.seen.fill(0.0);
+    }
+
+    /// Counts a frame that is good enough; whether it teaches.
+    pub(super) fn takes_frame(&mut self) -> bool {
+        self.learned_frames += 1;
+        self.learned_frames <= LEARN_ALL || self.learned_frames.is_multiple_of(LEARN_STEP)
     }
 
     /// Measured offset of an anchor point, without the standard head's share in the mean; `None` where nothing was seen.
@@ -132,8 +147,6 @@ impl HeadShape {
         self.log_scale = (self.log_scale + (found - self.log_scale) / self.frames)
             .clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
         self.note(anchor, cloud, head_from_sensor, 1.0 / scale, MEMORY_FRAMES);
-        self.spread(anchor);
-        self.settle(anchor);
     }
 
     /// As [`Self::learn`] for an alignment that does not estimate the size: it is derived from the offsets.
@@ -145,13 +158,11 @@ impl HeadShape {
     ) {
         let inverse_scale = (-self.log_scale).exp() as f32;
         let memory = SIZE_MEMORY_FRAMES;
-        self.note(anchor, cloud, head_from_sensor, inverse_scale, memory);
-        self.spread(anchor);
-        let growth = self.settle(anchor);
+        let growth = self.note(anchor, cloud, head_from_sensor, inverse_scale, memory);
         self.log_scale = (self.log_scale + growth).clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
     }
 
-    /// Adds one frame's distances to the running means.
+    /// Adds one frame's distances to the running means. Returns the growth that they held, which is taken off them.
     fn note(
         &mut self,
         anchor: &Anchor,
@@ -159,7 +170,7 @@ impl HeadShape {
         head_from_sensor: &HeadFromSensor,
         inverse_scale: f32,
         memory: f32,
-    ) {
+    ) -> f64 {
         self.sums.fill((0.0, 0.0));
         let camera = Point::from(head_from_sensor.translation.vector);
         for p in cloud {
@@ -178,18 +189,17 @@ impl HeadShape {
                 self.offset[i] += sum / count / (self.seen[i] + PRIOR_FRAMES);
             }
         }
+        self.spread(anchor);
+        self.settle(anchor)
     }
 
     fn spread(&mut self, anchor: &Anchor) {
         for i in 0..self.offset.len() {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for &k in &anchor.neighbours[i] {
-                sum += self.offset[usize::from(k)];
-                count += 1.0;
-            }
+            let beside = anchor.neighbours[i].map(|k| self.offset[usize::from(k)]);
+            let mean = beside.iter().sum::<f32>() / NEIGHBOURS as f32;
             let (new, known) = SPREAD;
             let share = if self.seen[i] < 1.0 { new } else { known };
-            self.offset[i] += (sum / count - self.offset[i]) * share;
+            self.offset[i] += (mean - self.offset[i]) * share;
             self.offset[i] = self.offset[i].clamp(-MAX_OFFSET_M, MAX_OFFSET_M);
         }
     }

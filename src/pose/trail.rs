@@ -189,10 +189,6 @@ fn lean(
     Some(*depth * Motion::<Head, Head>::of(step).inverse())
 }
 
-/// The first [`LEARN_ALL`] frames that teach the shape all do, later ones every [`LEARN_STEP`]-th: neighbours are redundant.
-pub(super) const LEARN_ALL: u64 = 60;
-pub(super) const LEARN_STEP: u64 = 3;
-
 /// A pose, and its alignment's information.
 pub(super) type Found = (HeadPose, Information);
 
@@ -200,8 +196,6 @@ pub(super) type Found = (HeadPose, Information);
 pub(super) trait Tracker: Send {
     /// What was learned of the head's size and shape.
     fn shape(&self) -> &HeadShape;
-    /// Frames from which the shape was learned.
-    fn learned_frames(&self) -> u64;
     /// Whether a search continues in the next frame.
     fn is_searching(&self) -> bool {
         false
