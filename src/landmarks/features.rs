@@ -15,6 +15,7 @@ use core::sync::atomic::{Ordering, compiler_fence};
 
 use super::window::{Region, WINDOW};
 use crate::base::capacity::LANDMARKS;
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::vectors::wide;
@@ -40,26 +41,16 @@ const DOWN: [f32; ORIENTATIONS] = [
     0.0, DIAGONAL, 1.0, DIAGONAL, 0.0, -DIAGONAL, -1.0, -DIAGONAL,
 ];
 
-/// Orientation maps of one window: `MAP` × `MAP` cells of eight values, fine and coarse.
-#[derive(Clone)]
-pub struct OrientationMaps {
-    fine: Vec<[f32; ORIENTATIONS]>,
-    coarse: Vec<[f32; ORIENTATIONS]>,
-    scratch: Vec<[f32; ORIENTATIONS]>,
-    floor: f32,
-    /// Region covered by the maps.
-    region: Region,
-}
-
-impl Default for OrientationMaps {
-    fn default() -> Self {
-        Self {
-            fine: vec![[0.0; ORIENTATIONS]; MAP * MAP],
-            coarse: vec![[0.0; ORIENTATIONS]; MAP * MAP],
-            scratch: vec![[0.0; ORIENTATIONS]; MAP * MAP],
-            floor: 1.0,
-            region: Region::WHOLE,
-        }
+defaults! {
+    /// Orientation maps of one window: `MAP` × `MAP` cells of eight values, fine and coarse.
+    #[derive(Clone)]
+    pub struct OrientationMaps {
+        fine: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * MAP],
+        coarse: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * MAP],
+        scratch: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * MAP],
+        floor: f32 = 1.0,
+        /// Region covered by the maps.
+        region: Region = Region::WHOLE,
     }
 }
 

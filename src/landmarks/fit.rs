@@ -15,16 +15,17 @@ use alloc::sync::Arc;
 use super::cascade::{Belief, FaceFit, Solver};
 use super::eyes;
 use super::features::OrientationMaps;
-use super::points::{Landmarks, MOUTH, empty_landmarks};
+use super::points::{Landmarks, MOUTH};
 use super::refine;
 use super::relief;
-use super::steady::{ShapeFilter, Steadiness};
+use super::steady::ShapeFilter;
 use super::view::View;
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_picture};
 use crate::base::capacity::PIXELS;
 use crate::base::defaults;
 use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromFace, SensorFromHead};
 use crate::base::geometry::{Rigid, Rotation, Vector};
+use crate::base::one_euro::Cutoffs;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::shared_cell::Shared;
@@ -55,8 +56,8 @@ defaults! {
         pub min_confidence: f32 = 0.5,
         /// Time over which the size of the face is averaged, seconds.
         pub size_time_s: f32 = 10.0,
-        /// Temporal filter of the shape.
-        pub steadiness: Steadiness = Steadiness::default(),
+        /// Temporal filter of the shape; speeds in deviations per second.
+        pub steadiness: Cutoffs<f32> = Cutoffs { still_hz: 3.0, per_speed: 2.0, speed_hz: 3.0 },
     }
 }
 
@@ -148,15 +149,10 @@ pub struct LandmarkFitter {
 }
 
 impl LandmarkFitter {
-    /// Creates a fitter without history; all memory is allocated here.
+    /// Creates a fitter without history; all memory is allocated here. The scratch may be shared with other fitters, none of which
+    /// may run at the same time.
     #[must_use]
-    pub fn new(settings: Settings, model: &FaceModel) -> Self {
-        Self::with(settings, model, Shared::default())
-    }
-
-    /// As [`Self::new`], with scratch shared with other fitters, none of which may run at the same time.
-    #[must_use]
-    pub fn with(settings: Settings, model: &FaceModel, scratch: Shared<Scratch>) -> Self {
+    pub fn new(settings: Settings, model: &FaceModel, scratch: Shared<Scratch>) -> Self {
         Self {
             settings,
             shape: model.shape.clone(),
@@ -175,7 +171,7 @@ impl LandmarkFitter {
             tries: 0,
             shift: Vector::zeros(),
             strayed: Motion::identity(),
-            landmarks: empty_landmarks(),
+            landmarks: Landmarks::default(),
         }
     }
 
@@ -426,7 +422,11 @@ mod tests {
     use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 
     fn fitter() -> LandmarkFitter {
-        LandmarkFitter::new(Settings::default(), &FaceModel::shipped())
+        LandmarkFitter::new(
+            Settings::default(),
+            &FaceModel::shipped(),
+            Shared::default(),
+        )
     }
 
     fn placement() -> Placement {

@@ -2,6 +2,7 @@
 
 use super::eyes::Eyes;
 use crate::base::capacity::LANDMARKS;
+use crate::base::defaults;
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Point;
 use crate::face_model::refinement;
@@ -10,23 +11,25 @@ use crate::sensor::camera::Camera;
 /// Points of the mouth.
 pub(crate) const MOUTH: core::ops::Range<usize> = 48..LANDMARKS;
 
-/// The 68 points of one face in one frame.
-#[derive(Clone, Debug)]
-pub struct Landmarks {
-    /// Landmarks in the head frame, metres: rigid motion removed, the face's own size kept.
-    pub head: [Point; LANDMARKS],
-    /// Landmarks in colour pixels; pixel centres are integers.
-    pub pixels: [[f32; 2]; LANDMARKS],
-    /// Confidence of each point, 0…1.
-    pub point_confidence: [f32; LANDMARKS],
-    /// Confidence of the face, 0…1.
-    pub confidence: f32,
-    /// Puff of the right and the left cheek, measured by depth: about 0 to 1, plus a constant of the person.
-    pub cheeks: [f32; refinement::PUFFS],
-    /// Share of the mouth's points with something else in front: a hand, a cup, a sheet of paper.
-    pub mouth_hidden: f32,
-    /// Eye patches; none if the eyes are not visible.
-    pub eyes: Option<Eyes>,
+defaults! {
+    /// The 68 points of one face in one frame; before the first fit all at the origin, confidence 0.
+    #[derive(Clone, Debug)]
+    pub struct Landmarks {
+        /// Landmarks in the head frame, metres: rigid motion removed, the face's own size kept.
+        pub head: [Point; LANDMARKS] = [Point::origin(); LANDMARKS],
+        /// Landmarks in colour pixels; pixel centres are integers.
+        pub pixels: [[f32; 2]; LANDMARKS] = [[0.0; 2]; LANDMARKS],
+        /// Confidence of each point, 0…1.
+        pub point_confidence: [f32; LANDMARKS] = [0.0; LANDMARKS],
+        /// Confidence of the face, 0…1.
+        pub confidence: f32 = 0.0,
+        /// Puff of the right and the left cheek, measured by depth: about 0 to 1, plus a constant of the person.
+        pub cheeks: [f32; refinement::PUFFS] = [0.0; refinement::PUFFS],
+        /// Share of the mouth's points with something else in front: a hand, a cup, a sheet of paper.
+        pub mouth_hidden: f32 = 0.0,
+        /// Eye patches; none if the eyes are not visible.
+        pub eyes: Option<Eyes> = None,
+    }
 }
 
 impl Landmarks {
@@ -35,18 +38,5 @@ impl Landmarks {
         self.pixels = self
             .head
             .map(|point| camera.colour_pixel(&(sensor_from_face * point)));
-    }
-}
-
-/// Landmarks before the first fit: all at the origin, confidence 0.
-pub(super) fn empty_landmarks() -> Landmarks {
-    Landmarks {
-        head: [Point::origin(); LANDMARKS],
-        pixels: [[0.0; 2]; LANDMARKS],
-        point_confidence: [0.0; LANDMARKS],
-        confidence: 0.0,
-        cheeks: [0.0; refinement::PUFFS],
-        mouth_hidden: 0.0,
-        eyes: None,
     }
 }

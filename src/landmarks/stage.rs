@@ -1,7 +1,7 @@
 //! The landmark stage of a pipeline: the chosen method behind one interface.
 
 use super::fit::{LandmarkFitter, Scratch, Settings};
-use super::paper_aam::{PaperAamFitter, PaperAamSettings};
+use super::paper_aam::PaperAamFitter;
 use super::points::Landmarks;
 use crate::base::capacity::PIXELS;
 use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromHead};
@@ -64,14 +64,14 @@ impl LandmarkStage {
         scratch: &Shared<Scratch>,
     ) -> Result<Self, LandmarkError> {
         match settings.method {
-            Method::Cascade => Ok(Self::Cascade(Box::new(LandmarkFitter::with(
+            Method::Cascade => Ok(Self::Cascade(Box::new(LandmarkFitter::new(
                 settings.cascade,
                 model,
                 scratch.clone(),
             )))),
             Method::Paper if model.paper_aam.is_empty() => Err(LandmarkError::NoPaperModel),
             Method::Paper => {
-                let fitter = PaperAamFitter::new(PaperAamSettings::default(), &model.paper_aam)?;
+                let fitter = PaperAamFitter::new(&model.paper_aam)?;
                 Ok(Self::Paper(Box::new(fitter)))
             }
         }
@@ -92,22 +92,24 @@ impl LandmarkStage {
         }
     }
 
+    fn cascade(&self) -> Option<&LandmarkFitter> {
+        match self {
+            Self::Cascade(fitter) => Some(fitter),
+            Self::Paper(_) => None,
+        }
+    }
+
     /// Rotation that makes this person's depth poses agree with the image; none with the paper's method.
     #[must_use]
     pub fn turn(&self) -> HeadFromFace {
-        match self {
-            Self::Cascade(fitter) => fitter.turn(),
-            Self::Paper(_) => HeadFromFace::identity(),
-        }
+        self.cascade()
+            .map_or_else(HeadFromFace::identity, LandmarkFitter::turn)
     }
 
     /// See [`LandmarkFitter::strayed`]; `None` with the paper's method.
     #[must_use]
     pub fn strayed(&self) -> Option<Motion<Head, Head>> {
-        match self {
-            Self::Cascade(fitter) => Some(fitter.strayed()),
-            Self::Paper(_) => None,
-        }
+        Some(self.cascade()?.strayed())
     }
 
     /// See [`LandmarkFitter::spot`]; `None` with the paper's method.
@@ -118,10 +120,7 @@ impl LandmarkStage {
         camera: &Camera,
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
-        match self {
-            Self::Cascade(fitter) => fitter.spot(luma, camera, guess),
-            Self::Paper(_) => None,
-        }
+        self.cascade()?.spot(luma, camera, guess)
     }
 
     /// See [`LandmarkFitter::straighten`]; nothing with the paper's method.

@@ -5,7 +5,6 @@
 //! Latency: under one frame while a coefficient moves by a deviation in a fifth of a second; a step of a tenth of a
 //! deviation takes about a quarter of a second. Seconds, standard deviations. Degenerate: after a gap the filter restarts.
 
-use crate::base::defaults;
 use crate::base::one_euro::{Cutoffs, OneEuro};
 use crate::base::time::Timestamp;
 use crate::face_model::MAX_MODES;
@@ -13,23 +12,10 @@ use crate::face_model::MAX_MODES;
 /// Longest gap the filter bridges, seconds.
 const GAP_S: f64 = 0.5;
 
-defaults! {
-    /// Settings of the filter.
-    #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct Steadiness {
-        /// Cut-off of a still coefficient, Hz. Lower is steadier.
-        pub still_hz: f32 = 3.0,
-        /// Growth of the cut-off with speed, Hz per (deviation / s); higher tracks faster.
-        pub follow: f32 = 2.0,
-        /// Cut-off of the speed itself, Hz.
-        pub speed_hz: f32 = 3.0,
-    }
-}
-
 /// The filter's state.
 #[derive(Clone, Debug)]
 pub struct ShapeFilter {
-    settings: Steadiness,
+    cutoffs: Cutoffs<f32>,
     filters: [OneEuro<f32>; MAX_MODES],
     last: Option<Timestamp>,
 }
@@ -37,9 +23,9 @@ pub struct ShapeFilter {
 impl ShapeFilter {
     /// A filter without history.
     #[must_use]
-    pub fn new(settings: Steadiness) -> Self {
+    pub fn new(cutoffs: Cutoffs<f32>) -> Self {
         Self {
-            settings,
+            cutoffs,
             filters: [OneEuro::default(); MAX_MODES],
             last: None,
         }
@@ -61,12 +47,9 @@ impl ShapeFilter {
             }
             return *measured;
         };
-        let cutoffs = Cutoffs {
-            still_hz: self.settings.still_hz,
-            per_speed: self.settings.follow,
-            speed_hz: self.settings.speed_hz,
-        };
-        core::array::from_fn(|i| self.filters[i].filter(measured[i], 1.0, &cutoffs, step as f32))
+        core::array::from_fn(|i| {
+            self.filters[i].filter(measured[i], 1.0, &self.cutoffs, step as f32)
+        })
     }
 }
 
@@ -77,9 +60,10 @@ mod tests {
     #[test]
     fn a_still_shape_is_steadied_and_a_step_followed() {
         let mut random = fastrand::Rng::with_seed(3);
-        let mut filter = ShapeFilter::new(Steadiness {
+        let mut filter = ShapeFilter::new(Cutoffs {
             still_hz: 1.0,
-            ..Steadiness::default()
+            per_speed: 2.0,
+            speed_hz: 3.0,
         });
         let (mut squares_in, mut squares_out) = (0.0, 0.0);
         let mut after_step = 0.0;

@@ -184,7 +184,17 @@ impl Placement {
         if seen.iter().flatten().any(|v| !v.is_finite()) {
             return None;
         }
-        let picture_from_window = homography(&corners, &seen)?;
+        let map = homography(&corners, &seen)?;
+        let inverse_distance = 1.0 / origin.coords.norm().max(0.1);
+        Self::new(map, roll, rotation, inverse_distance)
+    }
+
+    fn new(
+        picture_from_window: Matrix3<f32>,
+        roll: f32,
+        rotation: Rotation,
+        inverse_distance: f32,
+    ) -> Option<Self> {
         Some(Self {
             picture_from_window,
             window_from_picture: picture_from_window.try_inverse()?,
@@ -193,7 +203,7 @@ impl Placement {
                 log_scale: PIXELS_PER_METRE.ln(),
                 rotation,
                 shift: ORIGIN,
-                inverse_distance: 1.0 / origin.coords.norm().max(0.1),
+                inverse_distance,
             },
         })
     }
@@ -205,30 +215,11 @@ impl Placement {
         let (sin, cos) = roll.sin_cos();
         let scale = view.log_scale.exp().max(1e-3) / PIXELS_PER_METRE;
         let [x, y] = view.shift;
-        let picture_from_window = Matrix3::new(
-            scale * cos,
-            -scale * sin,
-            x,
-            scale * sin,
-            scale * cos,
-            y,
-            0.0,
-            0.0,
-            1.0,
-        );
-        Self {
-            picture_from_window,
-            window_from_picture: picture_from_window
-                .try_inverse()
-                .unwrap_or_else(Matrix3::identity),
-            roll,
-            start: View {
-                log_scale: PIXELS_PER_METRE.ln(),
-                rotation,
-                shift: ORIGIN,
-                inverse_distance: view.inverse_distance,
-            },
-        }
+        let across = Vector::new(scale * cos, scale * sin, 0.0);
+        let down = Vector::new(-scale * sin, scale * cos, 0.0);
+        let map = Matrix3::from_columns(&[across, down, Vector::new(x, y, 1.0)]);
+        let placement = Self::new(map, roll, rotation, view.inverse_distance);
+        placement.expect("a turn and a scale above 0 have an inverse")
     }
 
     /// Window pixel to picture pixel.

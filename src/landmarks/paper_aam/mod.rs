@@ -23,12 +23,11 @@ pub use solver::{AamFit, Expected, Solver};
 #[cfg(feature = "studio")]
 pub(crate) use {grey::normalised, solver::sample};
 
-use super::points::{Landmarks, empty_landmarks};
+use super::points::Landmarks;
 use super::refine;
 use super::view::View;
 use super::window::{Placement, Region, WINDOW, sensor_picture};
 use crate::base::capacity::{LANDMARKS, PIXELS};
-use crate::base::defaults;
 use crate::base::frames::{HeadFromFace, SensorFromHead};
 use crate::base::geometry::Vector;
 #[cfg(not(feature = "std"))]
@@ -45,22 +44,14 @@ const USUAL_FRAMES: u16 = 600;
 /// Least confidence of a frame that teaches it: who walks in is blurred.
 const TEACHING_CONFIDENCE: f32 = 0.8;
 
-defaults! {
-    /// Settings of the method.
-    #[derive(Clone, Copy, Debug)]
-    pub struct PaperAamSettings {
-        /// Confidence of the face below which it is lost, 0…1.
-        pub min_confidence: f32 = 0.3,
-        /// Most iterations from a cold start.
-        pub cold_steps: usize = 20,
-        /// Most iterations from the last frame's shape.
-        pub warm_steps: usize = 8,
-    }
-}
+/// Confidence of the face below which it is lost, 0…1.
+const MIN_CONFIDENCE: f32 = 0.3;
+/// Most iterations from a cold start, and from the last frame's shape.
+const COLD_STEPS: usize = 20;
+const WARM_STEPS: usize = 8;
 
 /// Fits the landmarks of one face, frame by frame, by the paper's method.
 pub struct PaperAamFitter {
-    settings: PaperAamSettings,
     solver: Solver,
     window: Vec<f32>,
     /// The last frame's fit, and the view of its depth pose.
@@ -76,15 +67,14 @@ impl PaperAamFitter {
     ///
     /// # Errors
     /// If the bytes are not such a model.
-    pub fn new(settings: PaperAamSettings, bytes: &[u8]) -> Result<Self, ModelError> {
+    pub fn new(bytes: &[u8]) -> Result<Self, ModelError> {
         Ok(Self {
-            settings,
             solver: Solver::new(PaperAam::parse(bytes)?),
             window: vec![0.0; WINDOW * WINDOW],
             last: None,
             usual: [0.0; VIEW_PARAMETERS],
             seen: 0,
-            landmarks: empty_landmarks(),
+            landmarks: Landmarks::default(),
         })
     }
 
@@ -108,19 +98,17 @@ impl PaperAamFitter {
         };
         placement.resample(&sensor_picture(luma), &Region::WHOLE, &mut self.window);
         let start = placement.start;
-        let believed = |fit: &AamFit| fit.confidence >= self.settings.min_confidence;
+        let believed = |fit: &AamFit| fit.confidence >= MIN_CONFIDENCE;
         let expected = self.expected(&start);
         let warm = self.last.take().map(|(last, depth)| {
             let first = self.solver.warm(&last, &depth, &start);
-            self.solver
-                .run(&self.window, first, expected, self.settings.warm_steps)
+            self.solver.run(&self.window, first, expected, WARM_STEPS)
         });
         let fit = match warm {
             Some(fit) if believed(&fit) => fit,
             _ => {
                 let first = self.solver.cold(&expected.view);
-                self.solver
-                    .run(&self.window, first, expected, self.settings.cold_steps)
+                self.solver.run(&self.window, first, expected, COLD_STEPS)
             }
         };
         if !believed(&fit) {

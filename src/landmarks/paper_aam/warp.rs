@@ -65,8 +65,6 @@ pub struct BasePixel {
     pub corners: [u8; 3],
     /// Weights of the corners; they add to 1.
     pub weights: [f32; 3],
-    /// Pixels left, right, above, below; the pixel itself where the face ends.
-    pub neighbours: [u16; 4],
 }
 
 /// The pixels of a mean shape.
@@ -81,45 +79,21 @@ pub fn base_pixels(mean: &Shape2, triangles: &[[u8; 3]]) -> Vec<BasePixel> {
     let (x0, y0) = (low(0), low(1));
     let columns = ((high(0) - x0) / STEP).clamp(0.0, 254.0) as usize + 1;
     let rows = ((high(1) - y0) / STEP).clamp(0.0, 254.0) as usize + 1;
-    let mut index = vec![None; columns * rows];
-    let mut pixels = Vec::new();
-    let mut places = Vec::new();
-    for at in 0..columns * rows {
+    let found = (0..columns * rows).filter_map(|at| {
         let p = [
             x0 + (at % columns) as f32 * STEP,
             y0 + (at / columns) as f32 * STEP,
         ];
-        let found = triangles.iter().find_map(|t| {
+        triangles.iter().find_map(|t| {
             let weights = barycentric(t.map(|v| mean[usize::from(v)]), p)?;
-            weights.iter().all(|w| *w >= -1e-5).then_some((*t, weights))
-        });
-        if let Some((corners, weights)) = found
-            && pixels.len() < usize::from(u16::MAX)
-        {
-            index[at] = Some(pixels.len() as u16);
-            places.push(at);
-            pixels.push(BasePixel {
-                corners,
+            let is_inside = weights.iter().all(|w| *w >= -1e-5);
+            is_inside.then_some(BasePixel {
+                corners: *t,
                 weights,
-                neighbours: [pixels.len() as u16; 4],
-            });
-        }
-    }
-    for (pixel, at) in pixels.iter_mut().zip(places) {
-        let column = at % columns;
-        let beside = [
-            (column > 0).then(|| at - 1),
-            (column + 1 < columns).then_some(at + 1),
-            at.checked_sub(columns),
-            (at + columns < index.len()).then_some(at + columns),
-        ];
-        for (neighbour, at) in pixel.neighbours.iter_mut().zip(beside) {
-            if let Some(there) = at.and_then(|at| index[at]) {
-                *neighbour = there;
-            }
-        }
-    }
-    pixels
+            })
+        })
+    });
+    found.collect()
 }
 
 /// Weights of a point in a triangle; `None` if the triangle is flat.
@@ -182,8 +156,6 @@ mod tests {
             let (p, q) = (pixel.place(&mean), pixel.place(&moved));
             let want = map(p);
             assert!((q[0] - want[0]).abs() < 1e-3 && (q[1] - want[1]).abs() < 1e-3);
-            let right = pixels[usize::from(pixel.neighbours[1])].place(&mean);
-            assert!(right[0] - p[0] < 1e-3 || (right[0] - p[0] - STEP).abs() < 1e-3);
         }
     }
 }

@@ -129,7 +129,7 @@ mod tests {
     use super::super::paper_aam::OTHER_SESSION;
     use super::*;
     use crate::expression::{Measure, measures};
-    use crate::landmarks::paper_aam::{PaperAam, PaperAamFitter, PaperAamSettings};
+    use crate::landmarks::paper_aam::{PaperAam, PaperAamFitter};
     use crate::sensor::kinect::picture_clock::timestamp_from_ticks;
     use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
     use crate::studio::correlation::correlation;
@@ -202,7 +202,7 @@ mod tests {
 
     /// Frames believed, and there the correlations of lip gap, lids, mouth width and jaw drop, at the pose the default pipeline has.
     fn follow(block: &[u8], head: &HeadAsset) -> (usize, [f32; 5]) {
-        let mut fitter = PaperAamFitter::new(PaperAamSettings::default(), block).unwrap();
+        let mut fitter = PaperAamFitter::new(block).unwrap();
         let mut simulator = Simulator::new(head.clone(), Scene::Acted, 99);
         const TOLD: [Measure; 5] = [
             Measure::LipGap,

@@ -12,6 +12,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::shape::{Face, aligned};
 use crate::appliance::settings::Settings;
+use crate::base::shared_cell::Shared;
 use crate::face_model::FaceModel;
 use crate::face_model::refinement::{Inputs, PUFFS, Refinement};
 use crate::landmarks::LandmarkFitter;
@@ -81,7 +82,8 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
     let Ok(mut pose) = PoseTracker::new(settings.stages.pose, &anchor) else {
         return Session::default();
     };
-    let mut fitter = LandmarkFitter::new(settings.stages.landmarks.cascade, model);
+    let mut fitter =
+        LandmarkFitter::new(settings.stages.landmarks.cascade, model, Shared::default());
     let mean: Face = std::array::from_fn(|i| model.shape.mean[i]);
     let mut frame = Frame::default();
     let mut examples = Vec::new();

@@ -9,6 +9,7 @@ use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::frames::SensorFromHead;
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
+use crate::base::shared_cell::Shared;
 use crate::base::time::Timestamp;
 use crate::face_model::{FaceModel, scheme};
 use crate::landmarks::{LandmarkFitter, Landmarks, Settings as FitSettings};
@@ -126,7 +127,7 @@ impl<'a> Player<'a> {
 
     /// Who believes as the appliance does.
     fn sceptic(&self) -> LandmarkFitter {
-        LandmarkFitter::new(self.fit_settings, self.model)
+        LandmarkFitter::new(self.fit_settings, self.model, Shared::default())
     }
 
     /// Who tells everything, believed or not.
@@ -135,7 +136,7 @@ impl<'a> Player<'a> {
             min_confidence: 0.0,
             ..self.fit_settings
         };
-        LandmarkFitter::new(settings, self.model)
+        LandmarkFitter::new(settings, self.model, Shared::default())
     }
 
     fn find(&mut self, at: Timestamp) -> Option<HeadPose> {
