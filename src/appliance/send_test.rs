@@ -85,7 +85,7 @@ const MOTIONS: [Motion; 31] = [
 /// # Errors
 /// If an output cannot be opened or can never work.
 pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Result<(), OutputError> {
-    let expression = Expression::new(settings.stages.learning.clone(), Units::shipped());
+    let expression = Expression::new(settings.stages.learning, Units::shipped());
     let names = expression.unit_names();
     let units: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
     let mut sender = Sender {

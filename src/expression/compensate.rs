@@ -38,32 +38,16 @@ pub struct Compensation {
     pub weight: f64,
 }
 
-/// What a sample of weight ω needs; `spread` multiplies σ (1 = literal).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Validity {
-    /// ω < 1/3 (or not a number): drop it.
-    Invalid,
-    /// ω ≥ 1: nothing to add.
-    Certain,
-    /// Two samples to add.
-    Compensated(Compensation),
-}
-
-/// Section 2.3 for one weight.
+/// Section 2.3 for one weight; `spread` multiplies σ (1 = literal). `None` if the sample is invalid: ω < 1/3 or not a number.
+/// From ω = 1 on there is nothing to add: the weight is 0.
 #[must_use]
-pub fn compensation(omega: f64, spread: f64) -> Validity {
-    if omega >= 1.0 {
-        return Validity::Certain;
-    }
-    if omega.is_nan() || omega < LEAST_WEIGHT {
-        return Validity::Invalid;
-    }
+pub fn compensation(omega: f64, spread: f64) -> Option<Compensation> {
     let sigma = -omega.ln() * spread;
     // At ω = 1/3 the logarithm is 0 but for rounding.
     let ratio = (2.0 * (2.0 * omega / (1.0 - omega)).ln()).max(0.0);
-    Validity::Compensated(Compensation {
+    (omega >= LEAST_WEIGHT).then(|| Compensation {
         offset: sigma * ratio.sqrt(),
-        weight: (1.0 - omega) / 2.0,
+        weight: ((1.0 - omega) / 2.0).max(0.0),
     })
 }
 
@@ -72,10 +56,7 @@ mod tests {
     use super::*;
 
     fn compensated(omega: f64, spread: f64) -> Compensation {
-        match compensation(omega, spread) {
-            Validity::Compensated(c) => c,
-            other => panic!("{other:?}"),
-        }
+        compensation(omega, spread).expect("a valid weight")
     }
 
     #[test]
@@ -113,9 +94,9 @@ mod tests {
 
     #[test]
     fn a_third_is_the_border() {
-        assert_eq!(compensation(0.333, 1.0), Validity::Invalid);
-        assert_eq!(compensation(f64::NAN, 1.0), Validity::Invalid);
-        assert_eq!(compensation(1.0, 1.0), Validity::Certain);
+        assert_eq!(compensation(0.333, 1.0), None);
+        assert_eq!(compensation(f64::NAN, 1.0), None);
+        assert_eq!(compensated(1.0, 1.0).weight, 0.0);
         let c = compensated(1.0 / 3.0 + 1e-12, 1.0);
         assert!(c.offset < 1e-5 && (c.weight - 1.0 / 3.0).abs() < 1e-9);
     }

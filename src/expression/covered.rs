@@ -21,6 +21,7 @@ use crate::base::capacity::UNITS;
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
+use crate::face_model::scheme::CHIN;
 use crate::landmarks::{Landmarks, MOUTH};
 
 /// Points of brows, nose and eyes.
@@ -58,27 +59,11 @@ const RHO: [f32; 2] = [0.1, 0.8];
 /// Products beyond which the older ones count half: minutes of acting.
 const MOST_WORTH: f32 = 400.0;
 
-/// Whether a measure belongs to the mouth, or to what a hand over the mouth covers too.
-pub(super) const fn is_of_mouth(measure: Measure) -> bool {
-    use Measure::{
-        CheekL, CheekR, CornerL, CornerR, JawDrop, LipGap, LipProtrusion, LipShift, LipThrust,
-        MouthWidth, UpperLipL, UpperLipR,
-    };
-    matches!(
-        measure,
-        LipGap
-            | MouthWidth
-            | LipShift
-            | LipThrust
-            | LipProtrusion
-            | JawDrop
-            | CornerL
-            | CornerR
-            | UpperLipL
-            | UpperLipR
-            | CheekL
-            | CheekR
-    )
+/// Whether a measure belongs to the mouth, or to what a hand over the mouth covers too: the chin, and the cheeks, which have no
+/// landmarks.
+pub(super) fn is_of_mouth(measure: Measure) -> bool {
+    let covers = |point: usize| MOUTH.contains(&point) || CHIN.contains(&point);
+    measure.groups().is_empty() || measure.landmarks().any(covers)
 }
 
 defaults! {

@@ -4,6 +4,7 @@
 //! show little of that. Head frame, metres; divided by the inner-eye-corner distance like the measures. Used by
 //! [`super::readings`] only. Cost: some hundred additions a frame, no memory.
 
+use super::measures::mean;
 use crate::base::capacity::{FEATURES, LANDMARKS, LENGTHS};
 use crate::base::geometry::Point;
 use crate::face_model::scheme::{
@@ -65,10 +66,7 @@ impl Feature {
     /// Its length on a face, metres.
     #[must_use]
     pub fn raw(&self, points: &[Point; LANDMARKS]) -> f32 {
-        let mean = |group: &[usize]| {
-            group.iter().map(|&i| points[i][self.axis]).sum::<f32>() / group.len() as f32
-        };
-        mean(self.of) - mean(self.from)
+        (mean(points, self.of) - mean(points, self.from))[self.axis]
     }
 
     /// The landmarks it is computed from.

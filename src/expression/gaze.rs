@@ -13,55 +13,30 @@ use crate::base::geometry::Vector;
 use crate::base::prelude::*;
 use crate::landmarks::eyes::{CELLS, Eyes};
 
-/// Weights by cell of one eye, and of the head's turn.
-#[derive(Clone, Debug)]
-struct Weights {
-    cells: [f32; CELLS],
-    turn: f32,
-}
-
-/// The map. 1 is as far as eyes go, about 30°.
+/// The map, as in `config/units.toml`: weights by cell, rows from above, temple to nose, and last the head's turn. 1 is as far as
+/// eyes go, about 30°.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(try_from = "GazeRow")]
-pub struct Gaze {
-    left: Weights,
-    up: Weights,
-}
-
-/// As in `config/units.toml`: weights by cell, rows from above, temple to nose, and last the head's turn.
-#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct GazeRow {
+pub struct Gaze {
     left: Vec<f32>,
     up: Vec<f32>,
 }
 
-impl TryFrom<GazeRow> for Gaze {
-    type Error = &'static str;
-
-    fn try_from(row: GazeRow) -> Result<Self, Self::Error> {
-        let weights = |numbers: &[f32]| {
-            let (&turn, cells) = numbers.split_last()?;
-            let finite = numbers.iter().all(|w| w.is_finite());
-            let cells = cells.try_into().ok().filter(|_| finite)?;
-            Some(Weights { cells, turn })
-        };
-        let both = weights(&row.left).zip(weights(&row.up));
-        let (left, up) =
-            both.ok_or("expected as many finite weights as an eye has cells, and one")?;
-        Ok(Self { left, up })
-    }
-}
-
 impl Gaze {
+    /// Whether there are as many finite weights as an eye has cells, and one.
+    pub(super) fn is_whole(&self) -> bool {
+        let is_whole = |row: &Vec<f32>| row.len() == CELLS + 1 && row.iter().all(|w| w.is_finite());
+        is_whole(&self.left) && is_whole(&self.up)
+    }
+
     /// To the subject's left and up, plus a constant of the person.
     #[must_use]
     pub fn of(&self, [right, left]: &Eyes, sensor_from_head: &Rotation) -> [f32; 2] {
         let ahead = sensor_from_head * Vector::z();
-        let sum = |weights: &Weights, sign: f32, turn: f32| {
-            let eyes = left.iter().zip(right).zip(&weights.cells);
+        let sum = |weights: &[f32], sign: f32, turn: f32| {
+            let eyes = left.iter().zip(right).zip(weights);
             let cells: f32 = eyes.map(|((l, r), w)| w * (l + sign * r)).sum();
-            cells + weights.turn * turn
+            cells + weights[CELLS] * turn
         };
         [sum(&self.left, -1.0, ahead.x), sum(&self.up, 1.0, ahead.y)]
     }
@@ -78,11 +53,10 @@ mod tests {
             weights.push(turn);
             weights
         };
-        let row = GazeRow {
+        Gaze {
             left: weights(2.0, 1.0),
             up: weights(3.0, -1.0),
-        };
-        row.try_into().expect("as many as cells and one")
+        }
     }
 
     #[test]
@@ -110,12 +84,12 @@ mod tests {
 
     #[test]
     fn a_wrong_number_of_weights_is_refused() {
-        let row = |n: usize, value: f32| GazeRow {
+        let row = |n: usize, value: f32| Gaze {
             left: vec![value; n],
             up: vec![0.0; CELLS + 1],
         };
-        assert!(Gaze::try_from(row(CELLS + 1, 0.5)).is_ok());
-        assert!(Gaze::try_from(row(CELLS, 0.5)).is_err());
-        assert!(Gaze::try_from(row(CELLS + 1, f32::NAN)).is_err());
+        assert!(row(CELLS + 1, 0.5).is_whole());
+        assert!(!row(CELLS, 0.5).is_whole());
+        assert!(!row(CELLS + 1, f32::NAN).is_whole());
     }
 }

@@ -1,6 +1,6 @@
 //! The learners of one person's measures, by method.
 
-use super::paper::{PaperLearner, PaperSettings};
+use super::paper::PaperLearner;
 use super::range::Range;
 use super::robust::RobustLearner;
 use super::settings::{Method, Settings};
@@ -27,14 +27,8 @@ impl Learners {
                 Self::Robust(learners.collect())
             }
             Method::Paper => {
-                let literal = PaperSettings {
-                    half_life_s: settings.half_life_s,
-                    compensation_scale: settings.compensation_scale,
-                    scan: settings.scan,
-                    prior_s: settings.prior_s,
-                };
                 let learners = rows.map(|(m, row)| {
-                    PaperLearner::new(literal, row.prior, row.paper_kind, phase(m))
+                    PaperLearner::new(*settings, row.prior, row.paper_kind, phase(m))
                 });
                 Self::Paper(learners.collect())
             }

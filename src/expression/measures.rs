@@ -139,7 +139,8 @@ pub enum Scale {
     Learnt,
 }
 
-fn mean(points: &[Point; LANDMARKS], indices: &[usize]) -> Point {
+/// Middle of some landmarks.
+pub(super) fn mean(points: &[Point; LANDMARKS], indices: &[usize]) -> Point {
     let sum = indices
         .iter()
         .fold(nalgebra::Vector3::zeros(), |sum, &i| sum + points[i].coords);
@@ -200,12 +201,18 @@ pub fn scaled(raw: &[f32; MEASURES], w: f32) -> [f32; MEASURES] {
 /// Mean confidence of the landmarks behind a measure, 0…1.
 #[must_use]
 pub fn confidence(measure: Measure, landmarks: &Landmarks) -> f32 {
-    let count = measure.landmarks().count();
-    if count == 0 {
-        return landmarks.confidence;
+    mean_confidence(measure.landmarks(), landmarks)
+}
+
+/// Mean confidence of some landmarks, of the face if they are none.
+pub(super) fn mean_confidence(of: impl Iterator<Item = usize>, landmarks: &Landmarks) -> f32 {
+    let points = of.map(|i| landmarks.point_confidence[i]);
+    let (sum, count) = points.fold((0.0, 0.0), |(sum, n), c| (sum + c, n + 1.0));
+    if count > 0.0 {
+        sum / count
+    } else {
+        landmarks.confidence
     }
-    let points = measure.landmarks().map(|i| landmarks.point_confidence[i]);
-    points.sum::<f32>() / count as f32
 }
 
 /// Eye-corner distances outside of this, in metres, are not a face: adults and children span 0.022 to 0.045.

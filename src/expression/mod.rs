@@ -134,7 +134,10 @@ impl Expression {
             present_s: 0.0,
             corrected: [0.0; LEARNT_MEASURES],
             resets: 0,
-            weights: Weights::new(names.len()),
+            weights: Weights {
+                columns: names.len(),
+                ..Weights::default()
+            },
             names,
             settings,
             units,
@@ -180,7 +183,10 @@ impl Expression {
                 noise: self.learners.sigma(m) as f32,
                 readiness: 0.0,
             };
-            core::iter::repeat_n(unit, usize::from(kind.rises()) + usize::from(kind.falls()))
+            kind.sides()
+                .into_iter()
+                .filter(|acts| *acts)
+                .map(move |_| unit)
         });
         let further = self.together.iter().flat_map(|together| {
             let ranges = self.further.iter().map(|&reading| together.range(reading));
@@ -300,7 +306,7 @@ impl Expression {
                 divisor,
                 &self.weights.measures,
                 learners,
-                &self.units.readings,
+                &self.units,
             );
         }
         let infers = self.settings.infer_covered && self.settings.method == Method::Robust;
@@ -420,17 +426,13 @@ impl Expression {
                 (kind, range.weight(g, kind, dead_zone), learner.readiness())
             }
             Learners::Paper(learners) => {
-                let readiness = learners[m].readiness();
-                (
-                    row.paper_kind,
-                    learners[m].weight(g),
-                    (readiness, readiness),
-                )
+                let learner = &learners[m];
+                (row.paper_kind, learner.weight(g), [learner.readiness(); 2])
             }
         };
         let mut sides = [
-            (kind.rises(), signed, readiness.0),
-            (kind.falls(), -signed, readiness.1),
+            (kind.rises(), signed, readiness[0]),
+            (kind.falls(), -signed, readiness[1]),
         ];
         if let Some(together) = &mut self.together {
             for (side, unit) in sides.iter_mut().zip([&row.rises, &row.falls]) {

@@ -107,9 +107,6 @@ impl<const N: usize> Nodes<N> {
 
     /// Inserts a finite value with its weights in seconds; merges the cheapest pair when there is no room.
     pub fn push(&mut self, value: f64, rest_s: f64, range_s: f64) {
-        if N < 2 {
-            return;
-        }
         // Room first: the newcomer then always gets a place of its own.
         if self.nodes.is_full() {
             self.merge_cheapest();
@@ -127,11 +124,6 @@ impl<const N: usize> Nodes<N> {
                 self.price(below);
             }
         }
-    }
-
-    /// Forgets everything.
-    pub fn clear(&mut self) {
-        *self = Self::default();
     }
 
     /// Totals of both weights, in current seconds: (rest, range).

@@ -6,6 +6,7 @@
 //! Limitation: only white noise is estimated; [`Noise::sigma`] is that times 1.5, because the correlated jitter of a face
 //! tracker is about as large as its white noise.
 
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -66,17 +67,19 @@ impl Noise {
     }
 }
 
-/// How far a reading strays slowly while nothing is expressed: with the light, the head, and whatever else the face does.
-///
-/// Differences from frame to frame do not show it. What stays low and hardly moves is taken for it, and a quantile of that
-/// is tracked by small steps up and down (stochastic approximation; Tierney 1983). Shares of the unit's range.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct SlowNoise {
-    level: f64,
-    /// The reading, low-passed.
-    slow: f64,
-    /// Seconds of readings taken in.
-    taken_s: f64,
+defaults! {
+    /// How far a reading strays slowly while nothing is expressed: with the light, the head, and whatever else the face does.
+    ///
+    /// Differences from frame to frame do not show it. What stays low and hardly moves is taken for it, and a quantile of that
+    /// is tracked by small steps up and down (stochastic approximation; Tierney 1983). Shares of the unit's range.
+    #[derive(Clone, Copy, Debug)]
+    pub(super) struct SlowNoise {
+        level: f64 = 0.03,
+        /// The reading, low-passed.
+        slow: f64 = 0.0,
+        /// Seconds of readings taken in.
+        taken_s: f64 = 0.0,
+    }
 }
 
 /// Share of the time that a resting unit is below its slow noise.
@@ -95,14 +98,6 @@ const STILL_S: f64 = 0.33;
 const EXPRESSED: f64 = 0.5;
 
 impl SlowNoise {
-    pub(super) const fn new() -> Self {
-        Self {
-            level: 0.03,
-            slow: 0.0,
-            taken_s: 0.0,
-        }
-    }
-
     /// Adds the reading's distance from rest, as a share of the range.
     pub(super) fn observe(&mut self, share: f64, dt: f64) {
         self.slow += (share - self.slow) * (dt / STILL_S).min(1.0);
@@ -176,7 +171,7 @@ mod tests {
     fn slow_straying_is_followed_and_an_expression_is_not() {
         let mut random = fastrand::Rng::with_seed(3);
         let dt = 1.0 / 30.0;
-        let mut noise = SlowNoise::new();
+        let mut noise = SlowNoise::default();
         let act =
             |noise: &mut SlowNoise, random: &mut fastrand::Rng, seconds: u32, amplitude: f64| {
                 for frame in 0..seconds * 30 {
@@ -203,7 +198,7 @@ mod tests {
 
     #[test]
     fn no_straying_hides_more_than_three_tenths() {
-        let mut noise = SlowNoise::new();
+        let mut noise = SlowNoise::default();
         for _ in 0..30 * 60 {
             noise.observe(0.45, 1.0 / 30.0);
         }

@@ -39,60 +39,37 @@ impl Scan {
     };
 }
 
-/// Index of the outermost sample kept, scanning `weight(i)`, `gap(i)` from the end i = 0.
-fn outermost(
-    length: usize,
+/// Value of the outermost sample kept, scanning from an end.
+fn outermost<'a>(
+    samples: impl Iterator<Item = &'a Sample> + Clone,
     total: f64,
     width: f64,
     scan: Scan,
-    weight: impl Fn(usize) -> f64,
-    gap: impl Fn(usize) -> f64,
-) -> usize {
-    let (mut outermost, mut count, mut scanned) = (0, 0.0, 0.0);
-    for i in 0..length {
-        count += weight(i);
-        scanned += weight(i);
-        if count >= 0.01 * scan.count * total
-            || scanned >= 0.01 * scan.scanned * total
-            || i + 1 == length
-        {
+) -> Option<f64> {
+    let mut outermost = samples.clone().next()?.value;
+    let (mut count, mut scanned) = (0.0, 0.0);
+    for (sample, next) in samples.clone().zip(samples.skip(1)) {
+        count += sample.weight;
+        scanned += sample.weight;
+        if count >= 0.01 * scan.count * total || scanned >= 0.01 * scan.scanned * total {
             break;
         }
-        if gap(i) > 0.01 * scan.gap * width {
-            outermost = i + 1;
+        if (next.value - sample.value).abs() > 0.01 * scan.gap * width {
+            outermost = next.value;
             count = 0.0;
         }
     }
-    outermost
+    Some(outermost)
 }
 
 /// (g_min, g_max) from ascending samples; `None` without a width.
 #[must_use]
 #[inline(never)]
 pub fn interval(samples: &[Sample], scan: Scan) -> Option<(f64, f64)> {
-    let (first, last) = (samples.first()?, samples.last()?);
-    let width = last.value - first.value;
+    let width = samples.last()?.value - samples.first()?.value;
     let total: f64 = samples.iter().map(|s| s.weight).sum();
-    let n = samples.len();
-    let left = outermost(
-        n,
-        total,
-        width,
-        scan,
-        |i| samples[i].weight,
-        |i| samples[i + 1].value - samples[i].value,
-    );
-    let right = n
-        - 1
-        - outermost(
-            n,
-            total,
-            width,
-            scan,
-            |i| samples[n - 1 - i].weight,
-            |i| samples[n - 1 - i].value - samples[n - 2 - i].value,
-        );
-    let (g_min, g_max) = (samples[left].value, samples[right].value);
+    let g_min = outermost(samples.iter(), total, width, scan)?;
+    let g_max = outermost(samples.iter().rev(), total, width, scan)?;
     (g_max > g_min).then_some((g_min, g_max))
 }
 
@@ -108,18 +85,6 @@ pub fn rest_end(samples: &[Sample], scan: Scan, rising: bool) -> Option<f64> {
         below >= 0.01 * share * total
     });
     found.or(samples.last()).map(|sample| sample.value)
-}
-
-/// Equation (8) for a unit that acts as the measure rises. `g_max > g_min`; negative values are invalid.
-#[must_use]
-pub fn weight_rising(g: f64, g_min: f64, g_max: f64) -> f64 {
-    (g - g_min) / (g_max - g_min)
-}
-
-/// Equation (8) mirrored, for a unit that acts as the measure falls.
-#[must_use]
-pub fn weight_falling(g: f64, g_min: f64, g_max: f64) -> f64 {
-    (g_max - g) / (g_max - g_min)
 }
 
 #[cfg(test)]
@@ -139,14 +104,6 @@ mod tests {
         scanned: 10.0,
         rest: 0.0,
     };
-
-    #[test]
-    fn equation_8() {
-        assert_eq!(weight_rising(3.0, 1.0, 5.0), 0.5);
-        assert_eq!(weight_rising(7.0, 1.0, 5.0), 1.5);
-        assert!(weight_rising(0.0, 1.0, 5.0) < 0.0);
-        assert_eq!(weight_falling(2.0, 1.0, 5.0), 0.75);
-    }
 
     #[test]
     fn drops_lone_outliers_on_both_sides() {

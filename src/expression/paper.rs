@@ -9,10 +9,11 @@
 //! Memory: about 16 bytes per sample. Cost: three pushes a frame; the estimate runs twice a second, which is enough.
 //! Degenerate: a set without width, or with fewer than three distinct values, keeps the previous estimate.
 
-use super::compensate::{Validity, compensation};
-use super::one_way::{self, Scan};
+use super::compensate::compensation;
+use super::one_way;
 use super::range::Range;
 use super::samples::{Sample, SampleSet};
+use super::settings::Settings;
 use super::two_way;
 use super::units::{Kind, Prior};
 use crate::base::capacity::PAPER_SAMPLES;
@@ -24,23 +25,10 @@ const ESTIMATE_EVERY_S: f64 = 0.5;
 /// Time constant of the nodes' glide, seconds.
 const GLIDE_S: f64 = 1.0;
 
-/// Half-life of samples and width of compensation.
-#[derive(Clone, Copy, Debug)]
-pub struct PaperSettings {
-    /// Seconds; 0 never forgets, as in the paper.
-    pub half_life_s: f64,
-    /// 0: σ literal; else σ is in units of this share of the measure's prior range.
-    pub compensation_scale: f64,
-    /// l, k and m of the interval of one-way units.
-    pub scan: Scan,
-    /// Seconds of presence until the prior has faded out.
-    pub prior_s: f64,
-}
-
 /// Learner of one measure.
 #[derive(Clone, Debug)]
 pub struct PaperLearner {
-    settings: PaperSettings,
+    settings: Settings,
     prior: Prior,
     kind: Kind,
     samples: SampleSet<PAPER_SAMPLES>,
@@ -54,7 +42,7 @@ pub struct PaperLearner {
 impl PaperLearner {
     /// Starts from the prior; `phase` (0…1) staggers the estimates of several measures.
     #[must_use]
-    pub fn new(settings: PaperSettings, prior: Prior, kind: Kind, phase: f64) -> Self {
+    pub fn new(settings: Settings, prior: Prior, kind: Kind, phase: f64) -> Self {
         Self {
             settings,
             prior,
@@ -77,25 +65,20 @@ impl PaperLearner {
     /// Adds a frame's value of weight ω, `dt` seconds after the last.
     pub fn observe(&mut self, g: f64, omega: f64, dt: f64) {
         let spread = match self.settings.compensation_scale {
-            scale if scale > 0.0 => scale * self.prior.span(),
+            scale if scale > 0.0 => scale * (self.prior.up + self.prior.down),
             _ => 1.0,
         };
-        let validity = compensation(omega, spread);
-        if validity == Validity::Invalid || !g.is_finite() {
+        let Some(added) = compensation(omega, spread).filter(|_| g.is_finite()) else {
             return;
-        }
+        };
         self.seconds += dt;
-        self.samples.push(Sample {
-            value: g,
-            weight: omega,
-        });
-        if let Validity::Compensated(c) = validity {
-            for value in [g - c.offset, g + c.offset] {
-                self.samples.push(Sample {
-                    value,
-                    weight: c.weight,
-                });
-            }
+        for (value, weight) in [
+            (g, omega),
+            (g - added.offset, added.weight),
+            (g + added.offset, added.weight),
+        ] {
+            // It takes none without a weight.
+            self.samples.push(Sample { value, weight });
         }
         if self.seconds >= self.next_estimate_s {
             if self.settings.half_life_s > 0.0 {
@@ -110,9 +93,8 @@ impl PaperLearner {
         let Some(estimate) = self.estimate else {
             return;
         };
-        let share = (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0);
         let prior = Range::of_prior(&self.prior, self.kind);
-        let target = prior.towards(estimate.as_wide_as(&prior), share);
+        let target = prior.towards(estimate.as_wide_as(&prior), self.readiness());
         self.range = self.range.towards(target, 1.0 - (-dt / GLIDE_S).exp());
     }
 
@@ -142,13 +124,7 @@ impl PaperLearner {
     /// Signed weight by equation (8) or (9); an invalid one-way weight (below 0) is 0.
     #[must_use]
     pub fn weight(&self, g: f64) -> f64 {
-        let Range { low, high, .. } = self.range;
-        match self.kind {
-            Kind::Rising => one_way::weight_rising(g, low, high).max(0.0),
-            Kind::Falling => -one_way::weight_falling(g, low, high).max(0.0),
-            Kind::TwoWay => two_way::weight(g, &self.range),
-            Kind::Unseen => 0.0,
-        }
+        self.range.weight(g, self.kind, 0.0)
     }
 
     /// 0…1: how much of the estimate is the person's own.
@@ -169,16 +145,16 @@ mod tests {
         up: 0.5,
         down: 0.2,
     };
-    const LITERAL: PaperSettings = PaperSettings {
-        half_life_s: 0.0,
-        compensation_scale: 0.0,
-        scan: Scan::DEFAULT,
-        prior_s: 10.0,
-    };
+    fn literal() -> Settings {
+        Settings {
+            half_life_s: 0.0,
+            ..Settings::default()
+        }
+    }
 
     #[test]
     fn starts_from_the_prior_and_ends_literal() {
-        let mut learner = PaperLearner::new(LITERAL, PRIOR, Kind::TwoWay, 0.0);
+        let mut learner = PaperLearner::new(literal(), PRIOR, Kind::TwoWay, 0.0);
         assert_eq!(
             learner.range(),
             Range {
@@ -212,7 +188,7 @@ mod tests {
 
     #[test]
     fn invalid_samples_are_dropped() {
-        let mut learner = PaperLearner::new(LITERAL, PRIOR, Kind::Rising, 0.0);
+        let mut learner = PaperLearner::new(literal(), PRIOR, Kind::Rising, 0.0);
         for _ in 0..300 {
             learner.observe(9.0, 0.33, 1.0 / 30.0);
             learner.observe(f64::NAN, 1.0, 1.0 / 30.0);
@@ -222,7 +198,7 @@ mod tests {
 
     #[test]
     fn an_uncertain_sample_brings_two_more() {
-        let mut learner = PaperLearner::new(LITERAL, PRIOR, Kind::Rising, 0.0);
+        let mut learner = PaperLearner::new(literal(), PRIOR, Kind::Rising, 0.0);
         learner.observe(1.0, 0.5, 1.0 / 30.0);
         let samples = learner.samples.samples();
         assert_eq!(samples.len(), 3);
@@ -232,11 +208,9 @@ mod tests {
 
     #[test]
     fn a_year_later_a_new_person_is_followed_if_there_is_a_half_life() {
-        let settings = PaperSettings {
-            half_life_s: 300.0,
+        let settings = Settings {
             compensation_scale: 0.25,
-            scan: Scan::DEFAULT,
-            prior_s: 10.0,
+            ..Settings::default()
         };
         let mut learner = PaperLearner::new(settings, PRIOR, Kind::TwoWay, 0.0);
         let act = |learner: &mut PaperLearner, shift: f64, frames: u32, dt: f64| {

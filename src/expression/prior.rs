@@ -31,6 +31,12 @@ impl Kind {
     pub const fn falls(self) -> bool {
         matches!(self, Self::Falling | Self::TwoWay)
     }
+
+    /// Both: above and below rest.
+    #[must_use]
+    pub const fn sides(self) -> [bool; 2] {
+        [self.rises(), self.falls()]
+    }
 }
 
 /// Prior of a measure's range, in units of w.
@@ -49,9 +55,9 @@ pub struct Prior {
 }
 
 impl Prior {
-    /// Sum of both sides.
+    /// Rest to the full expression, rising and falling.
     #[must_use]
-    pub fn span(&self) -> f64 {
-        self.up + self.down
+    pub const fn sides(&self) -> [f64; 2] {
+        [self.up, self.down]
     }
 }

@@ -81,7 +81,6 @@ impl Range {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::expression::two_way;
 
     const RANGE: Range = Range {
         low: 1.0,
@@ -90,11 +89,25 @@ mod tests {
     };
 
     #[test]
-    fn without_a_dead_zone_it_is_equation_9() {
-        for g in [-1.0, 0.5, 1.0, 1.7, 2.0, 2.1, 5.0, 7.0] {
-            assert!(
-                (RANGE.weight(g, Kind::TwoWay, 0.0) - two_way::weight(g, &RANGE)).abs() < 1e-12
-            );
+    fn without_a_dead_zone_it_is_equation_8_or_9() {
+        for (g, expected) in [
+            (2.0, 0.0),
+            (4.0, 0.5),
+            (8.0, 1.5),
+            (1.5, -0.5),
+            (1.0, -1.0),
+            (0.5, -1.5),
+        ] {
+            assert_eq!(RANGE.weight(g, Kind::TwoWay, 0.0), expected, "{g}");
+        }
+        let [rising, falling] = [1.0, 5.0].map(|rest| Range {
+            low: 1.0,
+            rest,
+            high: 5.0,
+        });
+        for (g, rises, falls) in [(3.0, 0.5, -0.5), (7.0, 1.5, 0.0), (0.0, 0.0, -1.25)] {
+            assert_eq!(rising.weight(g, Kind::Rising, 0.0), rises, "{g}");
+            assert_eq!(falling.weight(g, Kind::Falling, 0.0), falls, "{g}");
         }
     }
 

@@ -27,14 +27,12 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// Standard deviation of a reading's rest over people: what is left once every input's rest is known.
-    const REST_SD: f64 = 0.05;
     /// Prior of a unit's reading: rest at 0; the full expression somewhat below 1, since people express less than the heads that
-    /// the coefficients were learned from.
+    /// the coefficients were learned from. Of rest over people what is left once every input's rest is known.
     pub const PRIOR: Prior = Prior {
         kind: Kind::Rising,
         rest: 0.0,
-        rest_sd: Self::REST_SD,
+        rest_sd: 0.05,
         up: 0.85,
         down: 0.0,
     };

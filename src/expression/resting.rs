@@ -11,6 +11,7 @@
 
 use nalgebra::{Cholesky, Matrix3, Vector3};
 
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -51,28 +52,17 @@ impl Turn {
     }
 }
 
-/// One input's rest.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Resting {
-    gram: Matrix3<f64>,
-    right: Vector3<f64>,
-    slope: Vector3<f64>,
-    seconds: f64,
-    deviation: f64,
-    /// How far from rest with the slope taken off, and without.
-    costs: [f64; 2],
-}
-
-impl Default for Resting {
-    fn default() -> Self {
-        Self {
-            gram: Matrix3::zeros(),
-            right: Vector3::zeros(),
-            slope: Vector3::zeros(),
-            seconds: 0.0,
-            deviation: ASSUMED,
-            costs: [0.0; 2],
-        }
+defaults! {
+    /// One input's rest.
+    #[derive(Clone, Copy, Debug)]
+    pub(super) struct Resting {
+        gram: Matrix3<f64> = Matrix3::zeros(),
+        right: Vector3<f64> = Vector3::zeros(),
+        slope: Vector3<f64> = Vector3::zeros(),
+        seconds: f64 = 0.0,
+        deviation: f64 = ASSUMED,
+        /// How far from rest with the slope taken off, and without.
+        costs: [f64; 2] = [0.0; 2],
     }
 }
 

@@ -15,7 +15,7 @@
 //! Limitation: an expression held from the first frame on is taken for rest until it ends.
 
 use super::compensate::LEAST_WEIGHT;
-use super::ends;
+use super::ends::{self, Side};
 use super::nodes::Nodes;
 use super::noise::Noise;
 use super::range::Range;
@@ -59,17 +59,13 @@ pub struct RobustLearner {
     held_s: f64,
     seconds: f64,
     next_estimate_s: f64,
-    /// In use.
+    /// In use: rest, and how far the side above and the one below it reach.
     rest: f64,
-    up: f64,
-    down: f64,
+    sides: [f64; 2],
     /// Their targets.
     rest_target: f64,
-    up_target: f64,
-    down_target: f64,
+    targets: [Side; 2],
     rest_seconds: f64,
-    up_evidence: f64,
-    down_evidence: f64,
 }
 
 fn median_of_three(a: f64, b: f64, c: f64) -> f64 {
@@ -94,14 +90,13 @@ impl RobustLearner {
             seconds: 0.0,
             next_estimate_s: 0.0,
             rest: prior.rest,
-            up: prior.up,
-            down: prior.down,
+            sides: prior.sides(),
             rest_target: prior.rest,
-            up_target: prior.up,
-            down_target: prior.down,
+            targets: prior.sides().map(|range| Side {
+                range,
+                evidence: 0.0,
+            }),
             rest_seconds: 0.0,
-            up_evidence: 0.0,
-            down_evidence: 0.0,
         }
     }
 
@@ -132,7 +127,7 @@ impl RobustLearner {
         self.frames = self.frames.saturating_add(1);
         self.seconds += dt;
 
-        let span = self.up + self.down;
+        let span = self.span();
         let sigma = self.noise.sigma();
         if (clean - self.held_at).abs() > (0.12 * span).max(3.0 * sigma) {
             self.held_at = clean;
@@ -165,31 +160,28 @@ impl RobustLearner {
         self.move_nodes(dt);
     }
 
+    fn span(&self) -> f64 {
+        self.sides[0] + self.sides[1]
+    }
+
     fn estimate(&mut self, sigma: f64) {
         let (nodes, growth) = (self.nodes.as_slice(), self.nodes.growth());
-        let h = (1.5 * sigma).max(0.06 * (self.up + self.down));
+        let h = (1.5 * sigma).max(0.06 * self.span());
         let mode = rest::mode(nodes, growth, h, &self.prior, self.rest);
         self.rest_target = mode.value;
         self.rest_seconds = mode.seconds;
-        let side = |up: bool, prior: f64, present: f64| {
-            ends::side(
+        let (acts, priors) = (self.prior.kind.sides(), self.prior.sides());
+        for k in (0..2).filter(|&k| acts[k]) {
+            self.targets[k] = ends::side(
                 nodes,
                 growth,
-                up,
+                k == 0,
                 mode.value,
                 sigma,
-                prior,
-                present,
+                priors[k],
+                self.sides[k],
                 self.settings.range_prior,
-            )
-        };
-        if self.prior.kind.rises() {
-            let side = side(true, self.prior.up, self.up);
-            (self.up_target, self.up_evidence) = (side.range, side.evidence);
-        }
-        if self.prior.kind.falls() {
-            let side = side(false, self.prior.down, self.down);
-            (self.down_target, self.down_evidence) = (side.range, side.evidence);
+            );
         }
     }
 
@@ -198,9 +190,12 @@ impl RobustLearner {
             self.rest = self.rest_target;
             return;
         }
-        let sides =
-            f64::from(u8::from(self.prior.kind.rises()) + u8::from(self.prior.kind.falls()));
-        let r = (self.up + self.down) / sides;
+        let sides = self
+            .prior
+            .kind
+            .sides()
+            .map(|acts| f64::from(u8::from(acts)));
+        let r = self.span() / (sides[0] + sides[1]);
         let (rest_rate, range_rate) = match self.seconds {
             s if s < 3.0 => (2.0, 0.25),
             s if s < 20.0 => (0.25, 0.25),
@@ -209,12 +204,9 @@ impl RobustLearner {
         let step = rest_rate * r * dt;
         self.rest += (self.rest_target - self.rest).clamp(-step, step);
         let step = range_rate * dt;
-        for (range, target) in [
-            (&mut self.up, self.up_target),
-            (&mut self.down, self.down_target),
-        ] {
+        for (range, target) in self.sides.iter_mut().zip(&self.targets) {
             if *range > 0.0 {
-                *range *= (target / *range).ln().clamp(-step, step).exp();
+                *range *= (target.range / *range).ln().clamp(-step, step).exp();
             }
         }
     }
@@ -223,9 +215,9 @@ impl RobustLearner {
     #[must_use]
     pub fn range(&self) -> Range {
         Range {
-            low: self.rest - self.down,
+            low: self.rest - self.sides[1],
             rest: self.rest,
-            high: self.rest + self.up,
+            high: self.rest + self.sides[0],
         }
     }
 
@@ -249,15 +241,12 @@ impl RobustLearner {
 
     /// 0…1 for the rising and the falling side: rest known, expression seen, and large enough against the noise.
     #[must_use]
-    pub fn readiness(&self) -> (f64, f64) {
-        let side = |evidence: f64, range: f64| {
+    pub fn readiness(&self) -> [f64; 2] {
+        [0, 1].map(|k| {
+            let (evidence, range) = (self.targets[k].evidence, self.sides[k]);
             let measurable = (range / (4.0 * self.sigma()).max(f64::MIN_POSITIVE)).min(1.0);
             self.rest_readiness() * evidence / (self.settings.range_prior + evidence) * measurable
-        };
-        (
-            side(self.up_evidence, self.up),
-            side(self.down_evidence, self.down),
-        )
+        })
     }
 
     /// Takes `g` as rest at once (the user has set the neutral face).
@@ -270,19 +259,21 @@ impl RobustLearner {
     /// Starts from what was learned about this person before; `range` must be ordered and finite. Its sides weigh more than the
     /// population's; rest may have shifted a little since the last session.
     pub fn restore(&mut self, range: Range) {
-        let (mut settings, prior) = self.population;
-        let mut own = prior;
-        own.rest = range.rest;
-        own.rest_sd = 0.5 * prior.rest_sd;
-        if prior.kind.rises() {
-            own.up = (range.high - range.rest)
-                .clamp(LEAST_RESTORED * prior.up, prior.up / LEAST_RESTORED);
-        }
-        if prior.kind.falls() {
-            own.down = (range.rest - range.low)
-                .clamp(LEAST_RESTORED * prior.down, prior.down / LEAST_RESTORED);
-        }
-        settings.range_prior *= RESTORED_PRIOR;
+        let (settings, prior) = self.population;
+        // A side without a unit stays 0.
+        let within =
+            |own: f64, usual: f64| own.clamp(LEAST_RESTORED * usual, usual / LEAST_RESTORED);
+        let own = Prior {
+            rest: range.rest,
+            rest_sd: 0.5 * prior.rest_sd,
+            up: within(range.high - range.rest, prior.up),
+            down: within(range.rest - range.low, prior.down),
+            ..prior
+        };
+        let settings = RobustSettings {
+            range_prior: RESTORED_PRIOR * settings.range_prior,
+            ..settings
+        };
         *self = Self {
             population: self.population,
             ..Self::new(settings, own, self.phase)
@@ -356,7 +347,7 @@ mod tests {
         let range = learner.range();
         assert!((range.high - range.rest - 0.35).abs() < 0.05, "{range:?}");
         assert!((range.rest - range.low - 0.25).abs() < 0.01, "{range:?}");
-        let (up, down) = learner.readiness();
+        let [up, down] = learner.readiness();
         assert!(up > 0.5 && down < 0.05, "{up} {down}");
     }
 

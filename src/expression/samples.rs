@@ -74,13 +74,10 @@ impl<const N: usize> SampleSet<N> {
             return;
         }
         let gap = |i: usize| (self.samples[i].value - sample.value).abs();
-        let nearest = match (place.checked_sub(1), place < self.samples.len()) {
-            (Some(below), true) if gap(below) <= gap(place) => below,
-            (Some(below), false) => below,
-            (_, true) => place,
-            // Only a set of capacity 0 has neither neighbour.
-            (None, false) => return,
-        };
+        let beside = place.saturating_sub(1)..(place + 1).min(self.samples.len());
+        let nearest = beside.min_by(|&a, &b| gap(a).total_cmp(&gap(b)));
+        // Only a set of capacity 0 has neither neighbour.
+        let Some(nearest) = nearest else { return };
         // The merged value lies between two neighbours' values, so the order holds.
         self.samples[nearest] = self.samples[nearest].merged(sample);
     }
@@ -98,21 +95,15 @@ impl<const N: usize> SampleSet<N> {
         self.samples.retain(|sample| values.contains(&sample.value));
     }
 
-    /// Forgets everything.
-    pub fn clear(&mut self) {
-        self.samples.clear();
-    }
-
     /// Merges the nearest two neighbours, again and again, until `count` are left (the lower pair of two equally near).
     pub fn merge_down_to(&mut self, count: usize) {
         while self.samples.len() > count.max(1) {
-            let mut nearest = 0;
-            for i in 1..self.samples.len() - 1 {
-                let gap = |i: usize| self.samples[i + 1].value - self.samples[i].value;
-                if gap(i) < gap(nearest) {
-                    nearest = i;
-                }
-            }
+            let pairs = self
+                .samples
+                .windows(2)
+                .map(|pair| pair[1].value - pair[0].value);
+            let cheapest = pairs.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((nearest, _)) = cheapest else { return };
             self.samples[nearest] = self.samples[nearest].merged(self.samples[nearest + 1]);
             self.samples.remove(nearest + 1);
         }
@@ -237,12 +228,5 @@ pub(crate) mod tests {
             (f64::INFINITY, 1.0),
         ]);
         assert!(set.samples().is_empty() && set.mean().is_none());
-    }
-
-    #[test]
-    fn what_is_cleared_is_empty() {
-        let mut set = set::<4>(&[(0.0, 1.0), (3.0, 3.0)]);
-        set.clear();
-        assert!(set.samples().is_empty());
     }
 }

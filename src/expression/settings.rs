@@ -17,7 +17,7 @@ pub enum Method {
 
 defaults! {
     /// Settings of the stage.
-    #[derive(Clone, Debug, PartialEq)]
+    #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Settings {
         /// How ranges are learnt.
         pub method: Method = Method::Robust,

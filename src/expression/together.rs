@@ -6,8 +6,7 @@
 use nalgebra::Vector3;
 
 use super::features;
-use super::gaze::Gaze;
-use super::measures::Measure;
+use super::measures::{self, Measure};
 use super::noise::SlowNoise;
 use super::range::Range;
 use super::readings::Reading;
@@ -57,7 +56,6 @@ pub(super) struct Together {
     pub(super) raw: [f64; INPUTS],
     departures: [f64; INPUTS],
     read: [f64; UNITS],
-    gaze: Option<Gaze>,
     /// Whether the eyes were seen open in the last frame.
     sees: bool,
 }
@@ -78,7 +76,7 @@ impl Together {
                 .collect(),
             strays: core::array::from_fn(|k| {
                 let reading = units.readings.get(k)?;
-                (!SLIGHT.contains(&reading.unit.as_str())).then(SlowNoise::new)
+                (!SLIGHT.contains(&reading.unit.as_str())).then(SlowNoise::default)
             }),
             filters: core::array::from_fn(|_| MeasureFilter::default()),
             values: [0.0; FEATURES],
@@ -89,7 +87,6 @@ impl Together {
             raw: [0.0; INPUTS],
             departures: [0.0; INPUTS],
             read: [0.0; UNITS],
-            gaze: units.gaze.clone(),
             sees: false,
         })
     }
@@ -103,7 +100,7 @@ impl Together {
         divisor: f32,
         measures: &[f32; MEASURES],
         learners: &[RobustLearner],
-        readings: &[Reading],
+        units: &Units,
     ) {
         for (m, learner) in learners.iter().enumerate() {
             self.raw[m] = f64::from(measures[m]) - learner.range().rest;
@@ -119,7 +116,7 @@ impl Together {
         let eyes = landmarks.eyes.as_ref();
         let eyes = eyes.filter(|_| open(Measure::LidL) && open(Measure::LidR));
         self.sees = false;
-        if let (Some(gaze), Some(eyes)) = (&self.gaze, eyes) {
+        if let (Some(gaze), Some(eyes)) = (&units.gaze, eyes) {
             let looks = gaze.of(eyes, sensor_from_head);
             for (value, looks) in self.values[LENGTHS..].iter_mut().zip(looks) {
                 *value = f64::from(looks);
@@ -139,7 +136,7 @@ impl Together {
         for (departure, rest) in self.departures.iter_mut().zip(&self.rests) {
             *departure = rest.expressed(*departure, &turn);
         }
-        for (read, reading) in self.read.iter_mut().zip(readings) {
+        for (read, reading) in self.read.iter_mut().zip(&units.readings) {
             *read = reading.of(&self.departures);
         }
     }
@@ -155,11 +152,8 @@ impl Together {
             }
         }
         for ((feature, learner), &g) in features::ALL.iter().zip(lengths).zip(&self.values) {
-            let points = feature.landmarks();
-            let (sum, count) = points.fold((0.0, 0.0), |(sum, count), i| {
-                (sum + landmarks.point_confidence[i], count + 1.0)
-            });
-            if g.is_finite() && sum >= LEAST_CONFIDENCE * count {
+            let confidence = measures::mean_confidence(feature.landmarks(), landmarks);
+            if g.is_finite() && confidence >= LEAST_CONFIDENCE {
                 learner.observe(g, omega, dt);
             } else {
                 learner.interrupt();
@@ -206,7 +200,7 @@ impl Together {
         let dead_zone = (settings.dead_zone * learner.sigma()).max(strays);
         (
             range.weight(read, Kind::Rising, dead_zone),
-            learner.readiness().0,
+            learner.readiness()[0],
         )
     }
 
@@ -239,7 +233,7 @@ impl Together {
         self.features.iter_mut().for_each(RobustLearner::reset);
         self.units.iter_mut().for_each(RobustLearner::reset);
         for strays in self.strays.iter_mut().flatten() {
-            *strays = SlowNoise::new();
+            *strays = SlowNoise::default();
         }
         self.turn = Turn::default();
         self.rests.fill(Resting::default());

@@ -41,40 +41,10 @@ pub fn range<const N: usize>(set: &SampleSet<N>, scan: Scan) -> Option<Range> {
     })
 }
 
-/// Equation (9): signed weight. `low < rest < high`.
-#[must_use]
-pub fn weight(g: f64, range: &Range) -> f64 {
-    let side = if g >= range.rest {
-        range.high - range.rest
-    } else {
-        range.rest - range.low
-    };
-    (g - range.rest) / side
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::expression::samples::tests::set;
-
-    #[test]
-    fn equation_9() {
-        let range = Range {
-            low: 0.0,
-            rest: 2.0,
-            high: 6.0,
-        };
-        for (g, expected) in [
-            (2.0, 0.0),
-            (4.0, 0.5),
-            (8.0, 1.5),
-            (1.0, -0.5),
-            (0.0, -1.0),
-            (-1.0, -1.5),
-        ] {
-            assert_eq!(weight(g, &range), expected, "{g}");
-        }
-    }
 
     #[test]
     fn three_groups_become_the_three_nodes() {

@@ -309,6 +309,9 @@ impl Units {
             ),
         ];
         require("eye_distance", &distances)?;
+        let gaze = table.gaze.as_ref().is_none_or(Gaze::is_whole);
+        let expected = "as many finite weights as an eye has cells, and one";
+        require("gaze", &[(gaze, expected)])?;
         let needs_features = !table.reading.is_empty() || !table.feature.is_empty();
         let features = needs_features.then(|| feature_priors(&table.feature));
         Ok(Self {
@@ -323,10 +326,10 @@ impl Units {
     /// For each column of the robust method, whether its measure belongs to the mouth, or it is read from the lips.
     pub(crate) fn of_mouth(&self) -> [bool; UNITS] {
         let mut of_mouth = [false; UNITS];
-        let sides = |row: &Unit| [row.prior.kind.rises(), row.prior.kind.falls()];
         let columns = self.rows.iter().flat_map(|row| {
             let is = super::covered::is_of_mouth(row.measure);
-            sides(row).into_iter().filter(|side| *side).map(move |_| is)
+            let sides = row.prior.kind.sides().into_iter();
+            sides.filter(|side| *side).map(move |_| is)
         });
         let further = self.further().map(|reading| {
             let shares = self.readings[reading].shares[Measure::LipGap as usize];

@@ -1,34 +1,25 @@
 //! What a frame gives: weights by column, and the ranges they are shares of.
 
 use crate::base::capacity::{MEASURES, UNITS};
+use crate::base::defaults;
 
-/// One frame's result. Columns are in the order of [`super::Expression::unit_names`].
-#[derive(Clone, Debug)]
-pub struct Weights {
-    /// By [`super::measures::Measure`], in units of the inner-eye-corner distance; the eye distance itself in metres.
-    pub measures: [f32; MEASURES],
-    pub(super) units: [f32; UNITS],
-    readiness: [f32; UNITS],
-    pub(super) columns: usize,
-    /// Ranges are still mostly the population's.
-    pub warming: bool,
-    /// Learning is frozen.
-    pub frozen: bool,
+defaults! {
+    /// One frame's result. Columns are in the order of [`super::Expression::unit_names`].
+    #[derive(Clone, Debug)]
+    pub struct Weights {
+        /// By [`super::measures::Measure`], in units of the inner-eye-corner distance; the eye distance itself in metres.
+        pub measures: [f32; MEASURES] = [0.0; MEASURES],
+        pub(super) units: [f32; UNITS] = [0.0; UNITS],
+        pub(super) readiness: [f32; UNITS] = [0.0; UNITS],
+        pub(super) columns: usize = 0,
+        /// Ranges are still mostly the population's.
+        pub warming: bool = true,
+        /// Learning is frozen.
+        pub frozen: bool = false,
+    }
 }
 
 impl Weights {
-    /// All at rest, of so many columns.
-    pub(super) fn new(columns: usize) -> Self {
-        Self {
-            measures: [0.0; MEASURES],
-            units: [0.0; UNITS],
-            readiness: [0.0; UNITS],
-            columns,
-            warming: true,
-            frozen: false,
-        }
-    }
-
     /// Sets a column's weight, faded in so far, and readiness.
     pub(super) fn set(&mut self, column: usize, (weight, readiness): (f64, f64), fade: f64) {
         self.units[column] = (weight.max(0.0) * fade) as f32;

@@ -449,7 +449,7 @@ mod tests {
         Follower::new(
             PoseTracker::new(settings.pose, &anchor).expect("a head"),
             LandmarkStage::new(settings.landmarks, &model, &Shared::default()).expect("a model"),
-            Expression::new(settings.learning.clone(), Units::shipped()),
+            Expression::new(settings.learning, Units::shipped()),
             Presence::new(settings.users.hold_s, settings.users.forget_s),
         )
     }

@@ -103,7 +103,7 @@ impl People {
             Ok(Follower::new(
                 pose.another(),
                 LandmarkStage::new(settings.landmarks, model, &scratch)?,
-                Expression::new(settings.learning.clone(), units.clone()),
+                Expression::new(settings.learning, units.clone()),
                 Presence::new(settings.users.hold_s, settings.users.forget_s),
             ))
         };

@@ -133,7 +133,7 @@ impl Table {
         };
         for (seed, scores) in table.scores.iter_mut().enumerate() {
             let person = Person::new(&units, 100 + seed as u64);
-            let mut expression = Expression::new(settings.clone(), units.clone());
+            let mut expression = Expression::new(*settings, units.clone());
             let mut learning = Session::new(share, 200 + seed as u64);
             for (after, scores) in AFTER_S.iter().zip(scores) {
                 while learning.frame < after * 30 {

@@ -16,8 +16,7 @@ use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
 use mien::base::frames::SensorFromFace;
 use mien::base::geometry::{Point, Rigid};
 use mien::base::time::Timestamp;
-use mien::expression::one_way::Scan;
-use mien::expression::paper::{PaperLearner, PaperSettings};
+use mien::expression::paper::PaperLearner;
 use mien::expression::robust::{RobustLearner, RobustSettings};
 use mien::expression::units::Kind;
 use mien::expression::{Expression, Measure, Method, Range, Settings, Units};
@@ -497,14 +496,8 @@ fn a_year_of_samples() {
         half_life_s: 300.0,
         range_prior: 8.0,
     };
-    let literal = PaperSettings {
-        half_life_s: 300.0,
-        compensation_scale: 0.0,
-        scan: Scan::DEFAULT,
-        prior_s: 10.0,
-    };
     let mut ours = RobustLearner::new(robust, prior, 0.0);
-    let mut papers = PaperLearner::new(literal, prior, units.rows[m].paper_kind, 0.0);
+    let mut papers = PaperLearner::new(Settings::default(), prior, units.rows[m].paper_kind, 0.0);
     let mut random = fastrand::Rng::with_seed(5);
     let mut second = 0.0;
     // The person changes their rest by half a range in the last hour: who has stopped learning shows it.
