@@ -80,7 +80,8 @@ defaults! {
     }
 }
 
-/// Gestures that need no more than their name: name, sum, on, off, hold time.
+/// Gestures that need no more than their name: name, sum, on, off, hold time. Eyes stay on what they look at when the head
+/// turns: see [`LOOKING_TURNED_DEG`].
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
     ("smile", "AU12L + AU12R", 0.45, 0.25, 0.2),
@@ -91,9 +92,11 @@ pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
     ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5),
     ("look_left", "AU61", 0.35, 0.2, 0.4),
     ("look_right", "AU62", 0.35, 0.2, 0.4),
-    ("look_up", "AU63", 0.35, 0.2, 0.4),
+    ("look_up", "AU63", 0.15, 0.09, 0.4),
     ("kiss", "AU18", 0.7, 0.4, 0.2),
 ];
+/// The largest angle of the presets that look somewhere, degrees.
+const LOOKING_TURNED_DEG: f32 = 20.0;
 
 impl Gesture {
     /// A preset, or for another name one that still needs its sum.
@@ -106,6 +109,9 @@ impl Gesture {
         if let Some((_, of, on, off, hold_s)) = PRESETS.iter().find(|preset| preset.0 == name) {
             gesture.of = (*of).into();
             (gesture.on, gesture.off, gesture.hold_s) = (*on, *off, *hold_s);
+            if name.starts_with("look_") {
+                gesture.turned_deg = LOOKING_TURNED_DEG;
+            }
         }
         gesture
     }
