@@ -63,15 +63,15 @@ pub fn bayer_from_rgb(rgb: &[u8], bayer: &mut [u8; PIXELS]) {
     wide(|| {
         let rows = rgb[..RGB_BYTES].as_chunks::<{ 6 * WIDTH }>().0.iter();
         for (rgb, bayer) in rows.zip(bayer.as_chunks_mut::<{ 2 * WIDTH }>().0) {
-            kept::<1, 3>(&rgb[..3 * WIDTH], &mut bayer[..WIDTH]);
-            kept::<2, 4>(&rgb[3 * WIDTH..], &mut bayer[WIDTH..]);
+            mosaic_row::<1, 3>(&rgb[..3 * WIDTH], &mut bayer[..WIDTH]);
+            mosaic_row::<2, 4>(&rgb[3 * WIDTH..], &mut bayer[WIDTH..]);
         }
     });
 }
 
 /// Of each two pixels the numbers with these places among their six.
 #[inline(always)]
-fn kept<const EVEN: usize, const ODD: usize>(rgb: &[u8], bayer: &mut [u8]) {
+fn mosaic_row<const EVEN: usize, const ODD: usize>(rgb: &[u8], bayer: &mut [u8]) {
     let pairs = bayer.as_chunks_mut::<2>().0.iter_mut();
     for (pair, pixels) in pairs.zip(rgb.as_chunks::<6>().0) {
         *pair = [pixels[EVEN], pixels[ODD]];

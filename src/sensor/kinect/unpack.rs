@@ -12,7 +12,7 @@ pub const PACKED_DEPTH: usize = PIXELS * 11 / 8;
 
 /// Four pixels of 11 bits, the first one in the highest, as four of 16 bits.
 #[inline(always)]
-fn drawn_apart(packed: u64) -> [u16; 4] {
+fn unpack_four(packed: u64) -> [u16; 4] {
     const EACH: u64 = 0x7ff << 32 | 0x7ff;
     // The first two in the lower half of the word, the other two in the upper; then each half alike.
     let halves = packed >> 22 & 0x3f_ffff | (packed & 0x3f_ffff) << 32;
@@ -39,14 +39,14 @@ pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
                 *pair = [word(0) >> 20, word(3)];
             }
             for (four, word) in pixels.as_chunks_mut::<4>().0.iter_mut().zip(words) {
-                *four = drawn_apart(word);
+                *four = unpack_four(word);
             }
         }
     });
 }
 
 /// Four pixels as the lower 44 bits of a word, the first one in the highest.
-fn drawn_together(pixels: [u16; 4]) -> u64 {
+fn pack_four(pixels: [u16; 4]) -> u64 {
     const EACH: u64 = 0x7ff << 32 | 0x7ff;
     // One load: the first pixel in the lowest bits.
     let quarters = bytemuck::cast::<_, u64>(pixels.map(u16::to_le)).to_le();
@@ -58,7 +58,7 @@ fn drawn_together(pixels: [u16; 4]) -> u64 {
 pub fn pack_depth(depth: &[u16; PIXELS], packed: &mut [u8; PACKED_DEPTH]) {
     let groups = depth.as_chunks::<4>().0.as_chunks::<2>().0;
     for (pixels, bytes) in groups.iter().zip(packed.as_chunks_mut::<11>().0) {
-        let [first, second] = pixels.map(drawn_together);
+        let [first, second] = pixels.map(pack_four);
         bytes[..8].copy_from_slice(&(first << 20 | second >> 24).to_be_bytes());
         bytes[8..].copy_from_slice(&second.to_be_bytes()[5..]);
     }
