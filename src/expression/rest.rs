@@ -44,11 +44,12 @@ pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) ->
             .sum::<f64>()
             / growth
     };
+    // The prior's mass within a window at its rest.
+    let densest = 2.0 * h / (prior.rest_sd * (2.0 * core::f64::consts::PI).sqrt());
     let score = |v: f64, weight: f64| {
         let z = (v - prior.rest) / prior.rest_sd;
-        let density = (-0.5 * z * z).exp() / (prior.rest_sd * (2.0 * core::f64::consts::PI).sqrt());
-        let mass = (2.0 * h * density).min(1.0);
-        (weight + PRIOR_S * mass) * (-0.125 * z * z).exp()
+        let near = (-0.125 * z * z).exp();
+        (weight + PRIOR_S * (densest * near.powi(4)).min(1.0)) * near
     };
     let shifted = |mut v: f64| {
         for _ in 0..SHIFTS {
@@ -71,7 +72,7 @@ pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) ->
     for (v, weight) in windows(nodes, h) {
         let weight = weight / growth;
         // The most that its score can be: what is not better need not be told exactly.
-        if weight + PRIOR_S <= best.1 {
+        if weight + PRIOR_S * densest.min(1.0) <= best.1 {
             continue;
         }
         let score = score(v, weight);

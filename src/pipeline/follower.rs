@@ -5,7 +5,7 @@
 use super::stage::{Now, Stage};
 use crate::base::capacity::UNITS;
 use crate::base::frames::{SensorFromFace, SensorFromHead};
-use crate::base::geometry::Vector;
+use crate::base::geometry::{Point, Vector};
 use crate::base::time::Timestamp;
 use crate::expression::{Expression, UnitRange};
 use crate::landmarks::{LandmarkStage, Landmarks};
@@ -22,6 +22,8 @@ use crate::users::{Presence, TrackingState};
 const FACELESS_FRAMES: u32 = 3;
 /// A face seen in this many frames is known, and may turn away.
 const KNOWN_FRAMES: u64 = 30;
+/// A head whose face was seen in this many frames has a speed, by which it is found where it is expected.
+const SETTLED_FRAMES: u64 = 8;
 /// Cosines of the angle to the line of sight between which a head counts as turned away while depth still sees its face: 20°
 /// and 70°.
 const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
@@ -119,6 +121,11 @@ impl Follower {
         self.person.frames > 0 || self.person.posed >= KNOWN_FRAMES
     }
 
+    /// Whether the face is followed without interruption, so that the head need not be cut out.
+    pub(crate) fn is_settled(&self) -> bool {
+        self.person.frames >= SETTLED_FRAMES && self.faceless == 0 && self.person.state.has_face()
+    }
+
     /// Frames for which the candidate was tracked.
     pub(crate) fn followed(&self) -> u64 {
         self.person.frames + self.person.posed
@@ -132,18 +139,27 @@ impl Follower {
         segmenter: &mut Segmenter,
         head: Option<usize>,
     ) -> bool {
-        let at = now.frame.at;
         let middle = head.map(|head| segmenter.heads()[head].centre);
-        let expected = self.pose.expected(at, middle);
-        let cloud = expected.and_then(|place| segmenter.around(now.frame, now.camera, place));
-        if let Some(cloud) = cloud {
-            let pose = self.pose.follow(cloud, at);
-            (now.after)(Stage::Pose);
-            if let Some(pose) = pose {
-                return self.look(now, cloud, &pose);
-            }
-        }
-        head.is_some_and(|head| self.follow_in(now, &segmenter.heads()[head]))
+        self.follow_expected(now, segmenter, middle)
+            .unwrap_or_else(|| {
+                head.is_some_and(|head| self.follow_in(now, &segmenter.heads()[head]))
+            })
+    }
+
+    /// The stages where the head is expected, whose cut-out is centred on `middle`; `None` if it is not there.
+    pub(crate) fn follow_expected(
+        &mut self,
+        now: &mut Now<'_>,
+        segmenter: &mut Segmenter,
+        middle: Option<Point>,
+    ) -> Option<bool> {
+        self.person.rect = None;
+        let at = now.frame.at;
+        let place = self.pose.expected(at, middle)?;
+        let cloud = segmenter.around(now.frame, now.camera, place)?;
+        let pose = self.pose.follow(cloud, at);
+        (now.after)(Stage::Pose);
+        Some(self.look(now, cloud, &pose?))
     }
 
     /// The stages on a cut-out head; whether a face was found, or the pose where that is enough.

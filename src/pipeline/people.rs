@@ -12,7 +12,7 @@ use alloc::sync::Arc;
 
 use super::follower::Follower;
 use super::settings::Settings;
-use super::stage::Now;
+use super::stage::{Now, Stage};
 use crate::base::capacity::{HEADS, USERS};
 use crate::base::geometry::Point;
 use crate::base::shared_cell::Shared;
@@ -52,6 +52,8 @@ const REFUSED_FRAMES: u64 = 4;
 const REFUSED_M: f32 = 0.06;
 /// A cut-out this near to a user's head is part of it, metres.
 const SAME_M: f32 = 0.12;
+/// While everybody is followed where expected, the picture is segmented for others once in so many frames.
+const WATCH_STEP: u64 = 3;
 
 /// All people: tracked, candidate, or gone and remembered.
 pub(super) struct People {
@@ -122,7 +124,7 @@ impl People {
         })
     }
 
-    /// Runs everybody's stages on the heads of a segmented frame.
+    /// Runs everybody's stages, on the heads of the segmented frame where they are needed.
     pub(super) fn follow(&mut self, now: &mut Now<'_>, segmenter: &mut Segmenter) {
         let frame = now.frame;
         (self.frame, self.at) = (frame.index, frame.at);
@@ -147,7 +149,15 @@ impl People {
         segmenter: &mut Segmenter,
     ) -> heapless::Vec<usize, HEADS> {
         let at = now.frame.at;
-        let heads = segmenter.heads().iter();
+        let mut found = [None; USERS];
+        let mut heads: &[HeadCloud] = &[];
+        if self.count.is_multiple_of(WATCH_STEP) || !self.follow_settled(now, segmenter, &mut found)
+        {
+            segmenter.segment(now.frame, now.camera);
+            (now.after)(Stage::Segment);
+            heads = segmenter.heads();
+        }
+        let heads = heads.iter();
         let centres: heapless::Vec<Point, HEADS> = heads.map(|head| head.centre).collect();
         let expected = core::array::from_fn(|slot| {
             let user = &self.followers[slot];
@@ -162,8 +172,8 @@ impl People {
             if !user.is_taken() {
                 continue;
             }
-            user.person.rect = None;
-            if !user.follow(now, segmenter, theirs[slot]) {
+            let found = found[slot].unwrap_or_else(|| user.follow(now, segmenter, theirs[slot]));
+            if !found {
                 let before = user.person.state;
                 user.miss(at);
                 if user.person.state == TrackingState::Absent && before != TrackingState::Absent {
@@ -185,13 +195,40 @@ impl People {
             if self.left[slot] {
                 self.remember(slot);
                 self.followers[slot].forget();
-            } else if theirs[slot].is_some()
+            } else if self.followers[slot].person.rect.is_some()
                 && is_looked_at(self.followers[slot].pose.learned_frames())
             {
                 self.look_again(slot);
             }
         }
         free
+    }
+
+    /// Runs the users' stages where their heads are expected, if all are known and nobody else is being looked at. Whether
+    /// nothing is left for cut-outs; who was `found` or not, is not tried again.
+    fn follow_settled(
+        &mut self,
+        now: &mut Now<'_>,
+        segmenter: &mut Segmenter,
+        found: &mut [Option<bool>; USERS],
+    ) -> bool {
+        let users = self.followers[..USERS].iter();
+        let is_unsettled = |user: &Follower| user.is_taken() && !user.is_settled();
+        if self.followers[CANDIDATE].person.place.is_some()
+            || users.clone().any(is_unsettled)
+            || !users.clone().any(Follower::is_taken)
+        {
+            return false;
+        }
+        for (user, found) in self.followers.iter_mut().zip(found) {
+            if user.is_taken() {
+                *found = user.follow_expected(now, segmenter, None);
+                if found.is_none() {
+                    return false;
+                }
+            }
+        }
+        true
     }
 
     /// Remembers the user of a slot.

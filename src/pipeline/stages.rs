@@ -26,8 +26,7 @@ use crate::users::memory::Gone;
 /// Frame to reports: segmentation, then pose, landmarks and expression of each user.
 pub struct Pipeline {
     camera: Camera,
-    /// Heads of the last frame, for pictures of them.
-    pub segmenter: Segmenter,
+    segmenter: Segmenter,
     people: People,
 }
 
@@ -55,8 +54,6 @@ impl Pipeline {
 
     /// As [`Pipeline::follow`], and calls `after` at the end of each stage reached.
     pub fn follow_by_stage(&mut self, frame: &Frame, mut after: impl FnMut(Stage)) {
-        self.segmenter.segment(frame, &self.camera);
-        after(Stage::Segment);
         let mut now = Now {
             frame,
             camera: &self.camera,
@@ -219,6 +216,35 @@ mod tests {
     use super::*;
     use crate::pose::Sighting;
     use crate::simulator::simulated::Simulated;
+
+    #[test]
+    fn a_picture_in_which_all_are_followed_is_segmented_every_third_time() {
+        let mut sensor = Simulated::new(Some("acted")).expect("a scene");
+        let camera = sensor.camera().clone();
+        let (settings, model) = (Settings::default(), FaceModel::shipped());
+        let mut pipeline = Pipeline::new(&settings, &camera, &model).expect("a pipeline");
+        let mut frame = Frame::default();
+        let mut segmented = Vec::new();
+        for number in 0..75 {
+            sensor.next_frame(&mut frame);
+            pipeline.follow_by_stage(&frame, |stage| {
+                if stage == Stage::Segment {
+                    segmented.push(number);
+                }
+            });
+        }
+        segmented.retain(|&number| number >= 45);
+        assert_eq!(segmented, [47, 50, 53, 56, 59, 62, 65, 68, 71, 74]);
+        // Nobody there: every picture is searched.
+        frame.depth.fill(crate::sensor::NO_DEPTH);
+        let mut searched = 0;
+        for _ in 0..6 {
+            pipeline.follow_by_stage(&frame, |stage| {
+                searched += usize::from(stage == Stage::Segment);
+            });
+        }
+        assert_eq!(searched, 6);
+    }
 
     #[test]
     fn who_is_known_again_in_another_slot_came_when_they_came_first() {

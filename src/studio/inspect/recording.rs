@@ -14,7 +14,7 @@ use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
 use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
-use crate::segment::{HeadCloud, PixelRect};
+use crate::segment::{HeadCloud, PixelRect, Segmenter};
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::colour;
@@ -138,12 +138,17 @@ fn label(picture: &mut RgbImage, rect: &PixelRect, words: &str, colour: [u8; 3])
 }
 
 /// Depth with every head that was cut out, and what became of it.
-fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
+fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline, heads: &[HeadCloud]) -> RgbImage {
     let camera = pipeline.camera();
     let mut picture = depth_picture(&frame.depth, camera);
     let reports = pipeline.reports();
-    let heads = pipeline.segmenter.heads().iter().map(|cloud| {
-        let whose = reports.iter().find(|one| one.head_box == Some(cloud.rect));
+    let heads = heads.iter().map(|cloud| {
+        let [x, y] = camera.depth_pixel(&cloud.centre);
+        let is_in = |rect: PixelRect| {
+            let [x0, y0, x1, y1] = [rect.x0, rect.y0, rect.x1, rect.y1].map(f32::from);
+            (x0..x1).contains(&x) && (y0..y1).contains(&y)
+        };
+        let whose = reports.iter().find(|one| one.head_box.is_some_and(is_in));
         let state = whose.map_or(TrackingState::Absent, |one| one.state);
         let words = match whose.and_then(|one| one.user) {
             Some(user) => format!("user {user} {}", state.name()),
@@ -180,12 +185,12 @@ struct Counts {
 }
 
 impl Counts {
-    fn add(&mut self, frame: &KinectFrame, pipeline: &Pipeline) {
+    fn add(&mut self, frame: &KinectFrame, pipeline: &Pipeline, heads: &[HeadCloud]) {
         let report = pipeline.report();
         let posed = report.sensor_from_face.is_some();
         self.frames += 1;
         self.coloured += usize::from(frame.has_colour);
-        self.heads += usize::from(!pipeline.segmenter.heads().is_empty());
+        self.heads += usize::from(!heads.is_empty());
         self.posed += usize::from(posed);
         self.faces += usize::from(posed && report.landmarks.is_some());
         for report in pipeline.reports() {
@@ -215,7 +220,7 @@ impl Counts {
 }
 
 /// Values of the curves at one frame.
-fn values(pipeline: &Pipeline) -> Values {
+fn values(pipeline: &Pipeline, heads: &[HeadCloud]) -> Values {
     let mut values = [None; STATES + USERS];
     let report = pipeline.report();
     if let Some(pose) = report.sensor_from_face {
@@ -227,7 +232,7 @@ fn values(pipeline: &Pipeline) -> Values {
             *value = Some(f64::from(*told));
         }
     }
-    values[STATES - 1] = Some(pipeline.segmenter.heads().len() as f64);
+    values[STATES - 1] = Some(heads.len() as f64);
     for report in pipeline.reports() {
         if let Some(user) = report.user {
             values[STATES + user] = Some(f64::from(report.state.code()));
@@ -237,11 +242,19 @@ fn values(pipeline: &Pipeline) -> Values {
 }
 
 /// Pictures of one frame: depth, and colour if there is one.
-fn pictures(frame: &KinectFrame, seconds: f64, pipeline: &Pipeline, album: &mut Album) {
+fn pictures(
+    frame: &KinectFrame,
+    seconds: f64,
+    pipeline: &Pipeline,
+    heads: &[HeadCloud],
+    album: &mut Album,
+) {
     let at = format!("frame {}, {seconds:.2} s", frame.index);
     let none = if frame.has_colour { "" } else { ", no colour" };
     let caption = format!("{at}: depth, {NEAR_M} m red to {FAR_M} m blue{none}");
-    album.pictures.push((caption, draw_depth(frame, pipeline)));
+    album
+        .pictures
+        .push((caption, draw_depth(frame, pipeline, heads)));
     if frame.has_colour {
         let caption = format!("{at}: colour, landmarks, axes of the head");
         album.pictures.push((caption, draw_colour(frame, pipeline)));
@@ -264,9 +277,9 @@ fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
 }
 
 /// One picture of the film: what there is, side by side.
-fn film_picture(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
+fn film_picture(frame: &KinectFrame, pipeline: &Pipeline, heads: &[HeadCloud]) -> RgbImage {
     let (wide, high) = TILE;
-    let mut tiles = vec![draw_depth(frame, pipeline)];
+    let mut tiles = vec![draw_depth(frame, pipeline, heads)];
     if frame.has_colour {
         tiles.insert(0, draw_colour(frame, pipeline));
     }
@@ -287,6 +300,8 @@ pub(super) fn inspect(
     settings: &Settings,
 ) -> Result<Album, Fault> {
     let mut pipeline = Pipeline::new(&settings.stages, recording.camera(), model)?;
+    // Of its own: the pipeline does not look at every frame.
+    let mut segmenter = Segmenter::new(settings.stages.segment);
     let mut album = Album::new(format!("Recording {name}"));
     let mut all: Vec<(f64, Values)> = Vec::new();
     let mut frame = KinectFrame::default();
@@ -295,15 +310,19 @@ pub(super) fn inspect(
     let filmed = recording.frames().div_ceil(FILM).max(1);
     while recording.next_frame(&mut frame)? {
         pipeline.follow(&frame);
-        counts.add(&frame, &pipeline);
+        segmenter.segment(&frame, pipeline.camera());
+        let heads = segmenter.heads();
+        counts.add(&frame, &pipeline, heads);
         let seconds = frame.at.as_us() as f64 * 1e-6;
-        all.push((seconds, values(&pipeline)));
+        all.push((seconds, values(&pipeline, heads)));
         if counts.frames > next {
             next += every;
-            pictures(&frame, seconds, &pipeline, &mut album);
+            pictures(&frame, seconds, &pipeline, heads, &mut album);
         }
         if counts.frames % filmed == 0 {
-            album.film.add(seconds, &film_picture(&frame, &pipeline));
+            album
+                .film
+                .add(seconds, &film_picture(&frame, &pipeline, heads));
         }
     }
     let ends = all.first().zip(all.last());
