@@ -13,7 +13,7 @@
 use super::report::{Report, unit_range};
 use crate::base::capacity::{GESTURES, USERS};
 use crate::base::defaults;
-use crate::base::geometry::face_normal;
+use crate::base::geometry::{Vector, face_normal};
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;
@@ -71,7 +71,7 @@ defaults! {
         pub person: Person = Person::default(),
         /// Whether it may go on while the person speaks.
         pub speaking: bool = false,
-        /// Largest angle between face and line of sight, degrees.
+        /// Largest angle between face and line of sight, sideways, degrees; up and down it is [`NODDED_DEG`].
         pub turned_deg: f32 = 30.0,
         /// Key or mouse button to press; empty = none.
         pub key: String = String::new(),
@@ -84,19 +84,21 @@ defaults! {
 /// turns: see [`LOOKING_TURNED_DEG`].
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R", 0.45, 0.25, 0.2),
+    ("smile", "AU12L + AU12R", 0.4, 0.22, 0.2),
     ("brows", "AU1L + AU1R + AU2L + AU2R", 1.6, 1.0, 0.15),
     ("mouth_open", "AU26", 0.45, 0.3, 0.2),
     ("wink_left", "AU43L - AU43R", 0.6, 0.3, 0.2),
     ("wink_right", "AU43R - AU43L", 0.6, 0.3, 0.2),
     ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5),
-    ("look_left", "AU61", 0.35, 0.2, 0.4),
-    ("look_right", "AU62", 0.35, 0.2, 0.4),
+    ("look_left", "AU61", 0.3, 0.18, 0.4),
+    ("look_right", "AU62", 0.3, 0.18, 0.4),
     ("look_up", "AU63", 0.15, 0.09, 0.4),
     ("kiss", "AU18", 0.7, 0.4, 0.2),
 ];
-/// The largest angle of the presets that look somewhere, degrees.
-const LOOKING_TURNED_DEG: f32 = 20.0;
+/// The largest angle sideways of the presets that look somewhere, degrees.
+const LOOKING_TURNED_DEG: f32 = 12.0;
+/// A face that is turned up or down by more makes no gestures, degrees: the sensor stands above what it looks at.
+const NODDED_DEG: f32 = 30.0;
 
 impl Gesture {
     /// A preset, or for another name one that still needs its sum.
@@ -288,13 +290,16 @@ impl Gestures {
         let sees = report.state == TrackingState::Tracking;
         let opening = self.mouth.iter().map(weight).sum();
         let speaks = sees && self.speech[slot].hear(opening, report.at);
-        let facing = report.sensor_from_face.map_or(1.0, |pose| {
-            -face_normal(pose).dot(&pose.translation.vector.normalize())
+        let [aside, up] = report.sensor_from_face.map_or([0.0; 2], |pose| {
+            let (face, sight) = (-face_normal(pose), pose.translation.vector);
+            let angles = |v: &Vector| [v.x.atan2(v.z), v.y.atan2(v.x.hypot(v.z))];
+            let (face, sight) = (angles(&face), angles(&sight));
+            [0, 1].map(|k| (face[k] - sight[k]).abs().to_degrees())
         });
         for made in &mut self.all {
             let gesture = &made.gesture;
             let theirs = gesture.person != Person::Shown || !report.aside;
-            let counts = sees && theirs && facing >= gesture.turned_deg.to_radians().cos();
+            let counts = sees && theirs && aside <= gesture.turned_deg && up <= NODDED_DEG;
             let terms = made.terms.iter().map(|(sign, unit)| sign * weight(unit));
             // Less than any level.
             let sum = if counts { terms.sum() } else { f32::MIN };
@@ -359,7 +364,7 @@ impl Gestures {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
+    use crate::base::geometry::{Rigid, rotation_from_yaw_pitch_roll};
 
     const UNITS: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 
@@ -439,7 +444,9 @@ mod tests {
     #[test]
     fn every_end_of_a_face_is_an_off() {
         let faces = [0.9, 0.9, 0.0, 0.0];
-        for end in ["lost", "absent", "gone", "clock", "end", "turned", "aside"] {
+        for end in [
+            "lost", "absent", "gone", "clock", "end", "turned", "nodded", "aside",
+        ] {
             let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
             for ms in [0, 100, 200] {
                 gestures.observe(&mut [user(1, ms, &faces)]);
@@ -455,10 +462,12 @@ mod tests {
                 ..user(1, 233, &faces)
             }]);
             assert_eq!(told(&mut gestures), [], "{end}");
-            let turned = Rigid::from_parts(
-                Vector::new(0.0, 0.0, 0.8).into(),
-                rotation_from_yaw_pitch_roll(0.6, 0.0, 0.0),
-            );
+            let [turned, nodded] = [[0.6, 0.0], [0.0, 0.6]].map(|[yaw, pitch]| {
+                Rigid::from_parts(
+                    Vector::new(0.0, 0.0, 0.8).into(),
+                    rotation_from_yaw_pitch_roll(yaw, pitch, 0.0),
+                )
+            });
             let now = user(1, 266, &faces);
             match end {
                 "lost" => gestures.observe(&mut [Report {
@@ -470,8 +479,8 @@ mod tests {
                     ..now
                 }]),
                 "gone" => gestures.observe(&mut [Report { user: None, ..now }]),
-                "turned" => gestures.observe(&mut [Report {
-                    sensor_from_face: Some(&turned),
+                "turned" | "nodded" => gestures.observe(&mut [Report {
+                    sensor_from_face: Some(if end == "turned" { &turned } else { &nodded }),
                     ..now
                 }]),
                 "clock" => gestures.observe(&mut [user(1, 0, &faces)]),

@@ -12,7 +12,7 @@ mod stage;
 #[cfg(feature = "std")]
 mod stages;
 #[cfg(all(test, feature = "std"))]
-mod tests;
+pub(crate) mod tests;
 
 #[cfg(feature = "std")]
 pub use people::PipelineError;

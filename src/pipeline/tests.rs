@@ -27,7 +27,7 @@ const WITHIN: f64 = 1.0;
 const ONE_IN: usize = 25;
 
 /// Compares lines with the table of this name, or writes it.
-fn hold(name: &str, lines: &[String]) {
+pub(crate) fn hold(name: &str, lines: &[String]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/stages");
     let path = folder.join(format!("{name}.txt"));
     if std::env::var_os("MIEN_WRITE_GOLDEN").is_some() {

@@ -272,6 +272,24 @@ mod tests {
         Point::new(rng.f32() - 0.5, rng.f32() - 0.5, rng.f32() - 0.5) * scale
     }
 
+    #[test]
+    fn steps_that_halve_go_as_far_again_and_others_nowhere() {
+        let way = |turn: f32, moved: f32| Way {
+            turn: Vector::y() * turn,
+            moved: Vector::x() * moved,
+            middle: Point::new(0.0, 0.0, 1.0),
+        };
+        let rest = way(0.01, 0.002)
+            .rest_after(&way(0.02, 0.004))
+            .expect("a rest");
+        assert!((rest.rotation.scaled_axis() - Vector::y() * 0.01).norm() < 1e-6);
+        let middle = rest * Point::new(0.0, 0.0, 1.0);
+        assert!((middle - Point::new(0.002, 0.0, 1.0)).norm() < 1e-6);
+        for other in [way(-0.02, -0.004), way(0.0, 0.02), way(-0.02, 0.004)] {
+            assert!(way(0.01, 0.002).rest_after(&other).is_none());
+        }
+    }
+
     /// Points some 25 mm apart throughout a box: a motion of less than half of that leaves nearly every point nearest to
     /// its own place, so the basin is known. (On a smooth surface point-to-point stops short; the pose tests measure it.)
     fn scattered() -> Vec<Point> {

@@ -281,6 +281,11 @@ mod tests {
         // Means of 0 1 4 5 and of 2 3 6 7, each times 17.
         assert_eq!(luma[..4], [42, 76, 76, 76]);
         assert_eq!(luma[WIDTH * 2..][..2], luma[WIDTH..][..2]);
+        let colours: Vec<u8> = (0..48).map(|k| if k % 3 == 1 { 200 } else { k }).collect();
+        let coloured = pixels(&colours, 3, false, [4, 4], [4, 4]).unwrap();
+        coloured.brightness(1, [4, 4], 255, &mut luma);
+        // (77 r + 150 · 200 + 29 b) / 256 of r = 0, 3, 6, 9 and b = r + 2.
+        assert_eq!(luma[..4], [117, 119, 120, 121]);
         assert!(pixels(&body[1..], 1, true, [4, 4], [4, 4]).is_err());
         assert!(pixels(&body, 1, true, [4, 4], [4, 5]).is_err());
     }

@@ -369,8 +369,8 @@ fn weights_are_shown_on_a_terminal_only_and_one_that_is_not_read_stops_nothing()
     let open = || std::fs::File::options().write(true).open(&name).unwrap();
     let mut service = Service::start_with(folder.path(), &config, &["--fast"], open(), open());
     assert_eq!(service.next_but(&["STATUS="]), "READY=1");
-    // Ten times what it keeps for its reader.
-    hear_frames(&socket, 1000);
+    // Three times what it keeps for its reader.
+    hear_frames(&socket, 300);
     let mut text = Vec::new();
     while !contains(&text, b"tracking") || !contains(&text, b"sends to: OSC to ") {
         let mut bytes = [0; 4096];

@@ -364,7 +364,7 @@ sections! { s
         person: "Whose: of the person that single-person outputs show, of anybody, or of each by themselves." =>
             choice(&mut s.gesture().person, &[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]);
         speaking: "Whether it may go on while they speak." => Kind::Bool(&mut s.gesture().speaking);
-        turned_deg: "Largest angle between face and line of sight." => float(&mut s.gesture().turned_deg, 1.0, 90.0, "degrees");
+        turned_deg: "Largest angle between face and line of sight, sideways." => float(&mut s.gesture().turned_deg, 1.0, 90.0, "degrees");
         key: "What it presses; empty = nothing." =>
             Kind::Text(&mut s.gesture().key, "a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", gestures::is_key);
         press: "Whether the key is tapped, or down while the gesture is on." =>

@@ -300,6 +300,13 @@ mod tests {
     fn an_unknown_section_and_a_bare_value_are_refused() {
         assert!(refused("[user]\n").contains("a.toml:1:2: expected one of the sections sensor,"));
         assert!(refused("users = 3\n").contains("expected a section [users], found 3"));
+        for prefix in ["", "a/", "/a", "a b", "a+", "\u{e4}"] {
+            let told = refused(&format!("[mqtt]\nprefix = {prefix:?}\n"));
+            assert!(
+                told.contains("to be at most 64 bytes without spaces"),
+                "{told}"
+            );
+        }
     }
 
     #[test]
@@ -333,7 +340,7 @@ mod tests {
             ),
             (
                 "[[gesture]]\nname = \"smile\"\noff = 1.5\n",
-                "expected off of the gesture smile below its on, which is 0.45, found 1.5",
+                "expected off of the gesture smile below its on, which is 0.4, found 1.5",
             ),
             (
                 "[[gesture]]\nname = \"smile\"\nof = \"AU12L +\"\n",

@@ -113,6 +113,8 @@ mod tests {
         let settings = MqttSettings {
             broker: listener.local_addr().unwrap().to_string(),
             home_assistant: true,
+            rate_hz: 20.0,
+            health_s: 0.5,
             ..MqttSettings::default()
         };
         let told = std::thread::spawn(move || broker(&listener));
@@ -137,6 +139,20 @@ mod tests {
         };
         assert_eq!(of("mien/hall/gesture/smile"), ["OFF", "ON", "OFF"]);
         assert_eq!(of("mien/hall/gesture/kiss"), ["OFF"]);
+        let faces = of("mien/hall/faces");
+        assert_eq!((faces.first(), faces.last()), (Some(&"1"), Some(&"0")));
+        // Two seconds at the rates asked for, each of one person.
+        let weights = of("mien/hall/0/weights");
+        assert!((10..=50).contains(&weights.len()), "{}", weights.len());
+        assert!(
+            weights
+                .iter()
+                .all(|told| told.ends_with(",\"AU26\":0.5000}"))
+        );
+        assert!(of("mien/hall/1/weights").is_empty());
+        let health = of("mien/hall/health");
+        assert!((2..=6).contains(&health.len()), "{health:?}");
+        assert!(health[1].contains("\"sensor\":true") && health[1].contains("\"faces\":1"));
         for kind in ["binary_sensor", "device_automation"] {
             let entity = of(&format!(
                 "homeassistant/{kind}/mien_hall/gesture_smile/config"

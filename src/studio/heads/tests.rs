@@ -1,7 +1,50 @@
 //! Dressed heads against the portraits they were made from. Skipped where the data sets are absent.
 
 use super::*;
+use crate::pipeline::tests::hold;
 use crate::studio::train::render::Renderer;
+
+/// Means of an eighth of a picture by an eighth.
+fn cells(luma: &[u8], width: usize) -> String {
+    let (wide, high) = (width / 8, luma.len() / width / 8);
+    let mean = |cell: usize| {
+        let rows = (cell / 8 * high..).take(high);
+        let row = |y: usize| &luma[y * width + cell % 8 * wide..][..wide];
+        let sum: u32 = rows.flat_map(row).map(|&luma| u32::from(luma)).sum();
+        (sum / (wide * high) as u32).to_string()
+    };
+    (0..64).map(mean).collect::<Vec<_>>().join(" ")
+}
+
+/// Places in half millimetres, colours and places in the picture in hundredths.
+#[test]
+fn the_head_that_a_user_meets_first_looks_as_it_did() {
+    let hero = hero::Hero::shipped();
+    let mut lines = Vec::new();
+    for layer in [&hero.face, &hero.dress] {
+        let places = &layer.mesh.positions;
+        lines.push(format!("vertices {}", places.len()));
+        for v in (0..places.len()).step_by(places.len() / 150) {
+            let place = places[v].iter().map(|x| (x * 2e3).round());
+            let look = layer.tints[v].iter().chain(&layer.uv[v]);
+            let look = look.map(|x| f64::from((x * 1e2).round()));
+            lines.push(
+                place
+                    .chain(look)
+                    .map(|x| format!("{x:.0}"))
+                    .collect::<Vec<_>>()
+                    .join(" "),
+            );
+        }
+    }
+    for picture in hero.looks.iter().filter_map(|look| look.picture.as_ref()) {
+        for channel in 0..3 {
+            let values: Vec<u8> = picture.pixels().map(|pixel| pixel[channel]).collect();
+            lines.push(cells(&values, picture.width() as usize));
+        }
+    }
+    hold("hero", &lines);
+}
 
 fn data() -> Option<std::path::PathBuf> {
     crate::studio::data::data(&["ict_facekit", "faces_frl189"])
@@ -49,6 +92,12 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     let one = renderer.samples(2..3, 9);
     assert_eq!(all[2].grey.luma, one[0].grey.luma);
     assert_ne!(all[2].grey.luma, renderer.samples(2..3, 10)[0].grey.luma);
+    // Hats, hair, beards, glasses and hands: the shipped model learned from such pictures.
+    let samples = renderer.samples(0..40, 9);
+    let grey = samples
+        .iter()
+        .map(|sample| cells(&sample.grey.luma, sample.grey.width));
+    hold("training_pictures", &grey.collect::<Vec<_>>());
     let camera = crate::sensor::kinect::geometry::nominal();
     for sample in &all {
         for k in 0..crate::base::capacity::LANDMARKS {
