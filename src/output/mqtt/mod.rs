@@ -62,7 +62,7 @@ pub fn fuzz(mut bytes: &[u8]) {
 mod tests {
     use std::io::{Read, Write};
     use std::net::TcpListener;
-    use std::time::Duration;
+    use std::time::{Duration, Instant};
 
     use super::*;
     use crate::output::{Output, Report, TrackingState};
@@ -119,6 +119,7 @@ mod tests {
         };
         let told = std::thread::spawn(move || broker(&listener));
         let mut mqtt = open(&settings, "hall", &["AU26"], &["smile", "kiss"]).unwrap();
+        let start = Instant::now();
         for frame in 0..200 {
             let report = Report {
                 frame,
@@ -132,6 +133,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(10));
         }
         drop(mqtt);
+        let passed = start.elapsed().as_secs_f32();
         let told = told.join().unwrap();
         let of = |topic: &str| -> Vec<&str> {
             let of = told.iter().filter(|(told, _)| told == topic);
@@ -141,14 +143,19 @@ mod tests {
         assert_eq!(of("mien/hall/gesture/kiss"), ["OFF"]);
         let faces = of("mien/hall/faces");
         assert_eq!((faces.first(), faces.last()), (Some(&"1"), Some(&"0")));
-        // Two seconds at the rates asked for, each of one person.
+        // As often as asked for, of one person.
         let weights = of("mien/hall/0/weights");
-        assert!((10..=50).contains(&weights.len()), "{}", weights.len());
+        let most = |rate_hz: f32| (passed * rate_hz) as usize + 2;
+        assert!(
+            (10..=most(20.0)).contains(&weights.len()),
+            "{}",
+            weights.len()
+        );
         let (mut first, told) = (weights[..10].iter(), ",\"AU26\":0.5000}");
         assert!(first.all(|weights| weights.ends_with(told)), "{weights:?}");
         assert!(of("mien/hall/1/weights").is_empty());
         let health = of("mien/hall/health");
-        assert!((2..=6).contains(&health.len()), "{health:?}");
+        assert!((2..=most(2.0)).contains(&health.len()), "{health:?}");
         assert!(health[1].contains("\"sensor\":true") && health[1].contains("\"faces\":1"));
         for kind in ["binary_sensor", "device_automation"] {
             let entity = of(&format!(
