@@ -126,16 +126,6 @@ impl<const N: usize> Nodes<N> {
         }
     }
 
-    /// Totals of both weights, in current seconds: (rest, range).
-    #[must_use]
-    pub fn totals(&self) -> (f64, f64) {
-        let (rest, range) = self
-            .nodes
-            .iter()
-            .fold((0.0, 0.0), |(w, c), node| (w + node.rest, c + node.range));
-        (rest / self.growth, range / self.growth)
-    }
-
     fn price(&mut self, i: usize) {
         self.nodes[i].cost = match self.nodes.get(i + 1) {
             Some(&next) => self.nodes[i].cost_with(next),
@@ -165,6 +155,17 @@ impl<const N: usize> Nodes<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl<const N: usize> Nodes<N> {
+        /// Totals of both weights, in current seconds: (rest, range).
+        fn totals(&self) -> (f64, f64) {
+            let (rest, range) = self
+                .nodes
+                .iter()
+                .fold((0.0, 0.0), |(w, c), node| (w + node.rest, c + node.range));
+            (rest / self.growth, range / self.growth)
+        }
+    }
 
     #[test]
     fn merging_preserves_totals_mean_and_order() {

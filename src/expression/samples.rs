@@ -51,19 +51,6 @@ impl<const N: usize> SampleSet<N> {
         &self.samples
     }
 
-    /// Sum of all weights.
-    #[must_use]
-    pub fn total_weight(&self) -> f64 {
-        self.samples.iter().map(|s| s.weight).sum()
-    }
-
-    /// Weighted mean, if there is any sample.
-    #[must_use]
-    pub fn mean(&self) -> Option<f64> {
-        let total = self.total_weight();
-        (total > 0.0).then(|| self.samples.iter().map(|s| s.value * s.weight).sum::<f64>() / total)
-    }
-
     /// Takes a sample; when full it is merged with its nearest neighbour (the lower one of two equally near).
     pub fn push(&mut self, sample: Sample) {
         if !sample.value.is_finite() || !sample.weight.is_finite() || sample.weight <= 0.0 {
@@ -113,6 +100,20 @@ impl<const N: usize> SampleSet<N> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+
+    impl<const N: usize> SampleSet<N> {
+        /// Sum of all weights.
+        pub(crate) fn total_weight(&self) -> f64 {
+            self.samples.iter().map(|s| s.weight).sum()
+        }
+
+        /// Weighted mean, if there is any sample.
+        pub(crate) fn mean(&self) -> Option<f64> {
+            let total = self.total_weight();
+            (total > 0.0)
+                .then(|| self.samples.iter().map(|s| s.value * s.weight).sum::<f64>() / total)
+        }
+    }
 
     pub(crate) fn set<const N: usize>(samples: &[(f64, f64)]) -> SampleSet<N> {
         let mut set = SampleSet::default();
