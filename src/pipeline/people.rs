@@ -4,7 +4,8 @@
 //! ([`super::follower`]). An unassigned head goes to the candidate's follower, one at a time: it becomes a user once a face
 //! is found on it (or, without colour, once depth has tracked it for a while) and, if there are people who left, after a few
 //! more frames that show whether it is one of them ([`crate::users::memory`]). A head without a face is ignored for a few
-//! frames. A frame does at most half of a search for an initial pose, so that no frame costs much more than tracking.
+//! frames. While everybody is followed where expected, the picture is segmented for others in every third frame only.
+//! A frame does at most half of a search for an initial pose, so that no frame costs much more than tracking.
 //!
 //! When all slots are in use, a newcomer has to wait until a user is forgotten.
 
@@ -204,8 +205,8 @@ impl People {
         free
     }
 
-    /// Runs the users' stages where their heads are expected, if all are known and nobody else is being looked at. Whether
-    /// nothing is left for cut-outs; who was `found` or not, is not tried again.
+    /// Runs the users' stages where their heads are expected, if all are settled and nobody else is being looked at. Whether
+    /// that served everybody, so that no head has to be cut out; whoever has an entry in `found` is not tried again.
     fn follow_settled(
         &mut self,
         now: &mut Now<'_>,
@@ -213,10 +214,11 @@ impl People {
         found: &mut [Option<bool>; USERS],
     ) -> bool {
         let users = self.followers[..USERS].iter();
-        let is_unsettled = |user: &Follower| user.is_taken() && !user.is_settled();
-        if self.followers[CANDIDATE].person.place.is_some()
-            || users.clone().any(is_unsettled)
-            || !users.clone().any(Follower::is_taken)
+        let mut users = users.filter(|user| user.is_taken()).peekable();
+        let nobody = users.peek().is_none();
+        if nobody
+            || self.followers[CANDIDATE].person.place.is_some()
+            || !users.all(Follower::is_settled)
         {
             return false;
         }

@@ -28,10 +28,9 @@ const ONE_IN: usize = 25;
 
 /// Compares lines with the table of this name, or writes it.
 pub(crate) fn hold(name: &str, lines: &[String]) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/stages");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     let path = folder.join(format!("{name}.txt"));
     if std::env::var_os("MIEN_WRITE_GOLDEN").is_some() {
-        std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(&path, lines.join("\n") + "\n").unwrap();
         return;
     }
@@ -150,7 +149,7 @@ fn learned(name: &str, settings: ExpressionSettings, units: Units) {
         }
         lines.push(plain(&line));
     }
-    hold(name, &lines);
+    hold(&format!("stages/{name}"), &lines);
 }
 
 #[test]
@@ -263,7 +262,7 @@ fn pipeline() -> Pipeline {
 fn followed(scene: Scene, seconds: &[[u64; 2]]) {
     let mut lines = Vec::new();
     follow(&mut pipeline(), scene, seconds, &mut lines);
-    hold(&format!("followed_{scene:?}").to_lowercase(), &lines);
+    hold(&format!("stages/followed_{scene:?}").to_lowercase(), &lines);
 }
 
 #[test]
@@ -298,5 +297,5 @@ fn who_is_followed_far_round_and_forgotten() {
     pipeline.obey(Command::Neutral(0));
     pipeline.obey(Command::Forget(0));
     follow(&mut pipeline, Scene::Wide, &[[10, 11]], &mut lines);
-    hold("followed_wide", &lines);
+    hold("stages/followed_wide", &lines);
 }

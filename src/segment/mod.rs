@@ -8,8 +8,7 @@
 //!    or shoulders.
 //! 4. [`cloud`]: its pixels become points, averaged in blocks so that at most [`crate::base::capacity::HEAD_POINTS`] remain.
 //!
-//! A tracked head needs no cut: its points are those around its predicted position ([`Segmenter::around`]). So while everybody
-//! is tracked, the pipeline segments only every third frame, for newcomers.
+//! A tracked head needs no cut: its points are those around its predicted position ([`Segmenter::around`]).
 //!
 //! Sensor frame, metres. Memory: 0.3 MB, at construction. Cost: one pass over a quarter of the pixels, one over 19,200 cells,
 //! one over the head's pixels. Degenerate: no depth, or nothing like a head, gives no cloud. Limitations: a head touching

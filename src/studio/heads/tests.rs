@@ -43,7 +43,7 @@ fn the_head_that_a_user_meets_first_looks_as_it_did() {
             lines.push(cells(&values, picture.width() as usize));
         }
     }
-    hold("hero", &lines);
+    hold("heads/hero", &lines);
 }
 
 fn data() -> Option<std::path::PathBuf> {
@@ -97,7 +97,7 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     let grey = samples
         .iter()
         .map(|sample| cells(&sample.grey.luma, sample.grey.width));
-    hold("training_pictures", &grey.collect::<Vec<_>>());
+    hold("heads/training_pictures", &grey.collect::<Vec<_>>());
     let camera = crate::sensor::kinect::geometry::nominal();
     for sample in &all {
         for k in 0..crate::base::capacity::LANDMARKS {
