@@ -39,7 +39,7 @@ pub const LEARNT_MEASURES: usize = MEASURES - 1;
 /// Lengths of the face that are no measure but tell units apart.
 pub const LENGTHS: usize = 18;
 /// Inputs besides the measures that distinguish units: lengths, and where the eyes look, across and up.
-pub const FEATURES: usize = LENGTHS + 2;
+pub const FEATURES: usize = LENGTHS + 3;
 /// What a unit is read from: learnt measures and features.
 pub const INPUTS: usize = LEARNT_MEASURES + FEATURES;
 /// Weight columns at most: two for every learnt measure, and units that are read from several.

@@ -75,8 +75,8 @@ impl Feature {
     }
 }
 
-/// Gaze ([`super::gaze`]), after the lengths: to the subject's left, up; 1 is the eyes' full range.
-pub const GAZE: [&str; FEATURES - LENGTHS] = ["gaze_left", "gaze_up"];
+/// What the eyes' images tell ([`super::gaze`]), after the lengths: gaze to the subject's left and up, and upper lids.
+pub const GAZE: [&str; FEATURES - LENGTHS] = ["gaze_left", "gaze_up", "lid_lift"];
 
 /// Names of all features, in their order.
 pub fn names() -> impl Iterator<Item = &'static str> {

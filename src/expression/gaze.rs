@@ -1,10 +1,10 @@
-//! Gaze from the image of the eyes (FACS AU61 to AU64).
+//! Gaze from the image of the eyes (FACS AU61 to AU64), and how far upper lids are lifted, finer than landmarks show it.
 //!
-//! A linear map of the two eye patches cut by [`crate::landmarks::eyes`], learned by ridge regression from rendered eyes
+//! Linear maps of the two eye patches cut by [`crate::landmarks::eyes`], learned by ridge regression from rendered eyes
 //! (`mien-studio units`). Both eyes look at the same point and the face is symmetric: horizontal gaze is in the difference of the
-//! mirrored eyes, vertical gaze in their sum, so each needs the weights of one eye only. One more weight compensates for head
-//! rotation, which shows the eyes from the side. The person's own offset is removed by a learner, as with distances.
-//! Memory: 290 weights. Degenerate: closed eyes give no gaze.
+//! mirrored eyes, vertical gaze and lids in their sum, so each needs the weights of one eye only. One more weight compensates for
+//! head rotation, which shows the eyes from the side. The person's own offset is removed by a learner, as with distances.
+//! Memory: 435 weights. Degenerate: closed eyes give nothing.
 
 use serde::Deserialize;
 
@@ -13,32 +13,34 @@ use crate::base::geometry::Vector;
 use crate::base::prelude::*;
 use crate::landmarks::eyes::{CELLS, Eyes};
 
-/// The map, as in `config/units.toml`: weights by cell, rows from above, temple to nose, and last the head's turn. 1 is as far as
-/// eyes go, about 30°.
+/// The maps, as in `config/units.toml`: weights by cell, rows from above, temple to nose, and last the head's turn. 1 is as far as
+/// eyes go, about 30°, or lids open.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gaze {
     left: Vec<f32>,
     up: Vec<f32>,
+    lids: Vec<f32>,
 }
 
 impl Gaze {
     /// Whether there are as many finite weights as an eye has cells, and one.
     pub(super) fn is_whole(&self) -> bool {
         let is_whole = |row: &Vec<f32>| row.len() == CELLS + 1 && row.iter().all(|w| w.is_finite());
-        is_whole(&self.left) && is_whole(&self.up)
+        [&self.left, &self.up, &self.lids].into_iter().all(is_whole)
     }
 
-    /// To the subject's left and up, plus a constant of the person.
+    /// To the subject's left and up, and how far lids are lifted, plus constants of the person.
     #[must_use]
-    pub fn of(&self, [right, left]: &Eyes, sensor_from_head: &Rotation) -> [f32; 2] {
+    pub fn of(&self, [right, left]: &Eyes, sensor_from_head: &Rotation) -> [f32; 3] {
         let ahead = sensor_from_head * Vector::z();
         let sum = |weights: &[f32], sign: f32, turn: f32| {
             let eyes = left.iter().zip(right).zip(weights);
             let cells: f32 = eyes.map(|((l, r), w)| w * (l + sign * r)).sum();
             cells + weights[CELLS] * turn
         };
-        [sum(&self.left, -1.0, ahead.x), sum(&self.up, 1.0, ahead.y)]
+        let [up, lids] = [&self.up, &self.lids].map(|weights| sum(weights, 1.0, ahead.y));
+        [sum(&self.left, -1.0, ahead.x), up, lids]
     }
 }
 
@@ -56,6 +58,7 @@ mod tests {
         Gaze {
             left: weights(2.0, 1.0),
             up: weights(3.0, -1.0),
+            lids: weights(1.0, 1.0),
         }
     }
 
@@ -65,10 +68,11 @@ mod tests {
         let eye = |seed: f32| core::array::from_fn(|k| (k as f32 * seed).sin());
         let (a, b) = (eye(0.37), eye(0.91));
         let straight = Rotation::identity();
-        let [left, up] = gaze.of(&[a, b], &straight);
-        let [mirrored, same] = gaze.of(&[b, a], &straight);
+        let [left, up, lids] = gaze.of(&[a, b], &straight);
+        let [mirrored, same, as_open] = gaze.of(&[b, a], &straight);
         assert!(left.abs() > 0.01 && (left + mirrored).abs() < 1e-5);
-        assert!((up - same).abs() < 1e-5);
+        assert!((up - same).abs() < 1e-5 && (lids - as_open).abs() < 1e-5);
+        assert!((up + lids).abs() < 1e-5);
     }
 
     #[test]
@@ -77,7 +81,7 @@ mod tests {
         let eyes = [[0.0; CELLS]; 2];
         let turned = rotation_from_yaw_pitch_roll(0.3, 0.0, 0.0);
         let ahead = turned * Vector::z();
-        let [left, up] = gaze.of(&eyes, &turned);
+        let [left, up, _] = gaze.of(&eyes, &turned);
         assert!((left - 2.0 * ahead.x).abs() < 1e-6 && up.abs() < 1e-6);
         assert!((left.abs() - 2.0 * 0.3f32.sin()).abs() < 1e-5);
     }
@@ -87,6 +91,7 @@ mod tests {
         let row = |n: usize, value: f32| Gaze {
             left: vec![value; n],
             up: vec![0.0; CELLS + 1],
+            lids: vec![0.0; CELLS + 1],
         };
         assert!(row(CELLS + 1, 0.5).is_whole());
         assert!(!row(CELLS, 0.5).is_whole());

@@ -90,9 +90,9 @@ pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
     ("wink_left", "AU43L - AU43R", 0.6, 0.3, 0.2),
     ("wink_right", "AU43R - AU43L", 0.6, 0.3, 0.2),
     ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5),
-    ("look_left", "AU61", 0.3, 0.18, 0.4),
-    ("look_right", "AU62", 0.3, 0.18, 0.4),
-    ("look_up", "AU63", 0.15, 0.09, 0.4),
+    ("look_left", "AU61", 0.5, 0.3, 0.4),
+    ("look_right", "AU62", 0.5, 0.3, 0.4),
+    ("look_up", "AU63", 0.5, 0.3, 0.4),
     ("kiss", "AU18", 0.7, 0.4, 0.2),
 ];
 /// The largest angle sideways of the presets that look somewhere, degrees.

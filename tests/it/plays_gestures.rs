@@ -1,10 +1,10 @@
 //! People of the simulator act every default gesture at full, then speak, blink, look about, turn and rest: the tables that
-//! `tests/gestures/run` judges.
+//! `tests/gestures/run` judges. Where eyes look is checked here.
 
 use std::io::Write;
 use std::path::Path;
 
-use mien::base::geometry::{Rigid, rotation_from_yaw_pitch_roll};
+use mien::base::geometry::{Rigid, Rotation, rotation_from_yaw_pitch_roll};
 use mien::base::time::Timestamp;
 use mien::face_model::FaceModel;
 use mien::output::csv::Csv;
@@ -15,6 +15,8 @@ use mien::sensor::Frame;
 use mien::simulator::virtual_head::{Light, Scene, Simulator};
 use mien::studio::heads::textured_heads;
 use mien::studio::people_split::Split;
+
+use crate::common;
 
 /// Rounds of all gestures, the time of one, and its rise, fall and length at full, seconds.
 const ROUNDS: usize = 3;
@@ -148,6 +150,64 @@ fn play(seed: u64, t: f32, what: &str, height: f32, mut set: impl FnMut(&str, f3
     Rigid::from_parts(place.into(), turn)
 }
 
+/// Where the eyes of somebody the models have never seen turn, the head still, and that it is read: to the right side, as far as
+/// they go, and neither across what is acted up and down nor the other way round.
+#[test]
+fn eyes_that_turn_are_read_where_they_look() {
+    let Some(data) = common::data::data(&["faces_frl189", "ict_facekit"]) else {
+        return;
+    };
+    let mut heads = textured_heads(&data, |person| Split::of(person) == Split::Test).unwrap();
+    heads.truncate(2);
+    let model = FaceModel::shipped();
+    const LOOKS: [(&str, [&str; 2]); 4] = [
+        ("AU61", ["eyeLookOut_L", "eyeLookIn_R"]),
+        ("AU62", ["eyeLookOut_R", "eyeLookIn_L"]),
+        ("AU63", ["eyeLookUp_L", "eyeLookUp_R"]),
+        ("AU64", ["eyeLookDown_L", "eyeLookDown_R"]),
+    ];
+    const HEIGHT: f32 = 0.5;
+    let mut frame = Frame::default();
+    for (number, mut head) in heads.into_iter().enumerate() {
+        mien::studio::heads::eyes::paint(&mut head.asset, 30 + number as u64);
+        let expressions = head.asset.expressions.iter().map(|e| e.name.clone());
+        let expressions: Vec<String> = expressions.collect();
+        let mut simulator = Simulator::new(head.asset, Scene::Still, 5);
+        let mut pipeline = Pipeline::new(&Settings::default(), simulator.camera(), &model).unwrap();
+        let names = pipeline.unit_names();
+        let columns = LOOKS.map(|(unit, _)| names.iter().position(|n| *n == unit).expect(unit));
+        let mut read = [[0.0_f32; 4]; 4];
+        // Six seconds ahead, then two of each look with one ahead between.
+        for index in 0..18 * 30_u64 {
+            let t = index as f32 / 30.0 - 6.0;
+            let acted = (t >= 0.0 && t % 3.0 < 2.0).then_some((t / 3.0) as usize);
+            let mut weights = vec![0.0; expressions.len()];
+            for (weight, name) in weights.iter_mut().zip(&expressions) {
+                let acts = acted.is_some_and(|k| LOOKS[k].1.contains(&name.as_str()));
+                *weight = if acts { HEIGHT } else { 0.0 };
+            }
+            let pose = Rigid::from_parts([0.0, -0.02, 0.7].into(), Rotation::identity());
+            let at = Timestamp::from_us(index * 100_000 / 3);
+            simulator.draw_pose(&pose, &weights, at, &mut frame);
+            (frame.index, frame.at) = (index, at);
+            pipeline.follow(&frame);
+            if let (Some(k), true) = (acted, t % 3.0 > 1.0) {
+                let report = pipeline.report();
+                for (sum, &column) in read[k].iter_mut().zip(&columns) {
+                    *sum += report.weights[column] / 30.0;
+                }
+            }
+        }
+        for (k, row) in read.iter().enumerate() {
+            let said = format!("person {number}, {}: {row:.2?}", LOOKS[k].0);
+            assert!(row[k] > 0.5 * HEIGHT && row[k] < 1.6 * HEIGHT, "{said}");
+            for (other, value) in row.iter().enumerate() {
+                assert!(other == k || *value < 0.5 * HEIGHT, "{said}");
+            }
+        }
+    }
+}
+
 #[test]
 #[ignore = "takes minutes; tests/gestures/run plays it"]
 fn people_act_gestures() {
@@ -164,8 +224,10 @@ fn people_act_gestures() {
         .collect();
     let names: Vec<&str> = PRESETS.iter().map(|preset| preset.0).collect();
     let mut frame = Frame::default();
-    for (number, head) in heads.into_iter().enumerate() {
+    for (number, mut head) in heads.into_iter().enumerate() {
         let seed = 77 + number as u64;
+        // A photograph's irises do not leave its lids.
+        mien::studio::heads::eyes::paint(&mut head.asset, seed);
         let expressions: Vec<String> = head
             .asset
             .expressions

@@ -5,11 +5,9 @@ world.py KEPT [KEPT_OFF]
 KEPT holds NAME.json and NAME.csv of `../shared/world/run`, and in `said` what it printed; with a second folder (`pose.learn_shape` off) both stand side by
 side. Rotation and position with one fixed offset per person taken out.
 """
-import glob
 import json
 import os
 import sys
-from statistics import correlation, linear_regression, mean
 
 import score
 
@@ -87,48 +85,6 @@ def units(path):
         print(f"\nmean correlation of {len(rows)} units {sum(float(r[1].split()[0]) for r in rows) / len(rows):.2f}")
 
 
-# Where the eyes look: what is acted, and the units that say it.
-GAZE = ((("eyeLookOut_L", "eyeLookIn_L"), ("w_AU61", "w_AU62")), (("eyeLookUp_L", "eyeLookDown_L"), ("w_AU63", "w_AU64")))
-# Frames left out, as for weights; metres.
-SETTLED, BANDS = 300, (0.5, 0.7, 0.9, 1.1)
-
-
-def glances(folder, name, settled):
-    """Distance, and by direction what is acted and what is read, of every frame with a face."""
-    acted = {}
-    for path in glob.glob(f"{os.environ.get('WORLD_CACHE', '/var/tmp/second-world')}/{name}-*/truth.csv"):
-        acted = {row["frame"]: row for row in score.read(path) if row["person"] == "0"}
-    out = []
-    for row in score.read(f"{folder}/{name}.csv"):
-        truth = acted.get(row["frame"])
-        if truth and row["user"] == "0" and int(row["frame"]) >= settled and row.get("w_AU61"):
-            out.append((float(row["tz_m"]), [tuple(float(of[a]) - float(of[b]) for of, (a, b) in ((truth, names), (row, units)))
-                                             for names, units in GAZE]))
-    return out
-
-
-def gaze(folder):
-    sets = {name: glances(folder, name, SETTLED) for name in PEOPLE if os.path.exists(f"{folder}/{name}.csv")}
-    if os.path.exists(f"{folder}/far.csv"):
-        far = glances(folder, "far", 30)
-        sets |= {f"far, {a} to {b} m": [one for one in far if a <= one[0] < b] for a, b in zip(BANDS, BANDS[1:])}
-    rows, people = [], []
-    for name, seen in sets.items():
-        if len(seen) < 30:
-            continue
-        pairs = [list(zip(*(one[1][axis] for one in seen))) for axis in (0, 1)]
-        told = [correlation(*pair) if len(set(pair[1])) > 1 else 0.0 for pair in pairs]
-        rows.append([name, f"{mean(one[0] for one in seen):.2f} m", *(f"{r:.2f}" for r in told), *(f"{linear_regression(*pair).slope:.2f}" for pair in pairs)])
-        if name in PEOPLE:
-            people.append(told)
-    if rows:
-        score.table("second world, gaze (AU61 to AU64) against the truth",
-                    ["scene", "distance", "correlation, horizontal", "vertical", "gain, horizontal", "vertical"], rows)
-    if people:
-        print("\nsitting people, mean (worst): " + ", ".join(
-            f"{what} {mean(r):.2f} ({min(r):.2f})" for what, r in zip(("horizontal", "vertical"), zip(*people))))
-
-
 def both(on, off):
     pairs = [(name, a, b) for name in ORDER if (a := read(on, name)) and (b := read(off, name))]
     rows, turns, moves = [], [], []
@@ -151,6 +107,5 @@ if __name__ == "__main__":
     if len(sys.argv) == 2:
         one(sys.argv[1])
         units(f"{sys.argv[1]}/said")
-        gaze(sys.argv[1])
     else:
         both(*sys.argv[1:3])

@@ -10,7 +10,7 @@
 //! where `mien-studio evaluate --wild` measures.
 //!
 //! Memory: the heads, their work space and 12 MB of buffers, all made at construction. Limitations: no cast shadows of the
-//! room's light, hair that does not swing, eyes that do not turn, shoulders that stay upright, one hand.
+//! room's light, hair that does not swing, a built-in head whose eyes do not turn, shoulders that stay upright, one hand.
 
 mod appearance;
 mod asset;

@@ -1,22 +1,65 @@
-//! Eyes drawn by rule in place of a photograph's: sharp irises of many colours that turn with the eyeball.
+//! Eyes that look elsewhere, and are drawn by rule in place of a photograph's: sharp irises of many colours.
 //!
-//! A photograph shows one glance; its iris is stretched when the eyeball turns, and half hidden by the lids it was taken with.
-//! What is learnt of gaze needs eyes that look elsewhere. Iris and pupil are cones about the eyeball's axis: 11.7 mm across on
-//! a ball of 24 mm, Gross & Rubeiz's mean.
+//! The source's expressions of looking move the lids alone, so eyeballs are turned here. A photograph shows one glance, with its
+//! iris half hidden by the lids it was taken with. Iris and pupil are cones about the eyeball's axis: 11.7 mm across on a ball of
+//! 24 mm, Gross & Rubeiz's mean.
 
+use std::ops::Range;
 use std::sync::Arc;
+
+use nalgebra::Rotation3;
 
 use crate::base::geometry::{Point, Vector};
 use crate::simulator::virtual_head::HeadAsset;
-use crate::studio::heads::ict::part;
+use crate::studio::heads::ict::{Delta, part};
+
+/// How far eyeballs turn in a full expression of looking, radians.
+const FULL_LOOK: f32 = 0.52;
 
 /// Angles from the axis up to which there is pupil, iris and the dark rim of the iris, radians.
 const PUPIL: f32 = 0.17;
 const IRIS: f32 = 0.44;
 const RIM: f32 = 0.51;
 
+/// Both eyeballs and their centres.
+fn balls(neutral: &[Point]) -> [(Range<usize>, Point); 2] {
+    let middle = part::EYEBALLS.start + part::EYEBALLS.len() / 2;
+    [part::EYEBALLS.start..middle, middle..part::EYEBALLS.end].map(|ball| {
+        let sum: Vector = neutral[ball.clone()].iter().map(|p| p.coords).sum();
+        let centre = Point::from(sum / ball.len() as f32);
+        (ball, centre)
+    })
+}
+
+/// Turns the eyeballs of a neutral head in its expressions of looking.
+pub(super) fn turn(neutral: &[Point], expressions: &mut [Delta]) {
+    for expression in expressions {
+        let look = expression.name.strip_prefix("eyeLook");
+        let Some((to, side)) = look.and_then(|look| look.split_once('_')) else {
+            continue;
+        };
+        // The subject's left is where x grows; the face looks against z.
+        let left = if side == "L" { 1.0 } else { -1.0 };
+        let axis = match to {
+            "Out" => Vector::y() * -left,
+            "In" => Vector::y() * left,
+            "Up" => -Vector::x(),
+            _ => Vector::x(),
+        };
+        let rotation = Rotation3::new(axis * FULL_LOOK);
+        for (ball, centre) in balls(neutral) {
+            if centre.x * left > 0.0 {
+                for v in ball {
+                    let out = neutral[v] - centre;
+                    expression.offsets[v] = rotation * out - out;
+                }
+            }
+        }
+    }
+}
+
 /// Paints both eyeballs of a head; seeded.
-pub(crate) fn paint(asset: &mut HeadAsset, seed: u64) {
+pub fn paint(asset: &mut HeadAsset, seed: u64) {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut between = |low: f32, high: f32| low + (high - low) * random.f32();
     // From nearly black by brown to grey, green and blue.
@@ -28,10 +71,7 @@ pub(crate) fn paint(asset: &mut HeadAsset, seed: u64) {
     ];
     let white = between(150.0, 225.0);
     let (mut share, mut colour) = (asset.photo_share.to_vec(), asset.colour.to_vec());
-    let middle = part::EYEBALLS.start + part::EYEBALLS.len() / 2;
-    for ball in [part::EYEBALLS.start..middle, middle..part::EYEBALLS.end] {
-        let sum: Vector = asset.neutral[ball.clone()].iter().map(|p| p.coords).sum();
-        let centre = Point::from(sum / ball.len() as f32);
+    for (ball, centre) in balls(&asset.neutral) {
         for v in ball {
             let out = asset.neutral[v] - centre;
             // The face looks towards the camera, against z.
@@ -53,28 +93,75 @@ mod tests {
     use super::*;
     use crate::simulator::virtual_head::HeadAsset;
 
-    #[test]
-    fn irises_are_round_and_in_the_middle_of_both_eyes() {
-        let n = part::EYEBALLS.end;
+    /// Two balls of 12 mm, covered evenly (Fibonacci).
+    fn round_eyes() -> Vec<Point> {
         let half = part::EYEBALLS.len() / 2;
-        // Two balls of 12 mm, covered evenly (Fibonacci).
-        let mut asset = HeadAsset {
-            neutral: vec![Point::origin(); n],
-            photo_share: vec![1.0; n].into(),
-            colour: vec![[0.0; 3]; n].into(),
-            ..HeadAsset::default()
-        };
+        let mut neutral = vec![Point::origin(); part::EYEBALLS.end];
         for v in part::EYEBALLS {
             let k = v - part::EYEBALLS.start;
             let x = if k < half { -0.03 } else { 0.03 };
             let z = 1.0 - 2.0 * ((k % half) as f32 + 0.5) / half as f32;
             let (r, turn) = ((1.0 - z * z).sqrt(), 2.4 * k as f32);
-            asset.neutral[v] = Point::new(
+            neutral[v] = Point::new(
                 x + 0.012 * r * turn.cos(),
                 0.012 * r * turn.sin(),
                 0.012 * z,
             );
         }
+        neutral
+    }
+
+    #[test]
+    fn eyes_look_where_the_expression_says_and_stay_in_their_sockets() {
+        let neutral = round_eyes();
+        let half = part::EYEBALLS.len() / 2;
+        for (name, side, to) in [
+            ("eyeLookOut_L", 1, Vector::x()),
+            ("eyeLookIn_L", 1, -Vector::x()),
+            ("eyeLookOut_R", 0, -Vector::x()),
+            ("eyeLookUp_R", 0, -Vector::y()),
+            ("eyeLookDown_L", 1, Vector::y()),
+            ("eyeBlink_L", 1, Vector::zeros()),
+        ] {
+            let mut expressions = [Delta {
+                name: name.into(),
+                offsets: vec![Vector::zeros(); neutral.len()],
+            }];
+            turn(&neutral, &mut expressions);
+            let offsets = &expressions[0].offsets;
+            let start = part::EYEBALLS.start + side * half;
+            let pupil =
+                (start..start + half).min_by(|&a, &b| neutral[a].z.total_cmp(&neutral[b].z));
+            let moved = offsets[pupil.expect("a ball")];
+            // 12 mm by the sine of 30°.
+            assert!(
+                (moved.dot(&to) - 0.006 * to.norm()).abs() < 3e-4,
+                "{name} {moved}"
+            );
+            let other = part::EYEBALLS.start + (1 - side) * half;
+            assert!(
+                offsets[other..other + half]
+                    .iter()
+                    .all(|o| *o == Vector::zeros())
+            );
+            let radius = |v: usize| (neutral[v] + offsets[v] - balls(&neutral)[side].1).norm();
+            assert!(
+                (start..start + half).all(|v| (radius(v) - 0.012).abs() < 1e-4),
+                "{name}"
+            );
+        }
+    }
+
+    #[test]
+    fn irises_are_round_and_in_the_middle_of_both_eyes() {
+        let half = part::EYEBALLS.len() / 2;
+        let n = part::EYEBALLS.end;
+        let mut asset = HeadAsset {
+            neutral: round_eyes(),
+            photo_share: vec![1.0; n].into(),
+            colour: vec![[0.0; 3]; n].into(),
+            ..HeadAsset::default()
+        };
         paint(&mut asset, 5);
         for (side, x) in [(0, -0.03), (1, 0.03)] {
             let start = part::EYEBALLS.start + side * half;

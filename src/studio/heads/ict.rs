@@ -1,4 +1,4 @@
-//! Reads the ICT FaceKit head: neutral mesh, expression and identity differences, landmark vertices.
+//! Reads the ICT FaceKit head: neutral mesh, expression and identity differences, landmark vertices; turns its [`eyes`].
 //!
 //! Source axes are y up, z out of the face, x to the person's left, in centimetres. Everything here is turned into the
 //! head frame of [`crate::base::geometry`]: metres, y down, z into the head, origin midway between the neutral's inner eye corners.
@@ -13,6 +13,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::Part;
 use crate::studio::bake::obj;
 use crate::studio::fault::Fault;
+use crate::studio::heads::eyes;
 use crate::studio::text_files::{self, listed};
 
 /// Vertex ranges of the mesh by part (half-open).
@@ -138,7 +139,8 @@ impl IctHead {
         let origin = (raw[landmarks[39]] + raw[landmarks[42]]) * 0.5;
         let neutral = raw.iter().map(|v| Point3::from(head_axes(v - origin)));
         let neutral: Vec<_> = neutral.collect();
-        let expressions = read_deltas(&folder.join("expr"), neutral.len())?;
+        let mut expressions = read_deltas(&folder.join("expr"), neutral.len())?;
+        eyes::turn(&neutral, &mut expressions);
         let identities = read_deltas(&folder.join("id"), neutral.len())?;
         Ok(Self {
             neutral,

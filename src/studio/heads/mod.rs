@@ -13,7 +13,7 @@
 
 pub mod average;
 pub mod default_head;
-pub(crate) mod eyes;
+pub mod eyes;
 pub mod fit;
 pub mod hero;
 pub mod ict;

@@ -1,6 +1,4 @@
-//! Training examples: deviations of all inputs in one frame and the true units; saved as text, and mirrored.
-
-use std::fmt::Write;
+//! Training examples: deviations of all inputs in one frame and the true units; saved as JSON, and mirrored.
 
 use super::glance::Glance;
 use crate::base::capacity::INPUTS;
@@ -13,35 +11,25 @@ use crate::studio::evaluate::acted::UNITS;
 pub(super) struct Example {
     pub(super) departures: [f64; INPUTS],
     pub(super) truth: [f64; UNITS.len()],
-    pub(super) glance: Glance,
+    pub(super) glance: Option<Glance>,
 }
 
-/// One line for each example: departures, then truths.
+/// One line of JSON for each example: departures, truths, eyes.
 pub(super) fn written(examples: &[Example]) -> String {
-    let mut text = String::new();
-    for example in examples {
-        for value in example.departures.iter().chain(&example.truth) {
-            let _ = write!(text, "{value:.4} ");
-        }
-        example.glance.write(&mut text);
-        text.push('\n');
-    }
-    text
+    let line = |e: &Example| serde_json::to_string(&(&e.departures[..], &e.truth[..], &e.glance));
+    let lines: Vec<String> = examples.iter().filter_map(|e| line(e).ok()).collect();
+    lines.join("\n")
 }
 
 /// What [`written`] wrote; lines of another length are left out.
 pub(super) fn read(text: &str) -> Vec<Example> {
     let example = |line: &str| {
-        let values: Vec<f64> = line
-            .split_whitespace()
-            .filter_map(|v| v.parse().ok())
-            .collect();
-        let (departures, rest) = values.split_at_checked(INPUTS)?;
-        let (truth, glance) = rest.split_at_checked(UNITS.len())?;
+        let (departures, truth, glance): (Vec<f64>, Vec<f64>, _) =
+            serde_json::from_str(line).ok()?;
         Some(Example {
             departures: departures.try_into().ok()?,
             truth: truth.try_into().ok()?,
-            glance: Glance::read(glance)?,
+            glance,
         })
     };
     text.lines().filter_map(example).collect()
@@ -59,7 +47,7 @@ impl Example {
                 let sign = if LATERAL.contains(&name) { -1.0 } else { 1.0 };
                 sign * self.departures[input_named(&swapped(name)).unwrap_or(i)]
             }),
-            glance: Glance::NONE,
+            glance: None,
             truth: core::array::from_fn(|k| self.truth[unit(&swapped(UNITS[k].0)).unwrap_or(k)]),
         }
     }

@@ -1,69 +1,56 @@
 //! The eyes in one frame, kept as an example to learn a gaze from.
 
-use std::fmt::Write;
+use serde::{Deserialize, Serialize};
 
 use crate::base::geometry::{Rigid, Vector};
-use crate::landmarks::eyes::{CELLS, Eyes};
+use crate::landmarks::eyes::Eyes;
 use crate::simulator::virtual_head::{HeadAsset, Truth};
 
-/// Where the numbers of a [`Glance`] are: who, where to, the head's turn, the right eye, the left.
-const WHO: usize = 0;
-pub(super) const LOOKS: usize = 1;
-const AHEAD: usize = 3;
-const EYES: usize = 5;
-const NUMBERS: usize = EYES + 2 * CELLS;
-
 /// The eyes in one frame.
-#[derive(Clone)]
-pub(super) struct Glance(pub(super) Vec<f32>);
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct Glance {
+    who: usize,
+    /// To the left and up.
+    pub(super) looks: [f64; 2],
+    /// The head's turn.
+    ahead: [f32; 2],
+    right: Vec<f32>,
+    left: Vec<f32>,
+}
 
 impl Glance {
-    /// Nothing seen.
-    pub(super) const NONE: Self = Self(Vec::new());
-
     /// A person's eyes at a pose, looking so far to the left and up.
     pub(super) fn at(
         who: usize,
         eyes: Option<Eyes>,
         pose: Option<&Rigid>,
         looks: [f64; 2],
-    ) -> Self {
-        let (Some(eyes), Some(pose)) = (eyes, pose) else {
-            return Self::NONE;
-        };
-        let ahead = pose.rotation * Vector::z();
-        let mut numbers = vec![who as f32];
-        numbers.extend(looks.map(|look| look as f32));
-        numbers.extend([ahead.x, ahead.y]);
-        numbers.extend(eyes.iter().flatten());
-        Self(numbers)
-    }
-
-    pub(super) fn write(&self, text: &mut String) {
-        for number in &self.0 {
-            let _ = write!(text, "{number:.4} ");
-        }
-    }
-
-    /// What [`Self::write`] wrote.
-    pub(super) fn read(numbers: &[f64]) -> Option<Self> {
-        let whole = numbers.is_empty() || numbers.len() == NUMBERS;
-        whole.then(|| Self(numbers.iter().map(|&v| v as f32).collect()))
-    }
-
-    /// What tells of the direction across (0) or up (1), and that direction; `at` is the example's place.
-    pub(super) fn seen(&self, at: usize, axis: usize) -> Option<Seen> {
-        let who = *self.0.get(WHO)? as usize;
-        let (right, left) = self.0[EYES..].split_at(CELLS);
-        let sign = if axis == 0 { -1.0 } else { 1.0 };
-        let cells = left.iter().zip(right).map(|(l, r)| l + sign * r);
-        let turn = self.0[AHEAD + axis];
-        Some(Seen {
-            at,
+    ) -> Option<Self> {
+        let ahead = pose?.rotation * Vector::z();
+        let [right, left] = eyes?.map(Vec::from);
+        Some(Self {
             who,
-            row: cells.chain([turn]).map(f64::from).collect(),
-            looks: f64::from(self.0[LOOKS + axis]),
+            looks,
+            ahead: [ahead.x, ahead.y],
+            right,
+            left,
         })
+    }
+
+    /// What tells of the direction across (0) or up (1), and that direction, or of how far lids are `lifted` (2); `at` is the
+    /// example's place.
+    pub(super) fn seen(&self, at: usize, axis: usize, lifted: f64) -> Seen {
+        let sign = if axis == 0 { -1.0 } else { 1.0 };
+        let cells = self.left.iter().zip(&self.right).map(|(l, r)| l + sign * r);
+        Seen {
+            at,
+            who: self.who,
+            row: cells
+                .chain([self.ahead[axis.min(1)]])
+                .map(f64::from)
+                .collect(),
+            looks: self.looks.get(axis).copied().unwrap_or(lifted),
+        }
     }
 }
 

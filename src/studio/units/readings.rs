@@ -56,7 +56,7 @@ const NOT_SMILING: [&str; 5] = ["AU20", "AU18", "AU29", "AU9L", "AU9R"];
 const FULL: f64 = 0.95;
 const MOST: f64 = 2.0;
 /// Lids that open wide hardly move: read from little, they are stretched by this at most.
-const MOST_OF_LIDS: f64 = 6.0;
+const MOST_OF_LIDS: f64 = 2.4;
 /// A unit that no measure is named after and that comes out with less than this is not seen well enough to be given.
 const LEAST_R: f64 = 0.4;
 /// By how much an input errs beyond what the examples show, in eye distances, for units whose motion is small beside that, or
@@ -123,7 +123,7 @@ pub fn learn(
         let smile = Example {
             departures,
             truth: [0.0; UNITS.len()],
-            glance: Glance::NONE,
+            glance: None,
         };
         [smile.mirrored(), smile]
     });
