@@ -24,8 +24,9 @@ use crate::landmarks::Landmarks;
 /// no rest to measure the noise in, and most smiles are slight.
 const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 
-/// Share of the resting lid gap above which an eye counts as open: lids come closer to an eye that looks far aside, down to .35.
-const OPEN: f64 = 0.3;
+/// Shares of the resting lid gap above which eyes count as open, of the wider eye and of the other: lids come close over an eye
+/// that looks far towards the nose.
+const OPEN: [f64; 2] = [0.55, 0.3];
 
 /// Noise of a glance, of the eyes' full range.
 const GLANCE_NOISE: f64 = 0.05;
@@ -109,12 +110,11 @@ impl Together {
             *value = f64::from(feature.raw(&landmarks.head) / divisor);
         }
         // Behind closed lids eyes look ahead.
-        let open = |lid: Measure| {
-            let rest = learners[lid as usize].range().rest;
-            f64::from(measures[lid as usize]) > OPEN * rest
-        };
-        let eyes = landmarks.eyes.as_ref();
-        let eyes = eyes.filter(|_| open(Measure::LidL) && open(Measure::LidR));
+        let gap =
+            |lid: Measure| f64::from(measures[lid as usize]) / learners[lid as usize].range().rest;
+        let (left, right) = (gap(Measure::LidL), gap(Measure::LidR));
+        let open = left.max(right) > OPEN[0] && left.min(right) > OPEN[1];
+        let eyes = landmarks.eyes.as_ref().filter(|_| open);
         self.sees = false;
         if let (Some(gaze), Some(eyes)) = (&units.gaze, eyes) {
             let looks = gaze.of(eyes, sensor_from_head);

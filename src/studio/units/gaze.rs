@@ -50,8 +50,8 @@ pub(super) fn learn(examples: &mut [Example]) -> Learnt {
         }
         let _ = write!(text, "{name} = [");
         for (k, weight) in weights.iter().enumerate() {
-            let break_ = if k % 16 == 0 { "\n  " } else { " " };
-            let _ = write!(text, "{break_}{weight:.4},");
+            let break_ = if k % 16 == 0 { "\n" } else { "" };
+            let _ = write!(text, "{break_}{weight:.3},");
         }
         text.push_str("\n]\n");
     }
