@@ -38,7 +38,7 @@ pub const MEASURES: usize = 21;
 pub const LEARNT_MEASURES: usize = MEASURES - 1;
 /// Lengths of the face that are no measure but tell units apart.
 pub const LENGTHS: usize = 18;
-/// Inputs besides the measures that distinguish units: lengths, and where the eyes look, across and up.
+/// Inputs besides the measures that distinguish units: lengths, where the eyes look (across and up), and how far lids are lifted.
 pub const FEATURES: usize = LENGTHS + 3;
 /// What a unit is read from: learnt measures and features.
 pub const INPUTS: usize = LEARNT_MEASURES + FEATURES;

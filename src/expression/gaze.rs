@@ -1,4 +1,4 @@
-//! Gaze from the image of the eyes (FACS AU61 to AU64), and how far upper lids are lifted, finer than landmarks show it.
+//! Gaze from the image of the eyes (FACS AU61 to AU64), and how far the upper lids are lifted, more finely than landmarks show.
 //!
 //! Linear maps of the two eye patches cut by [`crate::landmarks::eyes`], learned by ridge regression from rendered eyes
 //! (`mien-studio units`). Both eyes look at the same point and the face is symmetric: horizontal gaze is in the difference of the
@@ -13,8 +13,8 @@ use crate::base::geometry::Vector;
 use crate::base::prelude::*;
 use crate::landmarks::eyes::{CELLS, Eyes};
 
-/// The maps, as in `config/units.toml`: weights by cell, rows from above, temple to nose, and last the head's turn. 1 is as far as
-/// eyes go, about 30°, or lids open.
+/// Maps, as in `config/units.toml`: weights by cell, rows from above, temple to nose, then the head's turn. 1 is the eyes' full
+/// range, about 30°, or lids opened wide (AU5).
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gaze {

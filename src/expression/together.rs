@@ -24,8 +24,8 @@ use crate::landmarks::Landmarks;
 /// no rest to measure the noise in, and most smiles are slight.
 const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 
-/// Shares of the resting lid gap above which eyes count as open, of the wider eye and of the other: lids come close over an eye
-/// that looks far towards the nose.
+/// Least shares of the resting lid gap at which eyes count as open: of the wider eye, and of the other, whose lids come closer
+/// together when it looks far towards the nose.
 const OPEN: [f64; 2] = [0.55, 0.3];
 
 /// Noise of a glance, of the eyes' full range.

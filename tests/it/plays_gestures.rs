@@ -1,5 +1,5 @@
 //! People of the simulator act every default gesture at full, then speak, blink, look about, turn and rest: the tables that
-//! `tests/gestures/run` judges. Where eyes look is checked here.
+//! `tests/gestures/run` judges. Also checks that gaze is read correctly.
 
 use std::io::Write;
 use std::path::Path;
@@ -150,8 +150,8 @@ fn play(seed: u64, t: f32, what: &str, height: f32, mut set: impl FnMut(&str, f3
     Rigid::from_parts(place.into(), turn)
 }
 
-/// Where the eyes of somebody the models have never seen turn, the head still, and that it is read: to the right side, as far as
-/// they go, and neither across what is acted up and down nor the other way round.
+/// While the head is still, eyes of people the models have never seen turn: each look is read in its own direction, roughly as
+/// far as it is acted, and at less than half of that in the other three.
 #[test]
 fn eyes_that_turn_are_read_where_they_look() {
     let Some(data) = common::data::data(&["faces_frl189", "ict_facekit"]) else {
@@ -226,7 +226,7 @@ fn people_act_gestures() {
     let mut frame = Frame::default();
     for (number, mut head) in heads.into_iter().enumerate() {
         let seed = 77 + number as u64;
-        // A photograph's irises do not leave its lids.
+        // Irises in a photograph are partly hidden by its lids.
         mien::studio::heads::eyes::paint(&mut head.asset, seed);
         let expressions: Vec<String> = head
             .asset

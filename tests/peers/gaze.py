@@ -2,9 +2,10 @@
 
 gaze.py STUDIO DATA SCRATCH      (mediapipe 0.10.21, numpy, OpenCV)
 
-Pictures have no depth, so landmarks are those of `mien-studio fit` and the eyes are cut and read here as `landmarks/eyes.rs` and
-`expression/gaze.rs` say. MediaPipe's side is how far both irises are from the middle between the corners of their eyes. Correlation with
-the head's turn, as its mesh has it, taken out of both: what is left is the eyes' own. Closed eyes and faces turned by 30° do not count.
+Pictures have no depth, so landmarks come from `mien-studio fit`, and the eyes are cut and read here as in `landmarks/eyes.rs` and
+`expression/gaze.rs`. MediaPipe's gaze is how far irises lie from the midpoint between the eye corners. The head's turn, as its
+mesh gives it, is regressed out of both before they are correlated, which leaves the motion of the eyes alone. Closed eyes and
+faces turned more than 30° to a side are left out.
 """
 import csv
 import os
@@ -45,7 +46,7 @@ def cells(grey, points):
 
 
 def irises(mesh):
-    """To the subject's left and up, in eye widths, both eyes together; how open the less open one is; the head's turn."""
+    """Gaze to the subject's left and up, in eye widths, summed over both eyes; how open the less open eye is; the head's turn."""
     looks, gaps = np.zeros(2), []
     for iris, a, b, upper, lower in EYES:
         axis = mesh[b, :2] - mesh[a, :2]
@@ -59,7 +60,7 @@ def irises(mesh):
 
 
 def own(values, turns):
-    """What is left of values without the head's turn."""
+    """The values with the head's turn regressed out."""
     turns = np.column_stack([turns, np.ones(len(turns))])
     return values - turns @ np.linalg.lstsq(turns, values, rcond=None)[0]
 

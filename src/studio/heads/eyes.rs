@@ -1,62 +1,17 @@
-//! Eyes that look elsewhere, and are drawn by rule in place of a photograph's: sharp irises of many colours.
+//! Paints eyes by rule over a photograph's: sharp irises of many colours.
 //!
-//! The source's expressions of looking move the lids alone, so eyeballs are turned here. A photograph shows one glance, with its
-//! iris half hidden by the lids it was taken with. Iris and pupil are cones about the eyeball's axis: 11.7 mm across on a ball of
-//! 24 mm, Gross & Rubeiz's mean.
+//! A photograph shows one glance, with its iris half hidden by the lids it was taken with. Iris and pupil are cones about the
+//! eyeball's axis: 11.7 mm across on a ball of 24 mm, Gross & Rubeiz's mean.
 
-use std::ops::Range;
 use std::sync::Arc;
 
-use nalgebra::Rotation3;
-
-use crate::base::geometry::{Point, Vector};
 use crate::simulator::virtual_head::HeadAsset;
-use crate::studio::heads::ict::{Delta, part};
-
-/// How far eyeballs turn in a full expression of looking, radians.
-const FULL_LOOK: f32 = 0.52;
+use crate::studio::heads::ict::eyeballs;
 
 /// Angles from the axis up to which there is pupil, iris and the dark rim of the iris, radians.
 const PUPIL: f32 = 0.17;
 const IRIS: f32 = 0.44;
 const RIM: f32 = 0.51;
-
-/// Both eyeballs and their centres.
-fn balls(neutral: &[Point]) -> [(Range<usize>, Point); 2] {
-    let middle = part::EYEBALLS.start + part::EYEBALLS.len() / 2;
-    [part::EYEBALLS.start..middle, middle..part::EYEBALLS.end].map(|ball| {
-        let sum: Vector = neutral[ball.clone()].iter().map(|p| p.coords).sum();
-        let centre = Point::from(sum / ball.len() as f32);
-        (ball, centre)
-    })
-}
-
-/// Turns the eyeballs of a neutral head in its expressions of looking.
-pub(super) fn turn(neutral: &[Point], expressions: &mut [Delta]) {
-    for expression in expressions {
-        let look = expression.name.strip_prefix("eyeLook");
-        let Some((to, side)) = look.and_then(|look| look.split_once('_')) else {
-            continue;
-        };
-        // The subject's left is where x grows; the face looks against z.
-        let left = if side == "L" { 1.0 } else { -1.0 };
-        let axis = match to {
-            "Out" => Vector::y() * -left,
-            "In" => Vector::y() * left,
-            "Up" => -Vector::x(),
-            _ => Vector::x(),
-        };
-        let rotation = Rotation3::new(axis * FULL_LOOK);
-        for (ball, centre) in balls(neutral) {
-            if centre.x * left > 0.0 {
-                for v in ball {
-                    let out = neutral[v] - centre;
-                    expression.offsets[v] = rotation * out - out;
-                }
-            }
-        }
-    }
-}
 
 /// Paints both eyeballs of a head; seeded.
 pub fn paint(asset: &mut HeadAsset, seed: u64) {
@@ -71,7 +26,7 @@ pub fn paint(asset: &mut HeadAsset, seed: u64) {
     ];
     let white = between(150.0, 225.0);
     let (mut share, mut colour) = (asset.photo_share.to_vec(), asset.colour.to_vec());
-    for (ball, centre) in balls(&asset.neutral) {
+    for (ball, centre) in eyeballs(&asset.neutral) {
         for v in ball {
             let out = asset.neutral[v] - centre;
             // The face looks towards the camera, against z.
@@ -91,7 +46,8 @@ pub fn paint(asset: &mut HeadAsset, seed: u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulator::virtual_head::HeadAsset;
+    use crate::base::geometry::{Point, Vector};
+    use crate::studio::heads::ict::{Delta, part, turn_eyes};
 
     /// Two balls of 12 mm, covered evenly (Fibonacci).
     fn round_eyes() -> Vec<Point> {
@@ -127,7 +83,7 @@ mod tests {
                 name: name.into(),
                 offsets: vec![Vector::zeros(); neutral.len()],
             }];
-            turn(&neutral, &mut expressions);
+            turn_eyes(&neutral, &mut expressions);
             let offsets = &expressions[0].offsets;
             let start = part::EYEBALLS.start + side * half;
             let pupil =
@@ -144,7 +100,7 @@ mod tests {
                     .iter()
                     .all(|o| *o == Vector::zeros())
             );
-            let radius = |v: usize| (neutral[v] + offsets[v] - balls(&neutral)[side].1).norm();
+            let radius = |v: usize| (neutral[v] + offsets[v] - eyeballs(&neutral)[side].1).norm();
             assert!(
                 (start..start + half).all(|v| (radius(v) - 0.012).abs() < 1e-4),
                 "{name}"

@@ -1,19 +1,19 @@
-//! Reads the ICT FaceKit head: neutral mesh, expression and identity differences, landmark vertices; turns its [`eyes`].
+//! Reads the ICT FaceKit head: neutral mesh, expression and identity differences, landmark vertices; turns its eyes.
 //!
 //! Source axes are y up, z out of the face, x to the person's left, in centimetres. Everything here is turned into the
 //! head frame of [`crate::base::geometry`]: metres, y down, z into the head, origin midway between the neutral's inner eye corners.
 
 use std::fmt::Display;
 use std::fs;
+use std::ops::Range;
 use std::path::Path;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Rotation3, Vector3};
 
 use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::Part;
 use crate::studio::bake::obj;
 use crate::studio::fault::Fault;
-use crate::studio::heads::eyes;
 use crate::studio::text_files::{self, listed};
 
 /// Vertex ranges of the mesh by part (half-open).
@@ -105,6 +105,46 @@ fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, Fault> {
     Ok(deltas)
 }
 
+/// How far eyeballs turn in a full expression of looking, radians.
+const FULL_LOOK: f32 = 0.52;
+
+/// Both eyeballs and their centres.
+pub(super) fn eyeballs(neutral: &[Point3<f32>]) -> [(Range<usize>, Point3<f32>); 2] {
+    let middle = part::EYEBALLS.start + part::EYEBALLS.len() / 2;
+    [part::EYEBALLS.start..middle, middle..part::EYEBALLS.end].map(|ball| {
+        let sum: Vector3<f32> = neutral[ball.clone()].iter().map(|p| p.coords).sum();
+        let centre = Point3::from(sum / ball.len() as f32);
+        (ball, centre)
+    })
+}
+
+/// Turns the eyeballs of a neutral head in its expressions of looking, where the source moves the lids alone.
+pub(super) fn turn_eyes(neutral: &[Point3<f32>], expressions: &mut [Delta]) {
+    for expression in expressions {
+        let look = expression.name.strip_prefix("eyeLook");
+        let Some((to, side)) = look.and_then(|look| look.split_once('_')) else {
+            continue;
+        };
+        // The subject's left is where x grows; the face looks against z.
+        let left = if side == "L" { 1.0 } else { -1.0 };
+        let axis = match to {
+            "Out" => Vector3::y() * -left,
+            "In" => Vector3::y() * left,
+            "Up" => -Vector3::x(),
+            _ => Vector3::x(),
+        };
+        let rotation = Rotation3::new(axis * FULL_LOOK);
+        for (ball, centre) in eyeballs(neutral) {
+            if centre.x * left > 0.0 {
+                for v in ball {
+                    let out = neutral[v] - centre;
+                    expression.offsets[v] = rotation * out - out;
+                }
+            }
+        }
+    }
+}
+
 impl IctHead {
     /// Reads the folder.
     ///
@@ -140,7 +180,7 @@ impl IctHead {
         let neutral = raw.iter().map(|v| Point3::from(head_axes(v - origin)));
         let neutral: Vec<_> = neutral.collect();
         let mut expressions = read_deltas(&folder.join("expr"), neutral.len())?;
-        eyes::turn(&neutral, &mut expressions);
+        turn_eyes(&neutral, &mut expressions);
         let identities = read_deltas(&folder.join("id"), neutral.len())?;
         Ok(Self {
             neutral,

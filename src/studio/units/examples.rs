@@ -21,7 +21,7 @@ pub(super) fn written(examples: &[Example]) -> String {
     lines.join("\n")
 }
 
-/// What [`written`] wrote; lines of another length are left out.
+/// What [`written`] wrote; lines that do not parse or have another number of inputs or units are left out.
 pub(super) fn read(text: &str) -> Vec<Example> {
     let example = |line: &str| {
         let (departures, truth, glance): (Vec<f64>, Vec<f64>, _) =

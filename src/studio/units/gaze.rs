@@ -20,7 +20,7 @@ use crate::studio::evaluate::acted::UNITS;
 const PENALTY: f64 = 3000.0;
 /// Lids closed further than this hide the iris, truth of AU43.
 const CLOSED: f64 = 0.3;
-/// How many times as far as an eye that opens wide (AU5) a lid goes that closes.
+/// How far a lid moves to close fully, in multiples of how far it rises when the eye opens wide (AU5).
 const CLOSES: f64 = 2.0;
 
 /// What was learnt: lines for `config/units.toml`, and what to say of it.
@@ -29,7 +29,7 @@ pub(super) struct Learnt {
     pub say: String,
 }
 
-/// Learns the map and sets the departures of the gaze in all examples.
+/// Learns the maps and sets what they read in all examples with open eyes.
 pub(super) fn learn(examples: &mut [Example]) -> Learnt {
     let sides = |name| (0..UNITS.len()).filter(move |&k| UNITS[k].0.starts_with(name));
     let truth = |e: &Example, name| sides(name).map(|k| e.truth[k]).sum::<f64>() / 2.0;

@@ -19,7 +19,7 @@ pub(super) struct Glance {
 }
 
 impl Glance {
-    /// A person's eyes at a pose, looking so far to the left and up.
+    /// A person's eyes at a pose, looking so far to the left and up; `None` without either.
     pub(super) fn at(
         who: usize,
         eyes: Option<Eyes>,
@@ -37,8 +37,7 @@ impl Glance {
         })
     }
 
-    /// What tells of the direction across (0) or up (1), and that direction, or of how far lids are `lifted` (2); `at` is the
-    /// example's place.
+    /// Regression row and target for gaze across (0) or up (1), or for the lids (2, target `lifted`); `at` is the example's index.
     pub(super) fn seen(&self, at: usize, axis: usize, lifted: f64) -> Seen {
         let sign = if axis == 0 { -1.0 } else { 1.0 };
         let cells = self.left.iter().zip(&self.right).map(|(l, r)| l + sign * r);
