@@ -46,67 +46,9 @@ pub fn paint(asset: &mut HeadAsset, seed: u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::geometry::{Point, Vector};
-    use crate::studio::heads::ict::{Delta, part, turn_eyes};
-
-    /// Two balls of 12 mm, covered evenly (Fibonacci).
-    fn round_eyes() -> Vec<Point> {
-        let half = part::EYEBALLS.len() / 2;
-        let mut neutral = vec![Point::origin(); part::EYEBALLS.end];
-        for v in part::EYEBALLS {
-            let k = v - part::EYEBALLS.start;
-            let x = if k < half { -0.03 } else { 0.03 };
-            let z = 1.0 - 2.0 * ((k % half) as f32 + 0.5) / half as f32;
-            let (r, turn) = ((1.0 - z * z).sqrt(), 2.4 * k as f32);
-            neutral[v] = Point::new(
-                x + 0.012 * r * turn.cos(),
-                0.012 * r * turn.sin(),
-                0.012 * z,
-            );
-        }
-        neutral
-    }
-
-    #[test]
-    fn eyes_look_where_the_expression_says_and_stay_in_their_sockets() {
-        let neutral = round_eyes();
-        let half = part::EYEBALLS.len() / 2;
-        for (name, side, to) in [
-            ("eyeLookOut_L", 1, Vector::x()),
-            ("eyeLookIn_L", 1, -Vector::x()),
-            ("eyeLookOut_R", 0, -Vector::x()),
-            ("eyeLookUp_R", 0, -Vector::y()),
-            ("eyeLookDown_L", 1, Vector::y()),
-            ("eyeBlink_L", 1, Vector::zeros()),
-        ] {
-            let mut expressions = [Delta {
-                name: name.into(),
-                offsets: vec![Vector::zeros(); neutral.len()],
-            }];
-            turn_eyes(&neutral, &mut expressions);
-            let offsets = &expressions[0].offsets;
-            let start = part::EYEBALLS.start + side * half;
-            let pupil =
-                (start..start + half).min_by(|&a, &b| neutral[a].z.total_cmp(&neutral[b].z));
-            let moved = offsets[pupil.expect("a ball")];
-            // 12 mm by the sine of 30°.
-            assert!(
-                (moved.dot(&to) - 0.006 * to.norm()).abs() < 3e-4,
-                "{name} {moved}"
-            );
-            let other = part::EYEBALLS.start + (1 - side) * half;
-            assert!(
-                offsets[other..other + half]
-                    .iter()
-                    .all(|o| *o == Vector::zeros())
-            );
-            let radius = |v: usize| (neutral[v] + offsets[v] - eyeballs(&neutral)[side].1).norm();
-            assert!(
-                (start..start + half).all(|v| (radius(v) - 0.012).abs() < 1e-4),
-                "{name}"
-            );
-        }
-    }
+    use crate::base::geometry::Point;
+    use crate::studio::heads::ict::part;
+    use crate::studio::heads::ict::tests::round_eyes;
 
     #[test]
     fn irises_are_round_and_in_the_middle_of_both_eyes() {

@@ -212,3 +212,67 @@ pub fn part_of(vertex: usize) -> Option<Part> {
     .into_iter()
     .find_map(|(range, part)| range.contains(&vertex).then_some(part))
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Two balls of 12 mm, covered evenly (Fibonacci).
+    pub(crate) fn round_eyes() -> Vec<Point3<f32>> {
+        let half = part::EYEBALLS.len() / 2;
+        let mut neutral = vec![Point3::origin(); part::EYEBALLS.end];
+        for v in part::EYEBALLS {
+            let k = v - part::EYEBALLS.start;
+            let x = if k < half { -0.03 } else { 0.03 };
+            let z = 1.0 - 2.0 * ((k % half) as f32 + 0.5) / half as f32;
+            let (r, turn) = ((1.0 - z * z).sqrt(), 2.4 * k as f32);
+            neutral[v] = Point3::new(
+                x + 0.012 * r * turn.cos(),
+                0.012 * r * turn.sin(),
+                0.012 * z,
+            );
+        }
+        neutral
+    }
+
+    #[test]
+    fn eyes_look_where_the_expression_says_and_stay_in_their_sockets() {
+        let neutral = round_eyes();
+        let half = part::EYEBALLS.len() / 2;
+        for (name, side, to) in [
+            ("eyeLookOut_L", 1, Vector3::x()),
+            ("eyeLookIn_L", 1, -Vector3::x()),
+            ("eyeLookOut_R", 0, -Vector3::x()),
+            ("eyeLookUp_R", 0, -Vector3::y()),
+            ("eyeLookDown_L", 1, Vector3::y()),
+            ("eyeBlink_L", 1, Vector3::zeros()),
+        ] {
+            let mut expressions = [Delta {
+                name: name.into(),
+                offsets: vec![Vector3::zeros(); neutral.len()],
+            }];
+            turn_eyes(&neutral, &mut expressions);
+            let offsets = &expressions[0].offsets;
+            let start = part::EYEBALLS.start + side * half;
+            let pupil =
+                (start..start + half).min_by(|&a, &b| neutral[a].z.total_cmp(&neutral[b].z));
+            let moved = offsets[pupil.expect("a ball")];
+            // 12 mm by the sine of 30°.
+            assert!(
+                (moved.dot(&to) - 0.006 * to.norm()).abs() < 3e-4,
+                "{name} {moved}"
+            );
+            let other = part::EYEBALLS.start + (1 - side) * half;
+            assert!(
+                offsets[other..other + half]
+                    .iter()
+                    .all(|o| *o == Vector3::zeros())
+            );
+            let radius = |v: usize| (neutral[v] + offsets[v] - eyeballs(&neutral)[side].1).norm();
+            assert!(
+                (start..start + half).all(|v| (radius(v) - 0.012).abs() < 1e-4),
+                "{name}"
+            );
+        }
+    }
+}

@@ -21,11 +21,14 @@ pub(super) fn written(examples: &[Example]) -> String {
     lines.join("\n")
 }
 
-/// What [`written`] wrote; lines that do not parse or have another number of inputs or units are left out.
+/// What [`written`] wrote; lines that do not parse or are of another length are left out.
 pub(super) fn read(text: &str) -> Vec<Example> {
     let example = |line: &str| {
-        let (departures, truth, glance): (Vec<f64>, Vec<f64>, _) =
+        let (departures, truth, glance): (Vec<f64>, Vec<f64>, Option<Glance>) =
             serde_json::from_str(line).ok()?;
+        if !glance.as_ref().is_none_or(Glance::is_whole) {
+            return None;
+        }
         Some(Example {
             departures: departures.try_into().ok()?,
             truth: truth.try_into().ok()?,

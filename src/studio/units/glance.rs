@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::base::geometry::{Rigid, Vector};
-use crate::landmarks::eyes::Eyes;
+use crate::landmarks::eyes::{CELLS, Eyes};
 use crate::simulator::virtual_head::{HeadAsset, Truth};
 
 /// The eyes in one frame.
@@ -35,6 +35,13 @@ impl Glance {
             right,
             left,
         })
+    }
+
+    /// Whether both eyes have all cells.
+    pub(super) fn is_whole(&self) -> bool {
+        [&self.right, &self.left]
+            .iter()
+            .all(|eye| eye.len() == CELLS)
     }
 
     /// Regression row and target for gaze across (0) or up (1), or for the lids (2, target `lifted`); `at` is the example's index.

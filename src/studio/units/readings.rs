@@ -166,6 +166,10 @@ fn examples(
             played.into_iter().collect::<Result<Vec<_>, _>>()?.concat()
         }
     };
+    if let (Some(path), true) = (kept, examples.is_empty()) {
+        let found = "expected lines that --examples wrote, found none; give another place";
+        return Err(Fault::within(path)(found));
+    }
     if let (Some(path), None) = (&practice.examples, kept) {
         atomic_write::write(path, written(&examples)).map_err(unusable(path))?;
     }
