@@ -257,13 +257,15 @@ impl Head {
         both.into_iter().flatten().map(nearest).collect()
     }
 
-    /// Whether skin spans the slit of the mouth, or the lips' lines are one: then the mouth does not open, it stretches.
+    /// Whether skin spans the slit of the mouth, or the lips' lines are one, along half of it: then the mouth does not open, it
+    /// stretches. Lines that a landmark draws beyond the slit's end are one there, or have a face between them.
     pub fn lips_are_joined(&self) -> bool {
         let upper = &self.lips.upper;
         let shared = upper.iter().filter(|v| self.lips.lower.contains(v));
+        let spans = films(&self.mesh, &[&self.lips]).into_iter();
+        let spans = spans.filter(|is_film| *is_film).count();
         // Both lines have their two corners.
-        shared.count() > upper.len().div_ceil(2).max(2)
-            || films(&self.mesh, &[&self.lips]).contains(&true)
+        shared.count() + spans > upper.len().div_ceil(2).max(2)
     }
 
     /// Whether a vertex lies so deep in the mouth that the jaw alone moves it: gums, teeth, tongue and throat that hang on the

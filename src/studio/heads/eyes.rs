@@ -24,7 +24,7 @@ pub fn paint(asset: &mut HeadAsset, seed: u64) {
         light * between(0.75, 1.1),
         light * between(0.5, 1.25),
     ];
-    let white = between(150.0, 225.0);
+    let white = between(70.0, 225.0);
     let (mut share, mut colour) = (asset.photo_share.to_vec(), asset.colour.to_vec());
     for (ball, centre) in eyeballs(&asset.neutral) {
         for v in ball {

@@ -45,6 +45,7 @@ fn write(asset: &HeadAsset, out: &Path) -> Result<usize, Fault> {
 }
 
 /// A head with a photograph, and whose it is.
+#[derive(Clone)]
 pub struct PersonHead {
     /// Place of the person in the list of all persons of the collection: decides the split.
     pub person: usize,

@@ -17,10 +17,10 @@ pub struct TrainArgs {
     #[command(flatten)]
     pub data: Data,
     /// Faces drawn for training
-    #[arg(long, default_value_t = 18_000)]
+    #[arg(long, default_value_t = 150_000)]
     pub drawn: usize,
     /// Disturbed starts for each portrait and its mirror image
-    #[arg(long, default_value_t = 4)]
+    #[arg(long, default_value_t = 32)]
     pub starts: usize,
     /// Seed of everything random
     #[arg(long, default_value_t = 1)]
