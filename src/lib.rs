@@ -37,6 +37,7 @@ pub mod base;
 
 pub mod sensor;
 
+#[cfg(feature = "std")]
 pub mod simulator;
 
 pub mod segment;
@@ -53,6 +54,7 @@ pub mod users;
 
 pub mod output;
 
+#[cfg(feature = "std")]
 pub mod pipeline;
 
 #[cfg(feature = "std")]

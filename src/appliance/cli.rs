@@ -86,7 +86,6 @@ pub struct Run {
 
 impl Run {
     /// The log level, given the configured `level`.
-    #[must_use]
     pub fn level(&self, level: Level) -> Level {
         match (self.quiet, self.verbose) {
             (true, _) => level.min(Level::WARN),
@@ -102,7 +101,6 @@ impl Run {
 pub struct UsageError(#[from] lexopt::Error);
 
 /// What `mien help` prints, or what of it is about one command.
-#[must_use]
 pub fn help(command: Option<&str>) -> String {
     let Some(command) = command else {
         return HELP.to_owned();

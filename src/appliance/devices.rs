@@ -5,16 +5,14 @@ use std::path::{Path, PathBuf};
 use serialport::SerialPortType;
 
 use crate::appliance::log::one_line;
+use crate::output::serial::{STABLE_NAMES, stable_name};
 pub(super) use crate::sensor::kinect::device::DeviceError;
 pub(super) use crate::sensor::kinect::usb_devices::{self, Listed};
 
 /// Where Linux lists its terminals.
 const TERMINALS: &str = "/sys/class/tty";
-/// Stable names of serial ports, independent of the order of plugging in.
-const STABLE_NAMES: &str = "/dev/serial/by-id";
 
 /// `mien devices`: one line for each sensor and each serial port; below a sensor, a sentence saying what is wrong, if anything.
-#[must_use]
 pub fn report() -> String {
     text(&usb_devices::devices(), &serial_ports())
 }
@@ -50,18 +48,12 @@ fn serial_ports() -> Vec<(PathBuf, String)> {
     if cfg!(target_os = "linux") && !Path::new(TERMINALS).exists() {
         return Vec::new();
     }
-    let stable: Vec<(PathBuf, PathBuf)> = std::fs::read_dir(STABLE_NAMES)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter_map(|link| Some((std::fs::canonicalize(link.path()).ok()?, link.path())))
-        .collect();
     let ports = serialport::available_ports().unwrap_or_default();
     let mut ports: Vec<(PathBuf, String)> = ports
         .into_iter()
         .map(|port| {
             let plain = PathBuf::from(&port.port_name);
-            let name = stable.iter().find(|(target, _)| *target == plain);
+            let name = stable_name(&plain, Path::new(STABLE_NAMES));
             let about = match port.port_type {
                 SerialPortType::UsbPort(usb) => {
                     let product = usb.product.map(|product| format!(" {product}"));
@@ -71,10 +63,10 @@ fn serial_ports() -> Vec<(PathBuf, String)> {
                 SerialPortType::BluetoothPort => ", Bluetooth".to_owned(),
                 SerialPortType::PciPort | SerialPortType::Unknown => String::new(),
             };
-            (name.map_or(plain, |(_, link)| link.clone()), about)
+            (name.map_or(plain, PathBuf::from), about)
         })
         .collect();
-    crate::base::insertion_sort::sort_by_key(&mut ports, |port| port.0.clone());
+    ports.sort();
     ports
 }
 
@@ -144,7 +136,10 @@ mod tests {
     #[test]
     fn the_udev_rule_opens_every_part_of_a_kinect() {
         let rule = include_str!("../../systemd/mien.rules");
-        for product in usb_devices::PRODUCTS {
+        // Cameras, motor, audio devices, the hub of the later models.
+        for product in [
+            0x02ae, 0x02bf, 0x02b0, 0x02ad, 0x02be, 0x02c3, 0x02bb, 0x02c2,
+        ] {
             assert!(rule.contains(&format!("{product:04x}")), "{product:04x}");
         }
         let sentence = DeviceError::Access(1, 5).to_string();

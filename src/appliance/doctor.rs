@@ -10,7 +10,7 @@ use crate::appliance::devices::{DeviceError, usb_devices};
 use crate::appliance::log::one_line;
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
-use crate::appliance::source::SourceName;
+use crate::appliance::source;
 use crate::appliance::wires;
 
 /// Kernel limit on the memory of USB transfers, in MB.
@@ -47,7 +47,6 @@ impl Lines {
 }
 
 /// The lines, and the exit code: 0, 2 if the configuration is at fault, else 1 if anything fails. `config` as for a run.
-#[must_use]
 pub fn report(config: Option<&Path>) -> (String, u8) {
     let mut lines = Lines::default();
     let found = service::settings(config);
@@ -81,9 +80,8 @@ fn sensor(
     settings: &Settings,
     found: Result<Vec<usb_devices::Listed>, DeviceError>,
 ) {
-    let source = settings.sensor.source.as_str();
-    let SourceName::Kinect(serial) = SourceName::from(source) else {
-        let text = format_args!("using {source}, none needed on USB");
+    let ("kinect", serial) = source::parts(&settings.sensor.source) else {
+        let text = format_args!("using {}, none needed on USB", settings.sensor.source);
         return lines.say(OK, "sensor", text);
     };
     match found {
@@ -100,7 +98,7 @@ fn sensor(
             if let Some(wanted) = serial
                 && listed.iter().all(|sensor| sensor.serial != wanted)
             {
-                let problem = DeviceError::OtherSerial(wanted, listed.len());
+                let problem = DeviceError::OtherSerial(wanted.to_owned(), listed.len());
                 lines.say(FAIL, "sensor", problem);
             }
         }

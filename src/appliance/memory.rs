@@ -1,7 +1,7 @@
-//! The process's memory: the system's allocator with counters, so that `mien bench` and the tests can report allocations and
-//! memory in use; and locking memory in RAM where the system permits it.
+//! The process's memory: the system's allocator with a counter, so that `mien bench` and the tests can report allocations; and
+//! locking memory in RAM where the system permits it.
 //!
-//! Cost: two relaxed additions per request. One of five files with unsafe code, because an allocator and `mlockall` require
+//! Cost: a relaxed addition per request. One of five files with unsafe code, because an allocator and `mlockall` require
 //! it.
 #![expect(
     unsafe_code,
@@ -10,66 +10,49 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
-/// An allocator with counters, to be a program's global allocator.
+/// An allocator with a counter, to be a program's global allocator.
 #[derive(Default)]
-pub struct Counting {
-    requests: AtomicU64,
-    in_use: AtomicUsize,
-}
+pub struct Counting(AtomicU64);
 
 impl Counting {
     /// Nothing counted yet.
-    #[must_use]
     pub const fn new() -> Self {
-        Self {
-            requests: AtomicU64::new(0),
-            in_use: AtomicUsize::new(0),
-        }
+        Self(AtomicU64::new(0))
     }
 
     /// Allocations and reallocations since the program started.
-    #[must_use]
     pub fn requests(&self) -> u64 {
-        self.requests.load(Ordering::Relaxed)
+        self.0.load(Ordering::Relaxed)
     }
 
-    /// Bytes currently allocated.
-    #[must_use]
-    pub fn bytes_in_use(&self) -> usize {
-        self.in_use.load(Ordering::Relaxed)
-    }
-
-    fn count(&self, bytes: usize) {
-        self.requests.fetch_add(1, Ordering::Relaxed);
-        self.in_use.fetch_add(bytes, Ordering::Relaxed);
+    fn count(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
     }
 }
 
 // SAFETY: every method passes its arguments on to `System`, which fulfils the contract.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        self.count(layout.size());
+        self.count();
         // SAFETY: the caller's promise is the one `System` wants.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        self.count(layout.size());
+        self.count();
         // SAFETY: as above.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        self.count(size);
-        self.in_use.fetch_sub(layout.size(), Ordering::Relaxed);
+        self.count();
         // SAFETY: as above.
         unsafe { System.realloc(block, layout, size) }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        self.in_use.fetch_sub(layout.size(), Ordering::Relaxed);
         // SAFETY: as above.
         unsafe { System.dealloc(block, layout) }
     }
@@ -89,7 +72,6 @@ pub fn lock() -> io::Result<()> {
 }
 
 /// This process's peak resident memory; `None` if unknown.
-#[must_use]
 pub fn peak_resident_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status
@@ -104,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_asked_for_and_given_back_is_counted() {
+    fn what_is_asked_for_is_counted() {
         let counting = Counting::new();
         let layout = |size| Layout::from_size_align(size, 16).unwrap();
         // SAFETY: sizes are not zero, and every block is given back with the layout it has then.
@@ -115,10 +97,10 @@ mod tests {
             one.write_bytes(7, 100);
             let one = counting.realloc(one, layout(100), 300);
             assert_eq!(core::slice::from_raw_parts(one, 100), [7; 100]);
-            assert_eq!((counting.requests(), counting.bytes_in_use()), (3, 340));
+            assert_eq!(counting.requests(), 3);
             counting.dealloc(one, layout(300));
             counting.dealloc(other, layout(40));
         }
-        assert_eq!((counting.requests(), counting.bytes_in_use()), (3, 0));
+        assert_eq!(counting.requests(), 3);
     }
 }

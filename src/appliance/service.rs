@@ -46,7 +46,6 @@ pub enum Failure {
 
 impl Failure {
     /// Exit code of the contract.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Settings(_) | Self::Output(OutputError::NotBuilt(_)) => 2,

@@ -27,7 +27,6 @@ pub struct ServiceManager {
 
 impl ServiceManager {
     /// The manager named by the environment; without one, or if it is unreachable, nothing is sent.
-    #[must_use]
     pub fn from_environment() -> Self {
         let Some(path) = std::env::var_os("NOTIFY_SOCKET").filter(|path| !path.is_empty()) else {
             return Self::default();
@@ -70,7 +69,6 @@ impl ServiceManager {
     }
 
     /// Whether there is one.
-    #[must_use]
     pub const fn is_there(&self) -> bool {
         self.socket.is_some()
     }

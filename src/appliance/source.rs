@@ -1,6 +1,6 @@
 //! The sources by name, behind one interface, and the pace at which simulated or recorded frames are delivered.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crate::base::nearest_word::hint;
@@ -20,35 +20,18 @@ use crate::simulator::simulated::{Simulated, UnknownScene};
 /// The source unless another is named.
 pub const DEFAULT: &str = "kinect";
 
-/// What the user may name as a source.
+/// The kind of sensor that a source's name begins with, and what follows its colon; everything but `kinect` and `simulated` is a
+/// path, and `./kinect` is the directory of that name.
 ///
 /// ```
-/// use mien::appliance::source::SourceName;
-/// assert_eq!(SourceName::from("kinect"), SourceName::Kinect(None));
-/// assert_eq!(SourceName::from("simulated:two"), SourceName::Simulated(Some("two".into())));
-/// assert_eq!(SourceName::from("/tmp/session"), SourceName::Recording("/tmp/session".into()));
+/// use mien::appliance::source::parts;
+/// assert_eq!(parts("kinect"), ("kinect", None));
+/// assert_eq!(parts("simulated:two"), ("simulated", Some("two")));
+/// assert_eq!(parts("/tmp/session"), ("/tmp/session", None));
 /// ```
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum SourceName {
-    /// `kinect`, the first found, or `kinect:SERIAL`.
-    Kinect(Option<String>),
-    /// `simulated`, the standard scene, or `simulated:SCENE`.
-    Simulated(Option<String>),
-    /// The path of a recording's directory.
-    Recording(PathBuf),
-}
-
-impl From<&str> for SourceName {
-    /// Everything that is not a kind of sensor is a path; `./kinect` is the directory of that name.
-    fn from(text: &str) -> Self {
-        let (kind, detail) = text.split_once(':').unwrap_or((text, ""));
-        let detail = Some(detail.to_owned()).filter(|detail| !detail.is_empty());
-        match kind {
-            "kinect" => Self::Kinect(detail),
-            "simulated" => Self::Simulated(detail),
-            _ => Self::Recording(text.into()),
-        }
-    }
+pub fn parts(name: &str) -> (&str, Option<&str>) {
+    let (kind, detail) = name.split_once(':').unwrap_or((name, ""));
+    (kind, Some(detail).filter(|detail| !detail.is_empty()))
 }
 
 /// Why a source cannot be opened or has no more frames.
@@ -112,7 +95,6 @@ impl Source {
 
     /// A Kinect on USB: the one with `serial`, else the first free one. Returns within seconds, when it is open or the first
     /// attempt has failed, with the reason in that case. [`Self::next_frame`] then waits for it.
-    #[must_use]
     pub fn kinect(serial: Option<&str>, settings: SensorSettings) -> (Self, Option<SensorError>) {
         let mut live = LiveKinect::usb(serial.map(str::to_owned), settings);
         let status = live.wait_for_first_attempt(Duration::from_secs(10));
@@ -154,7 +136,6 @@ impl Source {
     }
 
     /// When the last frame was complete in this machine's memory; `None` for simulated or recorded frames.
-    #[must_use]
     pub fn arrived(&self) -> Option<Instant> {
         match self {
             Self::Kinect(live) => live.arrived,
@@ -163,7 +144,6 @@ impl Source {
     }
 
     /// Calibration of the Kinect behind the frames, if it is one.
-    #[must_use]
     pub fn registration(&self) -> Option<&Registration> {
         match self {
             Self::Recording(recording) => Some(&recording.registration),
@@ -174,7 +154,6 @@ impl Source {
     }
 
     /// Geometry of the sensor behind the frames.
-    #[must_use]
     pub fn camera(&self) -> &Camera {
         match self {
             Self::Recording(recording) => &recording.camera,
@@ -185,7 +164,6 @@ impl Source {
     }
 
     /// Whether a sensor is there that gives frames in its own time.
-    #[must_use]
     pub fn is_live(&self) -> bool {
         matches!(self, Self::Kinect(_))
     }
@@ -198,7 +176,6 @@ impl Source {
     }
 
     /// Frames that a recording names, skipped ones included; 0 if it is none.
-    #[must_use]
     pub fn frames(&self) -> usize {
         match self {
             Self::Recording(recording) => recording.frames(),
@@ -217,7 +194,6 @@ impl Source {
     }
 
     /// Frames skipped so far because they were damaged.
-    #[must_use]
     pub fn skipped(&self) -> u64 {
         match self {
             Self::Recording(recording) => recording.skipped(),
@@ -244,12 +220,11 @@ pub enum Missing {
 /// # Errors
 /// If the source does not exist or cannot be opened.
 pub fn open(name: &str, missing: Missing, settings: SensorSettings) -> Result<Source, SourceError> {
-    let serial = match SourceName::from(name) {
-        SourceName::Recording(path) => return Source::recording(&path),
-        SourceName::Simulated(scene) => return Source::simulated(scene.as_deref()),
-        SourceName::Kinect(serial) => serial,
+    let (source, problem) = match parts(name) {
+        ("kinect", serial) => Source::kinect(serial, settings),
+        ("simulated", scene) => return Source::simulated(scene),
+        _ => return Source::recording(Path::new(name)),
     };
-    let (source, problem) = Source::kinect(serial.as_deref(), settings);
     match (missing, problem) {
         (Missing::Refuse, Some(problem)) => Err(SourceError::Missing(problem)),
         (Missing::Simulate, Some(problem)) => {

@@ -59,7 +59,6 @@ struct User {
 
 impl Status {
     /// Figures for the file at `path`; an empty path writes none. `source`, `units` and `gestures` are names.
-    #[must_use]
     pub fn new(path: &str, source: &str, units: &[&str], gestures: &[&str]) -> Self {
         let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
         Self {

@@ -53,10 +53,6 @@ outputs! { s units
     "VRChat" vrchat: s.vrchat.enabled, &s.vrchat.targets => osc::vrchat::VrChat::new(s.vrchat.clone(), units)?;
     "FaceOSC" faceosc: s.faceosc.enabled, &s.faceosc.targets => osc::faceosc::FaceOsc::new(s.faceosc.clone())?;
     "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => output::serial::Serial::new(&s.serial, units)?;
-    "Art-Net" artnet "wires": s.artnet.enabled, &s.artnet.targets =>
-        output::lights::artnet::open(&s.artnet, &s.lights, units)?;
-    "sACN" sacn "wires": s.sacn.enabled, &s.sacn.targets =>
-        output::lights::sacn::open(&s.sacn, &s.lights, &s.name, units)?;
     "Live Link" live_link "wires": s.live_link.enabled, &s.live_link.targets =>
         output::live_link::LiveLink::new(s.live_link.clone(), &s.name, units)?;
     "WebSocket" websocket "wires": s.websocket.enabled, &[] =>
@@ -90,7 +86,6 @@ pub fn check(settings: &Settings) -> Result<(), OutputError> {
 }
 
 /// Sections of the outputs that this build is without.
-#[must_use]
 pub fn not_built() -> Vec<&'static str> {
     let rows = OUTPUTS.iter().filter(|row| row.open.is_none());
     rows.map(|row| row.section).collect()
@@ -130,13 +125,12 @@ mod tests {
             open(&settings, &["AU26"]).map(|wires| wires.len()).ok(),
             Some(1)
         );
-        settings.lights.channels = vec!["AU26 1 1".into()];
-        settings.artnet.enabled = true;
+        settings.live_link.enabled = true;
         let opened = open(&settings, &["AU26"]);
         assert_eq!(check(&settings).is_ok(), opened.is_ok());
         assert_eq!(opened.is_ok(), cfg!(feature = "wires"));
         match opened {
-            Ok(wires) => assert_eq!(wires[1].tally().name, "artnet"),
+            Ok(wires) => assert_eq!(wires[1].tally().name, "live_link"),
             Err(problem) => {
                 let told = problem.to_string();
                 assert!(told.contains("build with --features wires"), "{told}");

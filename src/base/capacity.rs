@@ -1,4 +1,4 @@
-//! Every compile-time size of the appliance: name, value, unit, reason. [`crate::pipeline::budget`] adds them up.
+//! Every compile-time size of the appliance: name, value, unit, reason. `tests/memory` adds them up.
 //!
 //! | container | when full |
 //! | --- | --- |

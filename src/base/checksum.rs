@@ -11,7 +11,6 @@ static FRAMES: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MCRF4XX);
 /// ```
 /// assert_eq!(mien::base::checksum::crc32(b"123456789"), 0xCBF4_3926);
 /// ```
-#[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
     FILES.checksum(bytes)
 }
@@ -21,7 +20,6 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 /// ```
 /// assert_eq!(mien::base::checksum::crc16(b"123456789"), 0x6F91);
 /// ```
-#[must_use]
 pub fn crc16(bytes: &[u8]) -> u16 {
     FRAMES.checksum(bytes)
 }

@@ -41,25 +41,21 @@ pub type HeadFromFace = Motion<Head, Face>;
 
 impl<To, From> Motion<To, From> {
     /// Says between which frames a plain motion leads: the one place where that is claimed and not derived.
-    #[must_use]
     pub const fn of(motion: Rigid) -> Self {
         Self(motion, PhantomData)
     }
 
     /// From a shift and a turn, the turn first.
-    #[must_use]
     pub fn from_parts(shift: impl Into<Translation3<f32>>, turn: Rotation) -> Self {
         Self::of(Rigid::from_parts(shift.into(), turn))
     }
 
     /// Both frames lie upon each other.
-    #[must_use]
     pub fn identity() -> Self {
         Self::of(Rigid::identity())
     }
 
     /// The motion back.
-    #[must_use]
     pub fn inverse(&self) -> Motion<From, To> {
         Motion::of(self.0.inverse())
     }

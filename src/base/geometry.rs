@@ -25,7 +25,6 @@ pub type Rotation = UnitQuaternion<f32>;
 
 /// Rotation of a head turned by yaw (about y), then pitch (about x), then roll (about z), in radians:
 /// `R = Ry(yaw) Rx(pitch) Rz(roll)`. Positive yaw turns the nose (which points to −z) to −x, the image left.
-#[must_use]
 pub fn rotation_from_yaw_pitch_roll(yaw: f32, pitch: f32, roll: f32) -> Rotation {
     Rotation::from_axis_angle(&Vector::y_axis(), yaw)
         * Rotation::from_axis_angle(&Vector::x_axis(), pitch)
@@ -33,7 +32,6 @@ pub fn rotation_from_yaw_pitch_roll(yaw: f32, pitch: f32, roll: f32) -> Rotation
 }
 
 /// Inverse of [`rotation_from_yaw_pitch_roll`], for |pitch| < 90°: `(yaw, pitch, roll)` in radians.
-#[must_use]
 pub fn yaw_pitch_roll(rotation: &Rotation) -> (f32, f32, f32) {
     let m = rotation.to_rotation_matrix();
     let yaw = m[(0, 2)].atan2(m[(2, 2)]);
@@ -43,7 +41,6 @@ pub fn yaw_pitch_roll(rotation: &Rotation) -> (f32, f32, f32) {
 }
 
 /// Unit vector from the face outwards, in the sensor frame: the head's −z axis. Facing the sensor it is (0, 0, −1).
-#[must_use]
 pub fn face_normal(sensor_from_head: &Rigid) -> Vector {
     sensor_from_head.rotation * Vector::new(0.0, 0.0, -1.0)
 }

@@ -7,8 +7,6 @@ pub mod checksum;
 pub mod frames;
 pub mod geometry;
 #[cfg(feature = "std")]
-pub(crate) mod insertion_sort;
-#[cfg(feature = "std")]
 pub(crate) mod json;
 #[cfg(feature = "std")]
 pub(crate) mod nearest_word;

@@ -13,19 +13,16 @@ pub struct Timestamp(u64);
 
 impl Timestamp {
     /// From whole microseconds.
-    #[must_use]
     pub const fn from_us(us: u64) -> Self {
         Self(us)
     }
 
     /// Whole microseconds.
-    #[must_use]
     pub const fn as_us(self) -> u64 {
         self.0
     }
 
     /// Seconds from `earlier` to `self`, negative if `earlier` is later.
-    #[must_use]
     pub fn seconds_since(self, earlier: Self) -> f64 {
         (self.0 as f64 - earlier.0 as f64) * 1e-6
     }

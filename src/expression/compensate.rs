@@ -40,7 +40,6 @@ pub struct Compensation {
 
 /// Section 2.3 for one weight; `spread` multiplies σ (1 = literal). `None` if the sample is invalid: ω < 1/3 or not a number.
 /// From ω = 1 on there is nothing to add: the weight is 0.
-#[must_use]
 pub fn compensation(omega: f64, spread: f64) -> Option<Compensation> {
     let sigma = -omega.ln() * spread;
     // At ω = 1/3 the logarithm is 0 but for rounding.

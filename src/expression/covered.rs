@@ -21,8 +21,8 @@ use crate::base::capacity::UNITS;
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::face_model::scheme::CHIN;
-use crate::landmarks::{Landmarks, MOUTH};
+use crate::face_model::scheme::{CHIN, MOUTH};
+use crate::landmarks::Landmarks;
 
 /// Points of brows, nose and eyes.
 const OTHERS: core::ops::Range<usize> = 17..48;

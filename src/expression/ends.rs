@@ -31,7 +31,6 @@ pub struct Side {
 
 /// The upper (`up`) or lower side of `nodes` about `rest`. `sigma` the noise, `prior` U0 > 0, `present` the range in use,
 /// `kappa` the weight of the prior in pieces of evidence.
-#[must_use]
 pub fn side(
     nodes: &[Node],
     growth: f64,

@@ -64,7 +64,6 @@ pub const ALL: [Feature; LENGTHS] = [
 
 impl Feature {
     /// Its length on a face, metres.
-    #[must_use]
     pub fn raw(&self, points: &[Point; LANDMARKS]) -> f32 {
         (mean(points, self.of) - mean(points, self.from))[self.axis]
     }
@@ -81,10 +80,4 @@ pub const GAZE: [&str; FEATURES - LENGTHS] = ["gaze_left", "gaze_up", "lid_lift"
 /// Names of all features, in their order.
 pub fn names() -> impl Iterator<Item = &'static str> {
     ALL.iter().map(|feature| feature.name).chain(GAZE)
-}
-
-/// Index of a name.
-#[must_use]
-pub fn named(name: &str) -> Option<usize> {
-    names().position(|own| own == name)
 }

@@ -28,7 +28,7 @@ impl Learners {
             }
             Method::Paper => {
                 let learners = rows.map(|(m, row)| {
-                    PaperLearner::new(*settings, row.prior, row.paper_kind, phase(m))
+                    PaperLearner::new(*settings, row.prior, row.kind(true), phase(m))
                 });
                 Self::Paper(learners.collect())
             }

@@ -95,19 +95,16 @@ measures! {
 
 impl Measure {
     /// Column name without the leading `m_`.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         TABLE[self as usize].0
     }
 
     /// The measure with that name.
-    #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|measure| measure.name() == name)
     }
 
     /// The groups of landmarks it is computed from; none for those measured by depth.
-    #[must_use]
     pub const fn groups(self) -> &'static [&'static [usize]] {
         TABLE[self as usize].1
     }
@@ -162,14 +159,12 @@ const BESIDE_NOSE_BASE_R: [usize; 2] = [32, 33];
 const PUFF_M: f32 = 0.01;
 
 /// All measures in metres, from landmarks in the head frame, with the cheeks at 0.
-#[must_use]
 pub fn raw(points: &[Point; LANDMARKS]) -> [f32; MEASURES] {
     with_cheeks(points, [0.0; PUFFS])
 }
 
 /// All measures in metres, from landmarks in the head frame and the puff of the right and the left cheek
 /// ([`Landmarks::cheeks`]).
-#[must_use]
 pub fn with_cheeks(points: &[Point; LANDMARKS], cheeks: [f32; PUFFS]) -> [f32; MEASURES] {
     let upper_lip = mean(points, &UPPER_LIP);
     let lower_lip = mean(points, &LOWER_LIP);
@@ -191,7 +186,6 @@ pub fn with_cheeks(points: &[Point; LANDMARKS], cheeks: [f32; PUFFS]) -> [f32; M
 }
 
 /// g' = g / w for all except the eye distance, which stays in metres. `w` in metres, above 0.
-#[must_use]
 pub fn scaled(raw: &[f32; MEASURES], w: f32) -> [f32; MEASURES] {
     let mut scaled = raw.map(|g| g / w);
     scaled[Measure::EyeDistance as usize] = raw[Measure::EyeDistance as usize];
@@ -199,7 +193,6 @@ pub fn scaled(raw: &[f32; MEASURES], w: f32) -> [f32; MEASURES] {
 }
 
 /// Mean confidence of the landmarks behind a measure, 0…1.
-#[must_use]
 pub fn confidence(measure: Measure, landmarks: &Landmarks) -> f32 {
     mean_confidence(measure.landmarks(), landmarks)
 }
@@ -237,7 +230,6 @@ pub struct EyeDistance {
 
 impl EyeDistance {
     /// Starts at the population's mean, in metres.
-    #[must_use]
     pub fn new(prior_m: f32) -> Self {
         let prior = f64::from(prior_m);
         Self {
@@ -266,7 +258,6 @@ impl EyeDistance {
     }
 
     /// The estimate in metres.
-    #[must_use]
     pub fn get(&self) -> f32 {
         self.estimate as f32
     }

@@ -113,7 +113,6 @@ pub struct Expression {
 
 impl Expression {
     /// A person nobody has seen yet.
-    #[must_use]
     pub fn new(settings: Settings, units: impl Into<Arc<Units>>) -> Self {
         let units = units.into();
         let is_robust = settings.method == Method::Robust;
@@ -145,32 +144,27 @@ impl Expression {
     }
 
     /// Names of the weights' columns, such as `AU12L`.
-    #[must_use]
     pub fn unit_names(&self) -> &[UnitName] {
         &self.names
     }
 
     /// The last frame's result.
-    #[must_use]
     pub fn weights(&self) -> &Weights {
         &self.weights
     }
 
     /// Range in use for each learnt measure, in the order of [`Measure::ALL`].
-    #[must_use]
     pub fn ranges(&self) -> [Range; LEARNT_MEASURES] {
         self.learners.ranges()
     }
 
     /// Deviations of all inputs of the readings from rest in the last frame, in units of the inner-eye-corner distance, as they
     /// were seen: with what strays and what the head's turn does.
-    #[must_use]
     pub fn departures(&self) -> Option<&[f64; INPUTS]> {
         Some(&self.together.as_ref()?.raw)
     }
 
     /// The range of each column's unit, in the order of [`Self::unit_names`].
-    #[must_use]
     pub fn unit_ranges(&self) -> heapless::Vec<UnitRange, UNITS> {
         let paper = matches!(self.learners, Learners::Paper(_));
         let rows = self.units.rows.iter().zip(self.ranges()).enumerate();
@@ -206,7 +200,6 @@ impl Expression {
     }
 
     /// How often a change of person was detected here.
-    #[must_use]
     pub fn resets(&self) -> u64 {
         self.resets
     }
@@ -243,7 +236,6 @@ impl Expression {
     }
 
     /// What was learned, for saving (see [`Learned::write`]).
-    #[must_use]
     pub fn learned(&self) -> Learned {
         Learned {
             eye_distance_m: self.scale.get(),
@@ -427,7 +419,7 @@ impl Expression {
             }
             Learners::Paper(learners) => {
                 let learner = &learners[m];
-                (row.paper_kind, learner.weight(g), [learner.readiness(); 2])
+                (row.kind(true), learner.weight(g), [learner.readiness(); 2])
             }
         };
         let mut sides = [

@@ -77,13 +77,11 @@ impl<const N: usize> Default for Nodes<N> {
 
 impl<const N: usize> Nodes<N> {
     /// Ascending by value; divide weights by [`Self::growth`] to get seconds.
-    #[must_use]
     pub fn as_slice(&self) -> &[Node] {
         &self.nodes
     }
 
     /// Current weight of one second.
-    #[must_use]
     pub const fn growth(&self) -> f64 {
         self.growth
     }

@@ -28,7 +28,6 @@ pub struct Noise {
 
 impl Noise {
     /// Starts at `assumed` (the white part) and never falls under a thirtieth of it.
-    #[must_use]
     pub fn new(assumed: f64) -> Self {
         Self {
             white: assumed,
@@ -61,7 +60,6 @@ impl Noise {
     }
 
     /// Deviation of the measure's noise.
-    #[must_use]
     pub fn sigma(&self) -> f64 {
         WHITE_TO_ALL * self.white
     }

@@ -63,7 +63,6 @@ fn outermost<'a>(
 }
 
 /// (g_min, g_max) from ascending samples; `None` without a width.
-#[must_use]
 #[inline(never)]
 pub fn interval(samples: &[Sample], scan: Scan) -> Option<(f64, f64)> {
     let width = samples.last()?.value - samples.first()?.value;
@@ -75,7 +74,6 @@ pub fn interval(samples: &[Sample], scan: Scan) -> Option<(f64, f64)> {
 
 /// The rest end instead, if it is given as a share ([`Scan::rest`]): so much of all weight lies beyond it, below it with
 /// `rising`, else above. `None` without samples.
-#[must_use]
 pub fn rest_end(samples: &[Sample], scan: Scan, rising: bool) -> Option<f64> {
     let share = if rising { scan.rest } else { 100.0 - scan.rest };
     let total: f64 = samples.iter().map(|s| s.weight).sum();

@@ -41,7 +41,6 @@ pub struct PaperLearner {
 
 impl PaperLearner {
     /// Starts from the prior; `phase` (0…1) staggers the estimates of several measures.
-    #[must_use]
     pub fn new(settings: Settings, prior: Prior, kind: Kind, phase: f64) -> Self {
         Self {
             settings,
@@ -99,7 +98,6 @@ impl PaperLearner {
     }
 
     /// The paper's estimate from the current samples, without prior or gliding.
-    #[must_use]
     pub fn literal(&self) -> Option<Range> {
         if self.kind == Kind::TwoWay {
             return two_way::range(&self.samples, self.settings.scan);
@@ -116,19 +114,16 @@ impl PaperLearner {
     }
 
     /// Nodes in use.
-    #[must_use]
     pub fn range(&self) -> Range {
         self.range
     }
 
     /// Signed weight by equation (8) or (9); an invalid one-way weight (below 0) is 0.
-    #[must_use]
     pub fn weight(&self, g: f64) -> f64 {
         self.range.weight(g, self.kind, 0.0)
     }
 
     /// 0…1: how much of the estimate is the person's own.
-    #[must_use]
     pub fn readiness(&self) -> f64 {
         (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0)
     }

@@ -21,26 +21,23 @@ pub enum Kind {
 
 impl Kind {
     /// Is there a unit above rest?
-    #[must_use]
     pub const fn rises(self) -> bool {
         matches!(self, Self::Rising | Self::TwoWay)
     }
 
     /// Is there a unit below rest?
-    #[must_use]
     pub const fn falls(self) -> bool {
         matches!(self, Self::Falling | Self::TwoWay)
     }
 
     /// Both: above and below rest.
-    #[must_use]
     pub const fn sides(self) -> [bool; 2] {
         [self.rises(), self.falls()]
     }
 }
 
 /// Prior of a measure's range, in units of w.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 pub struct Prior {
     /// Directions.
     pub kind: Kind,
@@ -49,14 +46,15 @@ pub struct Prior {
     /// Standard deviation of neutral over people.
     pub rest_sd: f64,
     /// Rest to the full rising expression; 0 if there is none.
+    #[serde(default)]
     pub up: f64,
     /// Rest to the full falling expression; 0 if there is none.
+    #[serde(default)]
     pub down: f64,
 }
 
 impl Prior {
     /// Rest to the full expression, rising and falling.
-    #[must_use]
     pub const fn sides(&self) -> [f64; 2] {
         [self.up, self.down]
     }

@@ -22,7 +22,6 @@ const DEAD_ZONE_SHARE: f64 = 0.35;
 
 impl Range {
     /// The population's.
-    #[must_use]
     pub fn of_prior(prior: &Prior, kind: Kind) -> Self {
         Self {
             low: prior.rest - if kind.falls() { prior.down } else { 0.0 },
@@ -53,7 +52,6 @@ impl Range {
     }
 
     /// Signed weight: positive above rest, negative below; 0 on a side without a unit; beyond ±1 is exaggerated.
-    #[must_use]
     pub fn weight(&self, g: f64, kind: Kind, dead_zone: f64) -> f64 {
         let side = |e: f64, side: f64| {
             let dead = dead_zone.clamp(0.0, DEAD_ZONE_SHARE * side.max(0.0));

@@ -10,13 +10,17 @@
 //! Memory: fixed, [`INPUTS`] coefficients per unit. Cost: a thousand multiplications a frame. Degenerate: without readings in
 //! the table, each unit is read from its own measure.
 
+use serde::Deserialize;
+
 use super::features;
 use super::measures::Measure;
 use super::prior::{Kind, Prior, UnitName};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
+use crate::base::prelude::*;
 
 /// Coefficients of one unit's reading.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Deserialize)]
+#[serde(from = "Row")]
 pub struct Reading {
     /// The unit.
     pub unit: UnitName,
@@ -24,6 +28,30 @@ pub struct Reading {
     pub shares: [[f32; 2]; INPUTS],
     /// The reading is the weight itself: a gaze direction has no full expression of this person's own.
     pub absolute: bool,
+}
+
+/// As it stands in the table.
+#[derive(Deserialize)]
+struct Row {
+    unit: String,
+    #[serde(default)]
+    absolute: bool,
+    /// Input, weight per rise, weight per fall.
+    from: Vec<(String, f32, f32)>,
+}
+
+impl From<Row> for Reading {
+    fn from(row: Row) -> Self {
+        let mut shares = [[0.0; 2]; INPUTS];
+        for (name, rise, fall) in row.from {
+            shares[input_named(&name).expect("a measure or a feature")] = [rise, fall];
+        }
+        Self {
+            unit: row.unit.parse().expect("a short name"),
+            shares,
+            absolute: row.absolute,
+        }
+    }
 }
 
 impl Reading {
@@ -38,7 +66,6 @@ impl Reading {
     };
 
     /// The unit's reading from all deviations.
-    #[must_use]
     pub fn of(&self, departures: &[f64; INPUTS]) -> f64 {
         let sum = self.shares.iter().zip(departures);
         sum.map(|(&[rise, fall], &d)| d * f64::from(if d > 0.0 { rise } else { fall }))
@@ -47,7 +74,6 @@ impl Reading {
 }
 
 /// Name of an input: a measure's or a feature's.
-#[must_use]
 pub fn input_name(input: usize) -> &'static str {
     if input < LEARNT_MEASURES {
         Measure::ALL[input].name()
@@ -59,7 +85,6 @@ pub fn input_name(input: usize) -> &'static str {
 }
 
 /// The input of a name.
-#[must_use]
 pub fn input_named(name: &str) -> Option<usize> {
     (0..LEARNT_MEASURES + FEATURES).find(|&input| input_name(input) == name)
 }

@@ -33,7 +33,6 @@ pub struct Mode {
 
 /// Finds the mode of `nodes` (weights divided by `growth` are seconds) with window half-width `h`, from the present rest.
 /// Of equal scores the population's rest counts for more, then the lower node.
-#[must_use]
 pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) -> Mode {
     let weight_within = |v: f64| {
         let first = nodes.partition_point(|node| node.value < v - h);

@@ -74,7 +74,6 @@ fn median_of_three(a: f64, b: f64, c: f64) -> f64 {
 
 impl RobustLearner {
     /// Starts from the prior; `phase` (0…1) staggers the estimates of several measures.
-    #[must_use]
     pub fn new(settings: RobustSettings, prior: Prior, phase: f64) -> Self {
         Self {
             population: (settings, prior),
@@ -212,7 +211,6 @@ impl RobustLearner {
     }
 
     /// Nodes in use.
-    #[must_use]
     pub fn range(&self) -> Range {
         Range {
             low: self.rest - self.sides[1],
@@ -222,25 +220,21 @@ impl RobustLearner {
     }
 
     /// Deviation of the measure's noise.
-    #[must_use]
     pub fn sigma(&self) -> f64 {
         self.noise.sigma()
     }
 
     /// Seconds of evidence at rest.
-    #[must_use]
     pub fn rest_seconds(&self) -> f64 {
         self.rest_seconds
     }
 
     /// Rest known, 0…1.
-    #[must_use]
     pub fn rest_readiness(&self) -> f64 {
         1.0 - (-self.rest_seconds / HOLD_S).exp()
     }
 
     /// 0…1 for the rising and the falling side: rest known, expression seen, and large enough against the noise.
-    #[must_use]
     pub fn readiness(&self) -> [f64; 2] {
         [0, 1].map(|k| {
             let (evidence, range) = (self.targets[k].evidence, self.sides[k]);

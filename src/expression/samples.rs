@@ -46,7 +46,6 @@ pub struct SampleSet<const N: usize> {
 
 impl<const N: usize> SampleSet<N> {
     /// Ascending by value.
-    #[must_use]
     pub fn samples(&self) -> &[Sample] {
         &self.samples
     }

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use super::features;
+use super::features::{self, Feature};
 use super::measures::{self, Measure};
 use super::noise::SlowNoise;
 use super::range::Range;
@@ -143,17 +143,14 @@ impl Together {
 
     /// Learns from the last frame read; `expressions`: whether deviations count as expressions yet.
     pub(super) fn learn(&mut self, landmarks: &Landmarks, omega: f64, dt: f64, expressions: bool) {
-        let (lengths, gaze) = self.features.split_at_mut(LENGTHS);
-        for (learner, &g) in gaze.iter_mut().zip(&self.values[LENGTHS..]) {
-            if self.sees && g.is_finite() {
-                learner.observe(g, omega, dt);
-            } else {
-                learner.interrupt();
-            }
-        }
-        for ((feature, learner), &g) in features::ALL.iter().zip(lengths).zip(&self.values) {
-            let confidence = measures::mean_confidence(feature.landmarks(), landmarks);
-            if g.is_finite() && confidence >= LEAST_CONFIDENCE {
+        let confidence =
+            |feature: &Feature| measures::mean_confidence(feature.landmarks(), landmarks);
+        let lengths = features::ALL
+            .iter()
+            .map(|feature| confidence(feature) >= LEAST_CONFIDENCE);
+        let seen = lengths.chain([self.sees; FEATURES - LENGTHS]);
+        for ((learner, &g), seen) in self.features.iter_mut().zip(&self.values).zip(seen) {
+            if seen && g.is_finite() {
                 learner.observe(g, omega, dt);
             } else {
                 learner.interrupt();

@@ -16,7 +16,6 @@ use super::range::Range;
 use super::samples::{Sample, SampleSet};
 
 /// Merges a copy of the set down to three: g_min, g_rest and g_max, ascending.
-#[must_use]
 pub fn nodes<const N: usize>(set: &SampleSet<N>) -> Option<[Sample; 3]> {
     let mut set = set.clone();
     set.merge_down_to(3);
@@ -27,7 +26,6 @@ pub fn nodes<const N: usize>(set: &SampleSet<N>) -> Option<[Sample; 3]> {
 }
 
 /// The range of the samples; on a side that was not shown the node equals rest.
-#[must_use]
 pub fn range<const N: usize>(set: &SampleSet<N>, scan: Scan) -> Option<Range> {
     let (low, high) = one_way::interval(set.samples(), scan)?;
     let mut set = set.clone();

@@ -78,7 +78,6 @@ pub const REGIONS: [(&str, &[u32]); 5] = [
 pub const OTHER: &str = "Other";
 
 /// The region of a unit.
-#[must_use]
 pub fn region(words: &UnitWords) -> &'static str {
     let number = words.code.trim_start_matches("AU").parse().ok();
     let found = REGIONS
@@ -88,7 +87,6 @@ pub fn region(words: &UnitWords) -> &'static str {
 }
 
 /// A unit's plain name with its side in words, as `smile left`; `None` for a name that is no unit's.
-#[must_use]
 pub fn plain(unit: &str) -> Option<String> {
     let (UnitWords { plain, .. }, side) = of(unit)?;
     Some(match side {
@@ -99,7 +97,6 @@ pub fn plain(unit: &str) -> Option<String> {
 }
 
 /// A unit's words and its side (`"L"`, `"R"` or none); `None` for a name that is no unit's.
-#[must_use]
 pub fn of(unit: &str) -> Option<(&'static UnitWords, &str)> {
     let code = unit.trim_end_matches(['L', 'R']);
     let words = ALL.iter().find(|words| words.code == code)?;

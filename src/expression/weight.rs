@@ -16,19 +16,16 @@ const FALL_PER_M: f64 = 0.2;
 const ALPHA: f64 = 0.5;
 
 /// Equation (4): ω_t = 1 − |t_z − z_opt| · 0.2, cut at 0. Metres.
-#[must_use]
 pub fn distance_weight(t_z: f64, z_opt: f64) -> f64 {
     (1.0 - (t_z - z_opt).abs() * FALL_PER_M).max(0.0)
 }
 
 /// Equation (5): ω_R = max(n_c · n_f, 0)^α with α = 0.5, from the cosine n_c · n_f.
-#[must_use]
 pub fn facing_weight(cosine: f64) -> f64 {
     cosine.clamp(0.0, 1.0).powf(ALPHA)
 }
 
 /// ω = ω_t · ω_R of a pose; `z_opt` is the best distance in metres (the paper's: 0.5).
-#[must_use]
 pub fn sample_weight(sensor_from_head: &Rigid, z_opt: f64) -> f64 {
     let t = sensor_from_head.translation.vector;
     let length = t.norm();

@@ -27,13 +27,11 @@ impl Weights {
     }
 
     /// Weight of each unit: 0 to 1, above 1 if exaggerated, never below 0 or non-finite.
-    #[must_use]
     pub fn units(&self) -> &[f32] {
         &self.units[..self.columns]
     }
 
     /// 0…1 for each unit: how much of its range is this person's own.
-    #[must_use]
     pub fn readiness(&self) -> &[f32] {
         &self.readiness[..self.columns]
     }

@@ -14,10 +14,10 @@ use alloc::borrow::Cow;
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::checksum::crc32;
-use crate::base::geometry::Point;
+use crate::base::geometry::{Point, Vector};
 
 use super::error::ModelError;
-use super::model::{CascadeStage, ConfidenceModel, FaceModel, ShapeModel, StandardHead};
+use super::model::{CascadeStage, ConfidenceModel, FaceModel, ShapeModel};
 use super::reader::Reader;
 use super::refinement::Refinement;
 use super::sizes::{
@@ -47,7 +47,6 @@ impl FaceModel {
     }
 
     /// The model built into the binary.
-    #[must_use]
     pub fn shipped() -> Self {
         // It stays in memory anyway: what is big is used where it lies.
         parse_with(SHIPPED, Some).expect("the shipped model is read by a test")
@@ -145,15 +144,13 @@ fn parse_shape(mut reader: Reader) -> Result<ShapeModel, ModelError> {
     })
 }
 
-fn parse_head(mut reader: Reader) -> Result<StandardHead, ModelError> {
+fn parse_head(mut reader: Reader) -> Result<Vec<(Point, Vector)>, ModelError> {
     let count = reader.count(4, 1..=1_000_000, "one to a million points")?;
     let points = reader.vectors(count)?;
     let normals = reader.vectors(count)?;
     reader.end()?;
-    Ok(StandardHead {
-        points: points.into_iter().map(Point::from).collect(),
-        normals,
-    })
+    let points = points.into_iter().map(Point::from);
+    Ok(points.zip(normals).collect())
 }
 
 fn parse_stages<'a>(
@@ -285,18 +282,19 @@ pub(crate) fn with_section(
 }
 
 /// Writes a model; its `id` is not written, it follows from the bytes.
-#[must_use]
 pub fn emit(model: &FaceModel) -> Vec<u8> {
     let mut shape = Vec::new();
     put_count(&mut shape, model.shape.modes.len());
     put_floats(&mut shape, model.shape.mean.iter().flat_map(|p| &p.coords));
     put_floats(&mut shape, &model.shape.deviations);
     put_floats(&mut shape, model.shape.modes.iter().flatten());
-    let StandardHead { points, normals } = &model.standard_head;
     let mut head = Vec::new();
-    put_count(&mut head, points.len());
-    put_floats(&mut head, points.iter().flat_map(|p| &p.coords));
-    put_floats(&mut head, normals.iter().flatten());
+    put_count(&mut head, model.standard_head.len());
+    put_floats(
+        &mut head,
+        model.standard_head.iter().flat_map(|(p, _)| &p.coords),
+    );
+    put_floats(&mut head, model.standard_head.iter().flat_map(|(_, n)| n));
     let mut confidence = Vec::new();
     put_floats(&mut confidence, [&model.confidence.cell_px]);
     put_floats(&mut confidence, &model.confidence.mean);
@@ -323,7 +321,6 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::geometry::Vector;
 
     fn example() -> FaceModel {
         let mut random = fastrand::Rng::with_seed(7);
@@ -369,10 +366,8 @@ mod tests {
             face: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
         }
         .into();
-        model.standard_head = StandardHead {
-            points: vectors(floats(30)).into_iter().map(Point::from).collect(),
-            normals: vectors(floats(30)),
-        };
+        let points = vectors(floats(30)).into_iter().map(Point::from);
+        model.standard_head = points.zip(vectors(floats(30))).collect();
         model.paper_aam = vec![1, 2, 3].into();
         model
     }

@@ -93,24 +93,6 @@ pub struct ConfidenceModel {
     pub face: [f32; FACE_SIGNS],
 }
 
-/// The anchor of the pose stage: points of a generic head with outward unit normals, head frame, metres.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct StandardHead {
-    /// Surface points.
-    pub points: Vec<Point>,
-    /// Outward unit normals, one per point.
-    pub normals: Vec<Vector>,
-}
-
-impl StandardHead {
-    /// Each point with its normal, as the pose stage takes them.
-    #[must_use]
-    pub fn oriented(&self) -> Vec<(Point, Vector)> {
-        let normals = self.normals.iter().copied();
-        self.points.iter().copied().zip(normals).collect()
-    }
-}
-
 /// All that is learnt offline, read once; the big parts are shared by the fitters of all users.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaceModel {
@@ -128,8 +110,8 @@ pub struct FaceModel {
     pub confidence: Arc<ConfidenceModel>,
     /// What depth adds to a fit; models without are used as they are.
     pub refinement: Option<Arc<Refinement>>,
-    /// Anchor of the pose stage.
-    pub standard_head: StandardHead,
+    /// The anchor of the pose stage: points of a generic head with outward unit normals, head frame, metres.
+    pub standard_head: Vec<(Point, Vector)>,
     /// The paper's own active appearance model, as its module writes it; empty if the model has none.
     pub paper_aam: Cow<'static, [u8]>,
 }

@@ -80,7 +80,6 @@ pub(crate) fn places(head: &[Point; LANDMARKS]) -> impl Iterator<Item = Point> {
 
 impl Refinement {
     /// Inputs of the map.
-    #[must_use]
     pub fn inputs(&self) -> usize {
         self.mean.len()
     }
@@ -135,7 +134,6 @@ impl Refinement {
 
     /// As little-endian bytes: means, deviations, the size of a step for each row, all 32-bit floats; then the weights in
     /// steps of 16 bits.
-    #[must_use]
     pub fn emit(&self) -> Vec<u8> {
         let rows = self.weights.chunks_exact(self.inputs());
         let scales: Vec<f32> = rows

@@ -98,7 +98,6 @@ const fn mirror() -> [usize; LANDMARKS] {
 }
 
 /// Distance of the outer eye corners in a flat picture, in the unit of the points.
-#[must_use]
 pub fn outer_eye_distance(points: &[[f32; 2]; LANDMARKS]) -> f32 {
     let [r, l] = OUTER_EYE_CORNERS;
     (points[r][0] - points[l][0]).hypot(points[r][1] - points[l][1])

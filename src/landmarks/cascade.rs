@@ -67,7 +67,6 @@ pub fn prior_columns(fit: &FaceFit, start: &View, out: &mut [f32; MAX_PARAMETERS
 }
 
 /// The fit changed by an update of as many parameters as given.
-#[must_use]
 pub fn updated(fit: &FaceFit, step: &[f32]) -> FaceFit {
     let mut next = FaceFit {
         view: fit.view.moved(step),
@@ -80,9 +79,6 @@ pub fn updated(fit: &FaceFit, step: &[f32]) -> FaceFit {
 }
 
 impl Solver {
-    /// Heap size, bytes.
-    pub const BYTES: usize = FEATURES * (4 + 2);
-
     /// Projects the fit into [`Self::window`].
     pub fn project(&mut self, shape: &ShapeModel, fit: &FaceFit) {
         shape.shape(&fit.shape, &mut self.head);
@@ -183,7 +179,6 @@ impl Solver {
 }
 
 /// The linear discriminant of each landmark's patch.
-#[must_use]
 pub fn discriminants(model: &ConfidenceModel, features: &[f32]) -> [f32; LANDMARKS] {
     core::array::from_fn(|k| {
         let patch = k * PATCH..(k + 1) * PATCH;
@@ -198,7 +193,6 @@ pub fn discriminants(model: &ConfidenceModel, features: &[f32]) -> [f32; LANDMAR
 
 /// Inputs to each landmark's confidence: its own discriminant, its neighbours' in the numbering (they lie on the same
 /// contour, and whatever covers one covers them), the whole face's, and 1.
-#[must_use]
 pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMARKS] {
     let mean = own.iter().sum::<f32>() / LANDMARKS as f32;
     core::array::from_fn(|i| {
@@ -210,7 +204,6 @@ pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMAR
 /// Inputs to the face's confidence: the mean discriminant, the mean of the lower quarter (a part that is covered or
 /// missed), how unlikely the shape is, and 1; then, for faces partly covered by hair, a beard or a cap, the mean of the
 /// better half, of nose, eyes and mouth, and of the better of eyes and mouth, each with the nose.
-#[must_use]
 pub fn face_signs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_SIGNS] {
     let mut sorted = *own;
     sorted.sort_unstable_by(f32::total_cmp);
@@ -232,7 +225,6 @@ pub fn face_signs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_SIGNS] {
 }
 
 /// 1 / (1 + e^-x).
-#[must_use]
 pub fn logistic(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }

@@ -31,7 +31,6 @@ const LEAST_PX: f32 = 15.0;
 const LEAST_CONTRAST: f32 = 2.0;
 
 /// Cuts the eyes of a face out of a picture, given its landmarks in pixels; `None` if they are not visible.
-#[must_use]
 pub fn cut(picture: &Picture, pixels: &[[f32; 2]; LANDMARKS]) -> Option<Eyes> {
     let between = |a: [f32; 2], b: [f32; 2]| [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];
     let middles = CORNERS.map(|[temple, nose]| between(pixels[temple], pixels[nose]));

@@ -55,9 +55,6 @@ defaults! {
 }
 
 impl OrientationMaps {
-    /// Heap size, bytes.
-    pub const BYTES: usize = 3 * MAP * MAP * ORIENTATIONS * 4;
-
     /// Computes the maps of a region of a window of `WINDOW` × `WINDOW` grey values; beyond it they repeat its border.
     pub fn compute(&mut self, window: &[f32], region: &Region) {
         self.region = region.clone();

@@ -15,7 +15,7 @@ use alloc::sync::Arc;
 use super::cascade::{Belief, FaceFit, Solver};
 use super::eyes;
 use super::features::OrientationMaps;
-use super::points::{Landmarks, MOUTH};
+use super::points::Landmarks;
 use super::refine;
 use super::relief;
 use super::steady::ShapeFilter;
@@ -31,6 +31,7 @@ use crate::base::prelude::*;
 use crate::base::shared_cell::Shared;
 use crate::base::time::Timestamp;
 use crate::face_model::refinement::{Inputs, Refinement};
+use crate::face_model::scheme::MOUTH;
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
@@ -74,11 +75,6 @@ defaults! {
         maps: OrientationMaps = OrientationMaps::default(),
         solver: Solver = Solver::default(),
     }
-}
-
-impl Scratch {
-    /// Heap size, bytes.
-    pub const BYTES: usize = WINDOW * WINDOW * 4 + OrientationMaps::BYTES + Solver::BYTES;
 }
 
 /// Margin around the mean shape that the fit needs, pixels: half a patch with its blur (16), and the distance to the landmarks.
@@ -151,7 +147,6 @@ pub struct LandmarkFitter {
 impl LandmarkFitter {
     /// Creates a fitter without history; all memory is allocated here. The scratch may be shared with other fitters, none of which
     /// may run at the same time.
-    #[must_use]
     pub fn new(settings: Settings, model: &FaceModel, scratch: Shared<Scratch>) -> Self {
         Self {
             settings,
@@ -241,7 +236,6 @@ impl LandmarkFitter {
     /// Rotation that makes a depth pose agree with the face in the image. Where a head's frame sits on a face is a convention
     /// that depth alone determines badly, because foreheads and chins slope differently. The image determines it; averaged over
     /// seconds, because it is a constant of the person.
-    #[must_use]
     pub fn turn(&self) -> HeadFromFace {
         HeadFromFace::from_parts(Vector::zeros(), self.turn)
     }
@@ -253,13 +247,11 @@ impl LandmarkFitter {
 
     /// Difference between the head pose implied by the last fit, given the usual pose of the face within the head, and the depth
     /// pose: `sensor_from_head * strayed` is the pose according to the image.
-    #[must_use]
     pub fn strayed(&self) -> Motion<Head, Head> {
         self.strayed
     }
 
     /// Looks for any face near a guessed pose: its confidence and the head pose. Nothing is learned from it.
-    #[must_use]
     pub fn spot(
         &self,
         luma: &[u8; PIXELS],
@@ -381,7 +373,6 @@ impl LandmarkFitter {
     }
 
     /// Inputs of the last refinement: see [`refine::inputs`].
-    #[must_use]
     pub fn refined_from(&self) -> &Inputs {
         &self.inputs
     }

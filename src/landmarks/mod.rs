@@ -15,5 +15,4 @@ pub mod window;
 
 pub use fit::{LandmarkFitter, Scratch, Settings};
 pub use points::Landmarks;
-pub(crate) use points::MOUTH;
 pub use stage::{LandmarkError, LandmarkStage, Method, StageSettings};

@@ -8,9 +8,6 @@ use crate::base::geometry::Point;
 use crate::face_model::refinement;
 use crate::sensor::camera::Camera;
 
-/// Points of the mouth.
-pub(crate) const MOUTH: core::ops::Range<usize> = 48..LANDMARKS;
-
 defaults! {
     /// The 68 points of one face in one frame; before the first fit all at the origin, confidence 0.
     #[derive(Clone, Debug)]

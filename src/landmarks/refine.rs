@@ -9,7 +9,6 @@ use crate::sensor::camera::Camera;
 
 /// Gathers the inputs: `shape` the fitted coefficients (as many as modes), `turn` the head's rotation vector relative to the
 /// line of sight, `head` the fitted points at the model's size, `size` the factor to the face's own size.
-#[must_use]
 pub fn inputs(
     shape: &[f32],
     turn: &Vector,

@@ -24,7 +24,6 @@ const AGREE_M: f32 = 0.006;
 const LEAST: usize = 8;
 
 /// Height −z (towards the camera) of the surface at `place` of the head frame.
-#[must_use]
 #[inline(never)]
 pub fn height(
     depth: &[u16; PIXELS],
@@ -72,7 +71,6 @@ pub fn height(
 const BEFORE_M: f32 = 0.02;
 
 /// Whether something is in front of `place` of the head frame.
-#[must_use]
 pub fn is_hidden(
     depth: &[u16; PIXELS],
     camera: &Camera,

@@ -100,20 +100,17 @@ impl LandmarkStage {
     }
 
     /// Rotation that makes this person's depth poses agree with the image; none with the paper's method.
-    #[must_use]
     pub fn turn(&self) -> HeadFromFace {
         self.cascade()
             .map_or_else(HeadFromFace::identity, LandmarkFitter::turn)
     }
 
     /// See [`LandmarkFitter::strayed`]; `None` with the paper's method.
-    #[must_use]
     pub fn strayed(&self) -> Option<Motion<Head, Head>> {
         Some(self.cascade()?.strayed())
     }
 
     /// See [`LandmarkFitter::spot`]; `None` with the paper's method.
-    #[must_use]
     pub fn spot(
         &self,
         luma: &[u8; PIXELS],

@@ -22,7 +22,6 @@ pub struct ShapeFilter {
 
 impl ShapeFilter {
     /// A filter without history.
-    #[must_use]
     pub fn new(cutoffs: Cutoffs<f32>) -> Self {
         Self {
             cutoffs,

@@ -28,7 +28,6 @@ pub struct View {
 
 impl View {
     /// Window pixel of a point of the head, metres.
-    #[must_use]
     pub fn project(&self, point: &Point) -> [f32; 2] {
         self.projection()(point)
     }
@@ -45,7 +44,6 @@ impl View {
     }
 
     /// The view changed by `step` in [`UNITS`]; the rotation is applied after the present one.
-    #[must_use]
     pub fn moved(&self, step: &[f32]) -> Self {
         Self {
             log_scale: self.log_scale + step[0] * UNITS[0],
@@ -63,7 +61,6 @@ impl View {
     }
 
     /// The step that takes `from` to `self`, in [`UNITS`].
-    #[must_use]
     pub fn step_from(&self, from: &Self) -> [f32; VIEW_PARAMETERS] {
         let turn = (self.rotation * from.rotation.inverse()).scaled_axis();
         [

@@ -47,7 +47,6 @@ impl Region {
     };
 
     /// The bounding box of the points with a margin of `margin` pixels; at least one patch.
-    #[must_use]
     pub fn around(points: &[[f32; 2]], margin: f32) -> Self {
         let along = |axis: usize| {
             let values = points.iter().map(|point| point[axis]);
@@ -78,7 +77,6 @@ pub struct Picture<'a> {
 
 impl Picture<'_> {
     /// Bilinear value; beyond the border the border's own.
-    #[must_use]
     pub fn at(&self, x: f32, y: f32) -> f32 {
         let x = x.clamp(0.0, (self.width - 1) as f32 - 1e-3);
         let y = y.clamp(0.0, (self.height - 1) as f32 - 1e-3);
@@ -153,7 +151,6 @@ fn split(x: f32) -> (u32, f32) {
 
 impl Placement {
     /// Placement from the depth pose; `None` if the head is outside the colour camera's view.
-    #[must_use]
     pub fn of_pose(camera: &Camera, sensor_from_head: &Rigid) -> Option<Self> {
         let origin = sensor_from_head * Point::origin();
         let slope = |axis: Vector| {
@@ -209,7 +206,6 @@ impl Placement {
     }
 
     /// Placement in the picture of a camera that looks straight at the head, from the head's view in picture pixels.
-    #[must_use]
     pub fn of_view(view: &View) -> Self {
         let (roll, rotation) = upright(&view.rotation);
         let (sin, cos) = roll.sin_cos();
@@ -223,7 +219,6 @@ impl Placement {
     }
 
     /// Window pixel to picture pixel.
-    #[must_use]
     pub fn picture_pixel(&self, window: [f32; 2]) -> [f32; 2] {
         mapped(
             &self.picture_from_window,
@@ -233,7 +228,6 @@ impl Placement {
     }
 
     /// Picture pixel to window pixel.
-    #[must_use]
     pub fn window_pixel(&self, picture: [f32; 2]) -> [f32; 2] {
         let [x, y] = mapped(&self.window_from_picture, picture[0], picture[1]);
         [x + ORIGIN[0], y + ORIGIN[1]]
@@ -294,7 +288,6 @@ impl Placement {
 }
 
 /// The whole colour picture of the sensor as a [`Picture`].
-#[must_use]
 pub fn sensor_picture(luma: &[u8; crate::base::capacity::PIXELS]) -> Picture<'_> {
     Picture {
         luma,

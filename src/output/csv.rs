@@ -34,7 +34,6 @@ pub struct Rows {
 impl Rows {
     /// With the header in place. `measures`, `units` and `gestures` are names without `w_` and `g_`; an `m_` the measures' names
     /// may have.
-    #[must_use]
     pub fn new(measures: &[&str], units: &[&str], gestures: &[&str]) -> Self {
         let names = (0..LANDMARKS).map(|i| format!("x{i},y{i}"));
         let names = names.chain((0..LANDMARKS).map(|i| format!("c{i}")));
@@ -58,7 +57,6 @@ impl Rows {
     }
 
     /// The header, then the last row, with its line's end.
-    #[must_use]
     pub fn text(&self) -> &str {
         &self.row
     }
@@ -97,7 +95,7 @@ impl Rows {
 
         // Lost and absent users have no values, posed ones no face, whatever is handed in.
         let present = report.state.is_present();
-        let pose = report.sensor_from_face.filter(|_| present);
+        let pose = report.pose();
         let place = pose.map(|pose| pose.translation.vector);
         (0..3).for_each(|i| self.number(place.map(|place| place[i]), FINE));
         // nalgebra keeps quaternions as x, y, z, w.

@@ -64,12 +64,6 @@ impl WireWeights {
     pub(super) fn shown(&self) -> impl ExactSizeIterator<Item = f32> + Clone {
         self.weights.iter().map(|weight| weight * self.share)
     }
-
-    /// 0…1, as last seen, whether held or not.
-    #[cfg(feature = "wires")]
-    pub(super) fn kept(&self, unit: usize) -> f32 {
-        self.weights.get(unit).copied().unwrap_or(0.0)
-    }
 }
 
 /// The face of a single-person output: of the users not set aside, the first one seen until lost, then whoever comes next.

@@ -1,4 +1,4 @@
-//! Settings of the outputs that are optional build features: lights, Live Link, web, MQTT. Every build knows them, so
+//! Settings of the outputs that are optional build features: Live Link, web, MQTT. Every build knows them, so
 //! that all builds read the same configuration; enabling an output that is not built in is an error.
 
 #[cfg(feature = "wires")]
@@ -6,36 +6,7 @@ use super::OutputError;
 use super::View;
 use crate::base::defaults;
 
-/// Which unit goes to which channel, for Art-Net and sACN alike.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct LightSettings {
-    /// Rows `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`.
-    pub channels: Vec<String>,
-    /// How faces and units are shown.
-    pub view: View,
-}
-
 defaults! {
-    /// Art-Net.
-    #[derive(Clone, Debug, PartialEq)]
-    pub struct ArtNetSettings {
-        /// Whether this output is enabled.
-        pub enabled: bool = false,
-        /// Each `host:port`.
-        pub targets: Vec<String> = vec!["127.0.0.1:6454".to_owned()],
-    }
-
-    /// sACN (E1.31).
-    #[derive(Clone, Debug, PartialEq)]
-    pub struct SacnSettings {
-        /// Whether this output is enabled.
-        pub enabled: bool = false,
-        /// Each `host:port`; none = the multicast group of each universe.
-        pub targets: Vec<String> = Vec::new(),
-        /// 0 to 200; the highest of several sources wins.
-        pub priority: u32 = 100,
-    }
-
     /// Unreal's Live Link, in the format of the Live Link Face app.
     #[derive(Clone, Debug, PartialEq)]
     pub struct LiveLinkSettings {
@@ -50,9 +21,7 @@ defaults! {
         /// How faces and units are shown.
         pub view: View = View::default(),
     }
-}
 
-defaults! {
     /// JSON over WebSocket.
     #[derive(Clone, Debug, PartialEq)]
     pub struct WebSocketSettings {
@@ -76,9 +45,7 @@ defaults! {
         /// How faces and units are shown.
         pub view: View = View::default(),
     }
-}
 
-defaults! {
     /// MQTT.
     #[derive(Clone, Debug, PartialEq)]
     pub struct MqttSettings {

@@ -102,7 +102,6 @@ const NODDED_DEG: f32 = 30.0;
 
 impl Gesture {
     /// A preset, or for another name one that still needs its sum.
-    #[must_use]
     pub fn named(name: &str) -> Self {
         let mut gesture = Self {
             name: name.into(),
@@ -234,7 +233,6 @@ pub struct Gestures {
 
 impl Gestures {
     /// `units` are the names in the order of the weights. Units that are not measured count as 0.
-    #[must_use]
     pub fn new(all: &[Gesture], units: &[&str]) -> Self {
         let index = |unit: &str| units.iter().position(|name| *name == unit);
         let made = |gesture: &Gesture| Made {

@@ -24,11 +24,11 @@ fn host() -> String {
 }
 
 /// The box's 128-bit number, a UUID of version 5 (RFC 9562), from its name and the machine ID, if there is one.
-pub(super) fn uuid(name: &str, purpose: &str) -> [u8; 16] {
+pub(super) fn uuid(name: &str) -> [u8; 16] {
     let machine = std::fs::read("/etc/machine-id").unwrap_or_default();
     let mut hash = Sha1::from(machine);
     hash.update(name.as_bytes());
-    hash.update(purpose.as_bytes());
+    hash.update(b"live-link");
     let mut uuid = [0; 16];
     uuid.copy_from_slice(&hash.digest().bytes()[..16]);
     uuid[6] = uuid[6] & 0x0f | 0x50;
@@ -50,10 +50,9 @@ mod tests {
 
     #[test]
     fn a_box_keeps_its_number_and_shares_it_with_none() {
-        assert_eq!(uuid("a", "sacn"), uuid("a", "sacn"));
-        assert_ne!(uuid("a", "sacn"), uuid("b", "sacn"));
-        assert_ne!(uuid("a", "sacn"), uuid("a", "live-link"));
-        let one = uuid("a", "");
+        assert_eq!(uuid("a"), uuid("a"));
+        assert_ne!(uuid("a"), uuid("b"));
+        let one = uuid("a");
         assert_eq!((one[6] >> 4, one[8] >> 6), (5, 2));
     }
 }

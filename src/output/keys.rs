@@ -52,7 +52,6 @@ const TRY: Duration = Duration::from_millis(2);
 const REPORT_KEYS: usize = 6;
 
 /// Whether there is a key of that name.
-#[must_use]
 pub fn is_key(name: &str) -> bool {
     KEYS.iter().any(|key| key.0 == name)
 }

@@ -81,7 +81,7 @@ impl LiveLink {
         Ok(Self {
             to: udp::open(&settings.targets)?.into(),
             face: OneFace::new(units, &settings.view),
-            device: as_text(identity::uuid(&name, "live-link")),
+            device: as_text(identity::uuid(&name)),
             subject,
             shapes: shapes.filter_map(place).collect(),
             turn: [0.0; 3],

@@ -15,8 +15,6 @@ pub mod gesture;
 mod identity;
 #[cfg(feature = "wires")]
 pub mod keys;
-#[cfg(feature = "wires")]
-pub mod lights;
 #[cfg(feature = "std")]
 pub(crate) mod limits;
 #[cfg(feature = "wires")]
@@ -163,9 +161,6 @@ pub enum OutputError {
         "serial.units names {0:?}, which is not measured with these settings; remove it from the list"
     )]
     Unit(String),
-    /// A row of the channel table is invalid, and what is expected.
-    #[error("lights.channels has {0:?}, expected {1}")]
-    Channel(String, &'static str),
     /// The password file, which cannot be read or has no password.
     #[cfg(feature = "std")]
     #[error(

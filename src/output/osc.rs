@@ -174,13 +174,6 @@ impl Osc {
         })
     }
 
-    /// The command port, if open.
-    #[cfg(feature = "std")]
-    #[must_use]
-    pub fn listens_at(&self) -> Option<std::net::SocketAddr> {
-        self.commands.as_ref().and_then(Listener::address)
-    }
-
     /// Writes everything about one user, starting in the current datagram.
     fn send_user(&mut self, slot: usize, report: &Report, state: TrackingState) {
         let (wire, user) = (&mut self.wire, &mut self.users[slot]);

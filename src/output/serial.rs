@@ -34,4 +34,6 @@ pub use encoder::Encoder;
 pub use line::Line;
 #[cfg(feature = "std")]
 pub use port::Serial;
+#[cfg(feature = "std")]
+pub(crate) use port::{STABLE_NAMES, stable_name};
 pub use settings::{Settings, Style};

@@ -59,7 +59,6 @@ impl View {
     }
 
     /// The output name of a unit.
-    #[must_use]
     pub fn name<'a>(&'a self, unit: &'a str) -> &'a str {
         self.of(unit).map_or(unit, |view| view.name.as_str())
     }
@@ -103,7 +102,6 @@ impl View {
     }
 
     /// The pose, mirrored if configured.
-    #[must_use]
     pub fn pose(&self, sensor_from_head: &Rigid) -> Rigid {
         if self.mirror {
             mirrored(sensor_from_head)
@@ -114,7 +112,6 @@ impl View {
 }
 
 /// Whether a text is a valid unit name for every output: in an OSC address, between commas, before a colon.
-#[must_use]
 pub fn is_name(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}/:$".contains(c);
     !text.is_empty() && text.len() <= LONGEST_NAME && text.chars().all(plain)

@@ -461,9 +461,8 @@ mod tests {
 
     fn follower() -> Follower {
         let (settings, model) = (Settings::default(), FaceModel::shipped());
-        let anchor = model.standard_head.oriented();
         Follower::new(
-            PoseTracker::new(settings.pose, &anchor).expect("a head"),
+            PoseTracker::new(settings.pose, &model.standard_head).expect("a head"),
             LandmarkStage::new(settings.landmarks, &model, &Shared::default()).expect("a model"),
             Expression::new(settings.learning, Units::shipped()),
             Presence::new(settings.users.hold_s, settings.users.forget_s),

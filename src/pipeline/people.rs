@@ -98,8 +98,7 @@ impl People {
     /// # Errors
     /// If the model lacks what a stage or the chosen method needs.
     pub(super) fn new(settings: &Settings, model: &FaceModel) -> Result<Self, PipelineError> {
-        let anchor = model.standard_head.oriented();
-        let pose = PoseTracker::new(settings.pose, &anchor)?;
+        let pose = PoseTracker::new(settings.pose, &model.standard_head)?;
         let scratch = Shared::default();
         let units = Arc::new(Units::shipped());
         let follower = |_| {

@@ -65,7 +65,6 @@ impl Pipeline {
 
     /// The reports of the last frame: one for each user, one with the state absent for each user forgotten in this frame, and
     /// one without a user if there is neither.
-    #[must_use]
     pub fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
         let people = &self.people;
         let users = &people.followers[..USERS];
@@ -97,7 +96,6 @@ impl Pipeline {
     }
 
     /// The report of the user that single-person outputs show; of nobody if there is none.
-    #[must_use]
     pub fn report(&self) -> Report<'_> {
         let reports = self.reports();
         let shown = reports
@@ -107,13 +105,11 @@ impl Pipeline {
     }
 
     /// Names of the measures, in the order of [`Report::measures`].
-    #[must_use]
     pub fn measure_names() -> Vec<&'static str> {
         Measure::ALL.iter().map(|measure| measure.name()).collect()
     }
 
     /// Names of the units, in the order of [`Report::weights`].
-    #[must_use]
     pub fn unit_names(&self) -> Vec<&str> {
         let names = self.expression(0).unit_names().iter();
         names.map(|name| name.as_str()).collect()
@@ -121,23 +117,20 @@ impl Pipeline {
 
     /// Executes a receiver's command; a slot without a user is left unchanged.
     pub fn obey(&mut self, command: Command) {
-        let (Command::Forget(slot @ ..USERS)
-        | Command::Freeze(slot @ ..USERS, _)
-        | Command::Neutral(slot @ ..USERS)) = command
-        else {
-            return;
-        };
-        let user = &mut self.people.followers[slot];
+        let people = &mut self.people;
         match command {
-            Command::Forget(_) => {
-                self.people.memory.forget_slot(slot);
+            Command::Forget(slot @ ..USERS) => {
+                people.memory.forget_slot(slot);
+                let user = &mut people.followers[slot];
                 user.expression.reset();
                 user.pose.reset();
                 user.landmarks.reset();
             }
-            Command::Freeze(_, frozen) => user.expression.freeze(frozen),
-            Command::Neutral(_) => user.expression.take_neutral(),
-            Command::Level(..) => {}
+            Command::Freeze(slot @ ..USERS, frozen) => {
+                people.followers[slot].expression.freeze(frozen);
+            }
+            Command::Neutral(slot @ ..USERS) => people.followers[slot].expression.take_neutral(),
+            _ => {}
         }
     }
 
@@ -181,19 +174,16 @@ impl Pipeline {
     }
 
     /// Time of the last frame.
-    #[must_use]
     pub fn at(&self) -> Timestamp {
         self.people.at
     }
 
     /// The camera the pipeline assumes.
-    #[must_use]
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
     /// What was learned about the user of a slot (beyond the last: the candidate), for pictures and tables.
-    #[must_use]
     pub fn expression(&self, slot: usize) -> &Expression {
         &self.people.followers[slot.min(CANDIDATE)].expression
     }

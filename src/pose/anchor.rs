@@ -96,7 +96,6 @@ pub struct Anchor {
 impl Anchor {
     /// Prepares points and outward unit normals (head frame, metres). `None` with fewer than [`MIN_PAIRS`] or more than
     /// 65,534 points, or when a coordinate is not finite.
-    #[must_use]
     pub fn new(standard_head: &[(Point, Vector)]) -> Option<Self> {
         let points: Vec<Point> = standard_head.iter().map(|(p, _)| *p).collect();
         let normals: Vec<Vector> = standard_head.iter().map(|(_, n)| *n).collect();
@@ -155,7 +154,6 @@ impl Anchor {
     }
 
     /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it moves in jumps.
-    #[must_use]
     pub(crate) fn fine_surface(&self) -> Surface {
         let place = |p: &Point| p.coords.map(|c| (c / FINE_M).floor() as i32);
         let mut fine: Vec<([i32; 3], Between)> = Vec::new();
@@ -185,7 +183,6 @@ impl Anchor {
     }
 
     /// Index of the point nearest to `q` (head frame), to within the grid's resolution; `None` when none is near.
-    #[must_use]
     #[inline(always)]
     pub(crate) fn nearest(&self, q: &Point) -> Option<usize> {
         let mut cell = [0usize; 3];

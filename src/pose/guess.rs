@@ -28,7 +28,6 @@ const PLACES: [[f32; 2]; 12] = [
 const YAWS_RAD: [f32; 3] = [0.0, 0.45, -0.45];
 
 /// The guesses of one frame: those at place number `count`, cycling through all places.
-#[must_use]
 pub fn guesses(cloud: &[Point], count: usize) -> Option<[SensorFromHead; 3]> {
     let slope = |p: &Point| [p.x / p.z, p.y / p.z];
     let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);

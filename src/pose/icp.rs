@@ -66,7 +66,6 @@ pub struct Target {
 
 impl Target {
     /// Builds the tree. `None` if there are fewer than [`MIN_PAIRS`] points or they coincide.
-    #[must_use]
     pub fn new(points: &[Point]) -> Option<Self> {
         if points.len() < MIN_PAIRS {
             return None;
@@ -82,7 +81,6 @@ impl Target {
 
     /// Index of the nearest point and its squared distance, square metres.
     #[cfg(feature = "std")]
-    #[must_use]
     pub fn nearest(&self, p: &Point) -> (usize, f32) {
         let found = self
             .tree
@@ -94,7 +92,6 @@ impl Target {
 
     /// The same without a tree: checks every point.
     #[cfg(not(feature = "std"))]
-    #[must_use]
     pub fn nearest(&self, p: &Point) -> (usize, f32) {
         let distances = self.points.iter().map(|point| (point - p).norm_squared());
         let nearest = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
@@ -116,7 +113,6 @@ pub struct Scratch(Vec<Pair>);
 
 /// Steps 2 to 4: the rigid motion that minimises the squared distances of `(target, moving)` pairs. Sums in f64.
 /// `None` if there are no pairs or they are not finite.
-#[must_use]
 pub fn rigid_from_pairs(pairs: impl Iterator<Item = (Point, Point)> + Clone) -> Option<Rigid> {
     let wide = |p: Point| p.coords.cast::<f64>();
     let (mut n, mut target_mean, mut moving_mean) = (0.0, Vector3::zeros(), Vector3::zeros());
@@ -198,7 +194,6 @@ fn pair_up(target: &Target, moving: &[Point], pose: &Rigid, limit: f32, pairs: &
 }
 
 /// Algorithm 1: the motion that aligns `moving` with `target`, starting at `start`. `None` when too few pairs are near enough.
-#[must_use]
 pub fn align(
     target: &Target,
     moving: &[Point],

@@ -115,37 +115,31 @@ impl PoseTracker {
     }
 
     /// A tracker of another head, with the same settings and a shared standard head.
-    #[must_use]
     pub fn another(&self) -> Self {
         Self::over(self.settings, self.anchor.clone(), self.surface.clone())
     }
 
     /// Frames from which this head's shape was learned.
-    #[must_use]
     pub fn learned_frames(&self) -> u64 {
         self.tracker.shape().learned_frames
     }
 
     /// The signature of this head, for re-identification.
-    #[must_use]
     pub fn signature(&self) -> Signature {
         Signature::of(&self.anchor, self.tracker.shape())
     }
 
     /// How two heads differ. `None` when too little was seen to tell.
-    #[must_use]
     pub fn differ(&self, one: &Signature, other: &Signature) -> Option<Difference> {
         one.differ(other, &self.anchor)
     }
 
     /// Size of the user's head relative to the standard head, 0.86 to 1.17; 1 until something is learned.
-    #[must_use]
     pub fn head_scale(&self) -> f32 {
         self.tracker.shape().log_scale.exp() as f32
     }
 
     /// Whether a search continues in the next frame, or a place from the picture is tried.
-    #[must_use]
     pub fn is_searching(&self) -> bool {
         self.has_hint || self.tracker.is_searching()
     }

@@ -46,6 +46,22 @@ pub struct Difference {
     pub log_size: f32,
 }
 
+/// Writes a blank and a word for a number; `-` for what was not seen.
+pub(crate) fn write_word(number: Option<f32>, to: &mut impl core::fmt::Write) -> core::fmt::Result {
+    match number {
+        Some(number) => write!(to, " {number:.6}"),
+        None => write!(to, " -"),
+    }
+}
+
+/// What such a word says; `None` if it is no number whose size is below `most`.
+pub(crate) fn read_word(word: &str, most: f32) -> Option<Option<f32>> {
+    match word {
+        "-" => Some(None),
+        word => word.parse().ok().filter(|n: &f32| n.abs() < most).map(Some),
+    }
+}
+
 impl Signature {
     /// The signature of what has been learned so far.
     pub(crate) fn of(anchor: &Anchor, shape: &HeadShape) -> Self {
@@ -75,26 +91,15 @@ impl Signature {
     /// If the writer fails.
     pub fn write(&self, text: &mut impl core::fmt::Write) -> core::fmt::Result {
         write!(text, " {:.6}", self.log_size)?;
-        for patch in &self.patches {
-            match patch {
-                Some(offset) => write!(text, " {offset:.6}")?,
-                None => write!(text, " -")?,
-            }
-        }
-        Ok(())
+        (self.patches.iter()).try_for_each(|&patch| write_word(patch, text))
     }
 
     /// Parses the words that [`Self::write`] wrote and no more; `None` if they are too few or implausible.
-    #[must_use]
     pub fn read<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<Self> {
         let log_size: f64 = words.next()?.parse().ok()?;
         let mut patches = [None; PLACES];
         for patch in &mut patches {
-            let word = words.next()?;
-            if word != "-" {
-                let offset: f32 = word.parse().ok()?;
-                *patch = Some((offset.abs() < MOST_OFFSET_M).then_some(offset)?);
-            }
+            *patch = read_word(words.next()?, MOST_OFFSET_M)?;
         }
         (log_size.abs() < MOST_LOG_SIZE).then_some(Self { log_size, patches })
     }

@@ -37,12 +37,17 @@ pub enum Smoothing {
     },
 }
 
+impl Smoothing {
+    /// What tracks a head best.
+    pub const ADAPTIVE: Self = Self::Adaptive {
+        rest_hz: 1.0,
+        rise: 800.0,
+    };
+}
+
 impl Default for Smoothing {
     fn default() -> Self {
-        Self::Adaptive {
-            rest_hz: 1.0,
-            rise: 800.0,
-        }
+        Self::ADAPTIVE
     }
 }
 
@@ -64,7 +69,6 @@ fn low_pass_gain(cutoff_hz: f32, dt: f32) -> f32 {
 
 impl PoseFilter {
     /// An empty filter.
-    #[must_use]
     pub fn new(smoothing: Smoothing) -> Self {
         Self {
             smoothing,

@@ -54,8 +54,13 @@ pub(crate) fn gather(
     while !blocks(depth, camera, regions, head, block, cloud) {
         block += 1;
     }
-    cloud.rect = head.rect();
-    cloud.whole = cloud.rect.is_within(camera.depth_size());
+    finish(cloud, head.rect(), camera)
+}
+
+/// What follows from the points and their rectangle; `false` if they are too few.
+fn finish(cloud: &mut HeadCloud, rect: PixelRect, camera: &Camera) -> bool {
+    cloud.rect = rect;
+    cloud.whole = rect.is_within(camera.depth_size());
     cloud.centre = mean(cloud.points.iter().copied());
     cloud.pixels >= camera.pixels_of(LEAST)
 }
@@ -127,10 +132,7 @@ pub(crate) fn around(
             }
         }
     }
-    cloud.rect = rect.unwrap_or_default();
-    cloud.whole = cloud.rect.is_within(camera.depth_size());
-    cloud.centre = mean(cloud.points.iter().copied());
-    cloud.pixels >= camera.pixels_of(LEAST)
+    finish(cloud, rect.unwrap_or_default(), camera)
 }
 
 /// Least and largest column, row and distance (metres) of a head's corners; `None` if one is too near to be measured.

@@ -41,9 +41,6 @@ defaults! {
 }
 
 impl DepthKMeans {
-    /// Bytes on the heap.
-    pub(crate) const BYTES: usize = 2 * (RAW_DEPTH_VALUES + 1) * 8;
-
     /// Forgets the last frame's centres.
     pub fn reset(&mut self) {
         self.warm = false;

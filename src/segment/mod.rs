@@ -61,14 +61,7 @@ pub struct Segmenter {
 }
 
 impl Segmenter {
-    /// Bytes on the heap.
-    pub const BYTES: usize = DepthKMeans::BYTES
-        + RAW_DEPTH_VALUES * 4
-        + Regions::BYTES
-        + (HEADS + 1) * size_of::<HeadCloud>();
-
     /// Makes all buffers.
-    #[must_use]
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
@@ -132,7 +125,6 @@ impl Segmenter {
     }
 
     /// All heads of the last frame, those seen before first, in the same order.
-    #[must_use]
     pub fn heads(&self) -> &[HeadCloud] {
         &self.heads[..self.count]
     }

@@ -43,11 +43,6 @@ defaults! {
     }
 }
 
-impl Regions {
-    /// Bytes on the heap.
-    pub(crate) const BYTES: usize = COLUMNS * ROWS * (4 + 2) + MAX_REGIONS * 2;
-}
-
 /// Counts the raw values of every second pixel of every second row. Neighbours are counted apart and added up at the end:
 /// most are of one value, and a processor waits for a number it has only just written.
 pub(crate) fn count(depth: &[u16; PIXELS], histogram: &mut [u32; RAW_DEPTH_VALUES]) {
@@ -191,7 +186,6 @@ pub struct PixelRect {
 
 impl PixelRect {
     /// Whether it keeps more than a cell's distance to the edges of a picture of this size: what is in it is not cut off.
-    #[must_use]
     pub fn is_within(&self, size: [usize; 2]) -> bool {
         let [right, bottom] = size.map(|pixels| (pixels - CELL_PX) as u16);
         self.x0 > CELL_PX as u16 && self.y0 > CELL_PX as u16 && self.x1 < right && self.y1 < bottom

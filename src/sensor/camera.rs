@@ -8,7 +8,7 @@
 //! built once. Cost: `colour_pixel` about 40 multiplications. Degenerate: a raw value without a distance gives 0; a point at
 //! z ≤ 0 projects to nothing useful (the result may be infinite). Limitation: no lens distortion of the depth camera.
 
-use crate::base::capacity::{HEIGHT, RAW_DEPTH_VALUES, WIDTH};
+use crate::base::capacity::RAW_DEPTH_VALUES;
 use crate::base::geometry::{Point, Rigid};
 use crate::base::prelude::*;
 
@@ -26,7 +26,6 @@ pub struct Pinhole {
 
 impl Pinhole {
     /// The pixel of a point with z > 0.
-    #[must_use]
     pub fn pixel(&self, p: &Point) -> [f32; 2] {
         [0, 1].map(|k| p[k] * (self.focal[k] / p.z) + self.centre[k])
     }
@@ -38,7 +37,6 @@ pub struct Distortion(pub [f32; 5]);
 
 impl Distortion {
     /// Where the lens shows a point with z > 0, as one at z = 1.
-    #[must_use]
     pub fn bent(&self, p: &Point) -> Point {
         let [k1, k2, p1, p2, k3] = self.0;
         let (x, y) = (p.x / p.z, p.y / p.z);
@@ -79,7 +77,6 @@ pub struct Cubic(pub [[f64; 4]; 4]);
 
 impl Cubic {
     /// Its value at a pixel.
-    #[must_use]
     pub fn at(&self, col: f64, row: f64) -> f64 {
         let [t0, t1, t2, t3] = &self.0;
         let n = row + 1.0;
@@ -104,7 +101,6 @@ pub struct Camera {
 
 impl Camera {
     /// Of a sensor whose raw depth is `far - near / z`, and who tells the metres of raw values: 0 = none.
-    #[must_use]
     pub fn new(
         metres: impl Fn(f64) -> f64,
         raw: [f64; 2],
@@ -127,7 +123,6 @@ impl Camera {
     }
 
     /// Of a sensor that measures metres: raw values divide [`RANGE_M`] in equal steps of 1/z, 1.6 mm at 1 m.
-    #[must_use]
     pub fn metric(depth: Pinhole, size: [usize; 2], picture: Picture) -> Self {
         let [near, far] = RANGE_M.map(|m| 1.0 / f64::from(m));
         let last = (RAW_DEPTH_VALUES - 2) as f64;
@@ -137,19 +132,16 @@ impl Camera {
     }
 
     /// Focal length of the depth camera, pixels.
-    #[must_use]
     pub fn depth_focal_px(&self) -> f32 {
         self.depth.focal[0]
     }
 
     /// Columns and rows of the depth picture.
-    #[must_use]
     pub fn depth_size(&self) -> [usize; 2] {
         self.size
     }
 
     /// Distance along z of a raw depth value, metres; 0 = none (no measurement, or 10 m and beyond).
-    #[must_use]
     pub fn depth_m(&self, raw: u16) -> f32 {
         self.metres.get(usize::from(raw)).copied().unwrap_or(0.0)
     }
@@ -157,29 +149,25 @@ impl Camera {
     /// The raw value, not rounded, of a distance `z` > 0 in metres: the inverse of [`Self::depth_m`].
     ///
     /// ```
-    /// let camera = mien::sensor::camera::Camera::default();
+    /// let camera = mien::sensor::kinect::geometry::nominal();
     /// assert!((camera.raw_from_m(camera.depth_m(700)) - 700.0).abs() < 0.01);
     /// ```
-    #[must_use]
     pub fn raw_from_m(&self, z: f32) -> f32 {
         let [far, near] = self.raw;
         (far - near / f64::from(z)) as f32
     }
 
     /// Raw values that a difference in 1/z is worth, at least 1; `per_m` in 1/m.
-    #[must_use]
     pub fn raw_steps(&self, per_m: f32) -> u16 {
         (self.raw[1] * f64::from(per_m)).round().max(1.0) as u16
     }
 
     /// Depth pixels of a solid angle, steradians.
-    #[must_use]
     pub fn pixels_of(&self, solid_angle: f32) -> u32 {
         (solid_angle * self.depth.focal[0] * self.depth.focal[1]).round() as u32
     }
 
     /// The point seen by a depth pixel at distance `z` metres, sensor frame.
-    #[must_use]
     pub fn point(&self, col: f32, row: f32, z: f32) -> Point {
         let Pinhole { focal, centre, .. } = &self.depth;
         let (x, y) = (z / focal[0], z / focal[1]);
@@ -187,13 +175,11 @@ impl Camera {
     }
 
     /// Depth pixel (column, row) of a point of the sensor frame with z > 0.
-    #[must_use]
     pub fn depth_pixel(&self, p: &Point) -> [f32; 2] {
         self.depth.pixel(p)
     }
 
     /// Pixel (column, row) of the grey picture of a point of the sensor frame with z > 0. Smooth.
-    #[must_use]
     pub fn colour_pixel(&self, p: &Point) -> [f32; 2] {
         match &self.picture {
             Picture::Pinhole {
@@ -214,29 +200,30 @@ impl Camera {
     }
 }
 
-impl Default for Camera {
-    /// A depth camera 58° wide whose grey picture is the same view.
-    fn default() -> Self {
-        let view = Pinhole {
-            focal: [576.0; 2],
-            centre: [320.0, 240.0],
-        };
-        let picture_from_sensor = Rigid::identity();
-        Self::metric(
-            view,
-            [WIDTH, HEIGHT],
-            Picture::Pinhole {
-                view,
-                distortion: Distortion::default(),
-                picture_from_sensor,
-            },
-        )
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::capacity::{HEIGHT, WIDTH};
+
+    impl Default for Camera {
+        /// A depth camera 58° wide whose grey picture is the same view.
+        fn default() -> Self {
+            let view = Pinhole {
+                focal: [576.0; 2],
+                centre: [320.0, 240.0],
+            };
+            let picture_from_sensor = Rigid::identity();
+            Self::metric(
+                view,
+                [WIDTH, HEIGHT],
+                Picture::Pinhole {
+                    view,
+                    distortion: Distortion::default(),
+                    picture_from_sensor,
+                },
+            )
+        }
+    }
 
     #[test]
     fn metric_depth_is_finer_than_a_head_moves_and_comes_back() {

@@ -39,7 +39,6 @@ pub struct Frame {
 
 impl Frame {
     /// Whether there is a picture that could show a face, and not one grey all over as of a covered lens.
-    #[must_use]
     pub fn has_picture(&self) -> bool {
         // A few hundred pixels all over it.
         let (mut least, mut most) = (u8::MAX, 0);

@@ -101,7 +101,6 @@ pub struct Rgbd {
 
 impl Rgbd {
     /// Whether `folder` is one.
-    #[must_use]
     pub fn is_in(folder: &Path) -> bool {
         folder.join("depth.txt").exists()
     }
@@ -157,13 +156,11 @@ impl Rgbd {
     }
 
     /// Frames skipped so far because a file of theirs is damaged or missing.
-    #[must_use]
     pub fn skipped(&self) -> u64 {
         self.skipped.0
     }
 
     /// Depth pictures the list names, skipped ones included.
-    #[must_use]
     pub fn frames(&self) -> usize {
         self.index.depth.len()
     }

@@ -7,8 +7,8 @@
 //!   whole driver runs on top of it unchanged.
 //!
 //! What it sees is any [`View`]; it fills depth, Bayer and stamps, and returns false when it has ended (the device is then
-//! gone). Limitations: only the formats the driver uses; nothing is simulated below the packet (no bus errors;
-//! see [`super::faults`]).
+//! gone). Limitations: only the formats the driver uses; nothing is simulated below the packet (no bus errors:
+//! tests inject those).
 
 use core::time::Duration;
 
@@ -17,7 +17,6 @@ use crate::sensor::kinect::registration::Registration;
 
 mod camera;
 mod player;
-pub mod test_pattern;
 
 pub use camera::VirtualCamera;
 pub use player::{Player, View};

@@ -99,7 +99,7 @@ enum Command {
     /// Serve a web page: the animated head, the units, their ranges, curves, pose and state
     #[command(after_help = "Example: mien-studio preview --csv run.csv --mesh head.glb")]
     Preview(preview::Args),
-    /// Learn from sculpted shapes how skin moves, for bake; reports the error on held-out shapes
+    /// Learn from sculpted shapes how skin moves, for bake
     #[command(after_help = "Example: mien-studio skin --out config/skin.prior")]
     Skin {
         /// The prior to write

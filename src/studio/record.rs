@@ -104,11 +104,8 @@ pub fn record(
             done.bytes = size(out);
         }
         progress.step_with(|| {
-            let free = free(out).map_or(String::new(), |free| {
-                format!(", {:.1} GB free", free as f64 / 1e9)
-            });
             let (mb, hz) = (done.bytes as f64 / 1e6, done.rate_hz());
-            format!("{mb:.0} MB, {hz:.0} Hz{free}")
+            format!("{mb:.0} MB, {hz:.0} Hz")
         });
     }
     done.stopped = stop.load(Ordering::Relaxed);
@@ -126,12 +123,6 @@ fn size(folder: &Path) -> u64 {
         .sum()
 }
 
-/// Bytes that are free where a folder is.
-fn free(folder: &Path) -> Option<u64> {
-    let disk = nix::sys::statvfs::statvfs(folder).ok()?;
-    Some(disk.blocks_available() as u64 * disk.fragment_size() as u64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -146,7 +137,6 @@ mod tests {
         assert_eq!(whole.bytes, size(&out));
         assert!(whole.bytes > whole.frames * 300_000, "{whole:?}");
         assert!((whole.rate_hz() - 30.0).abs() < 1.0, "{whole:?}");
-        assert!(free(&out).is_some_and(|free| free > 0));
         let stopped = record(
             &mut source,
             &folder.path().join("b"),

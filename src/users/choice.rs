@@ -47,7 +47,6 @@ pub struct Choice {
 
 impl Choice {
     /// Nobody is shown yet.
-    #[must_use]
     pub fn new(policy: Policy) -> Self {
         Self {
             policy,
@@ -56,7 +55,6 @@ impl Choice {
     }
 
     /// The slot of the user shown; also a lost one, until another is there.
-    #[must_use]
     pub fn shown(&self) -> Option<usize> {
         self.shown
     }

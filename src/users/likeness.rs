@@ -15,7 +15,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::pose::signature::{Difference, Signature};
+use crate::pose::signature::{Difference, Signature, read_word, write_word};
 
 /// Lengths of a face.
 pub const LENGTHS: usize = 11;
@@ -83,7 +83,6 @@ pub struct Likeness {
 
 impl Likeness {
     /// Distance between two people whose heads differ by `heads`; see the module.
-    #[must_use]
     pub fn apart(&self, other: &Self, heads: Difference) -> f32 {
         let [surface, size, length] = WEIGHTS;
         let mut sum = surface * heads.surface + size * (heads.log_size / SIZE_SIGMA).powi(2);
@@ -104,28 +103,18 @@ impl Likeness {
     /// If the writer fails.
     pub fn write(&self, text: &mut impl core::fmt::Write) -> core::fmt::Result {
         self.head.write(text)?;
-        for mean in self.face.mean {
-            if self.face.frames > 0.0 {
-                write!(text, " {mean:.6}")?;
-            } else {
-                write!(text, " -")?;
-            }
-        }
-        Ok(())
+        let seen = |&mean: &f32| (self.face.frames > 0.0).then_some(mean);
+        (self.face.mean.iter()).try_for_each(|mean| write_word(seen(mean), text))
     }
 
     /// Parses the words that [`Self::write`] wrote; `None` if there are too few or too many, or one is implausible.
-    #[must_use]
     pub fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
         let head = Signature::read(&mut words)?;
         let mut face = FaceLengths::default();
         for mean in &mut face.mean {
-            let word = words.next()?;
-            if word != "-" {
-                let length: f32 = word.parse().ok()?;
-                *mean = (length.abs() < MOST_M).then_some(length)?;
+            if let Some(length) = read_word(words.next()?, MOST_M)? {
                 // It stands for a whole memory.
-                face.frames = MEMORY_FRAMES;
+                (*mean, face.frames) = (length, MEMORY_FRAMES);
             }
         }
         words.next().is_none().then_some(Self { head, face })

@@ -39,7 +39,6 @@ pub struct Place {
 
 impl Place {
     /// Seen first: the middle of the cloud and the origin of the head.
-    #[must_use]
     pub fn new(centre: Point, origin: Vector, at: Timestamp) -> Self {
         Self {
             centre,
@@ -62,7 +61,6 @@ impl Place {
     }
 
     /// Expected centre of the cloud, and the radius of the gate.
-    #[must_use]
     pub fn expected(&self, at: Timestamp) -> (Point, f32) {
         let gap = at.seconds_since(self.at).max(0.0);
         let reach = (REACH_M + REACH_GROWTH * gap as f32).min(REACH_MOST_M);
@@ -70,7 +68,6 @@ impl Place {
     }
 
     /// Middle of the cloud when last seen.
-    #[must_use]
     pub fn centre(&self) -> Point {
         self.centre
     }
@@ -78,7 +75,6 @@ impl Place {
 
 /// The head (index in `heads`) of each user, `None` for those without one. `users`: by slot, expected position and gate radius,
 /// `None` for free slots.
-#[must_use]
 pub fn assign(users: &[Option<(Point, f32)>; USERS], heads: &[Point]) -> [Option<usize>; USERS] {
     let mut found = [None; USERS];
     let mut taken = [false; HEADS];

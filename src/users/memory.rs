@@ -26,7 +26,6 @@ pub struct Gone {
 
 impl Gone {
     /// How long they have been gone, seconds.
-    #[must_use]
     pub fn away_s(&self, now: Timestamp) -> f64 {
         now.seconds_since(self.last_seen).max(0.0) + self.before_s
     }
@@ -61,7 +60,6 @@ impl Memory {
     }
 
     /// All, longest gone first.
-    #[must_use]
     pub fn gone(&self) -> &[Gone] {
         &self.gone
     }
@@ -73,7 +71,6 @@ impl Memory {
     }
 
     /// The free slot for a new person: one that belongs to nobody remembered, else that of the person gone longest.
-    #[must_use]
     pub fn slot_for_newcomer(&self, free: &[bool; USERS]) -> Option<usize> {
         let owner = |slot: usize| self.gone.iter().position(|gone| gone.slot == slot);
         (0..USERS)

@@ -64,25 +64,21 @@ impl TrackingState {
     ];
 
     /// Name in the CSV.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         ["absent", "warming", "tracking", "held", "lost", "posed"][self as usize]
     }
 
     /// Code in the other outputs.
-    #[must_use]
     pub const fn code(self) -> u8 {
         self as u8
     }
 
     /// Whether this user's head pose is known.
-    #[must_use]
     pub const fn is_present(self) -> bool {
         self.has_face() || matches!(self, Self::Posed)
     }
 
     /// Whether this user has landmarks, measures and weights.
-    #[must_use]
     pub const fn has_face(self) -> bool {
         matches!(self, Self::Warming | Self::Tracking | Self::Held)
     }
@@ -107,7 +103,6 @@ pub struct Presence {
 
 impl Presence {
     /// `hold_s`: how long values are held without being seen; `forget_s`: how long the slot is then kept.
-    #[must_use]
     pub fn new(hold_s: f32, forget_s: f32) -> Self {
         Self {
             hold_s: hold_s.into(),

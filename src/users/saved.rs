@@ -119,7 +119,6 @@ pub struct People {
 
 impl People {
     /// At a path; nothing is read or written yet.
-    #[must_use]
     pub fn at(path: &Path) -> Self {
         let mut new = path.as_os_str().to_owned();
         new.push(".new");
@@ -133,7 +132,6 @@ impl People {
     }
 
     /// The people remembered; nobody if there is no file, or a damaged one, which is moved aside.
-    #[must_use]
     pub fn load(&self) -> heapless::Vec<Gone, REMEMBERED> {
         let path = self.path.display();
         let is_file = std::fs::metadata(&self.path).map(|about| about.is_file());
@@ -170,7 +168,6 @@ impl People {
     }
 
     /// Whether a minute has passed since it was written.
-    #[must_use]
     pub fn is_due(&self) -> bool {
         self.written.elapsed() >= PERIOD
     }

@@ -38,7 +38,7 @@ complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "bake" -d 'B
 complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "place" -d 'Serve a web page for dragging the 68 landmarks into place on a neutral head, with a preview of the shapes'
 complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "head" -d 'Write a coloured head to experiment with, and its landmarks in a .txt beside it: baked with 67 shapes and a neck that stays still (.glb), or neutral with its materials (.obj)'
 complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "preview" -d 'Serve a web page: the animated head, the units, their ranges, curves, pose and state'
-complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "skin" -d 'Learn from sculpted shapes how skin moves, for bake; reports the error on held-out shapes'
+complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "skin" -d 'Learn from sculpted shapes how skin moves, for bake'
 complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "animate" -d 'Export the weights of a run as a glTF animation'
 complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l images -d 'Folders of annotated portraits' -r -F
@@ -103,7 +103,7 @@ complete -c mien-studio -n "__fish_mien_studio_using_subcommand nrsfm" -l truth 
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand nrsfm" -s h -l help -d 'Print help'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l mesh -d 'Neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB, glTF or VRM, whose copy in --out gets the shapes and keeps everything else' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l landmarks -d '68 vertex numbers from 0, one per line, in iBUG order; for a GLB, counted through its position accessors in order. auto finds them in a rendering of the mesh and writes beside --out a picture to check (.landmarks.png) and a file to correct and pass back in (.landmarks.txt)' -r -F
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l out -d 'glTF with one morph target per shape (.glb, .vrm), or USD with one blend shape (.usda), in the mesh\'s own unit' -r -F
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l out -d 'glTF with one morph target per shape (.glb, .vrm)' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l recipe -d 'Shapes and their control points [default: the 67 of config/blendshapes.toml]' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l controls -d 'CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l obj -d 'Also neutral.obj, one OBJ per shape and shapes.json in this folder' -r -F
@@ -114,7 +114,7 @@ paper\t'The paper\'s Procedure 1 with its printed Laplacian, equations (10) to (
 laplacian\t'Plain Laplacian least squares, for comparison'"
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l derive-controls -d 'With --controls: skin between the given vertices moves as learned from sculpted shapes; with a recipe it always does'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l correctives -d 'Also the recipe\'s correctives for pairs of shapes, named like jawOpen_mouthSmileLeft, to be weighted by the product of both weights, as animate does'
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l dense -d 'Morph targets and blend shapes in full, for programs that cannot read sparse ones'
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l dense -d 'Morph targets in full, for programs that cannot read sparse ones'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -s h -l help -d 'Print help'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand place" -l mesh -d 'Neutral head, as for bake' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand place" -l landmarks -d 'Where to begin: 68 vertex numbers, as for bake, or auto: found on a picture of the mesh' -r -F
@@ -157,6 +157,6 @@ complete -c mien-studio -n "__fish_mien_studio_using_subcommand help; and not __
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand help; and not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate help" -f -a "place" -d 'Serve a web page for dragging the 68 landmarks into place on a neutral head, with a preview of the shapes'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand help; and not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate help" -f -a "head" -d 'Write a coloured head to experiment with, and its landmarks in a .txt beside it: baked with 67 shapes and a neck that stays still (.glb), or neutral with its materials (.obj)'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand help; and not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate help" -f -a "preview" -d 'Serve a web page: the animated head, the units, their ranges, curves, pose and state'
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand help; and not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate help" -f -a "skin" -d 'Learn from sculpted shapes how skin moves, for bake; reports the error on held-out shapes'
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand help; and not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate help" -f -a "skin" -d 'Learn from sculpted shapes how skin moves, for bake'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand help; and not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate help" -f -a "animate" -d 'Export the weights of a run as a glTF animation'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand help; and not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate help" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'

@@ -8,7 +8,9 @@
 pub mod actors;
 pub mod data;
 pub mod drivers_table;
+pub mod faults;
 pub mod paced;
+pub mod test_pattern;
 pub mod whole_run;
 
 #[cfg(feature = "studio")]

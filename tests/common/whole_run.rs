@@ -60,10 +60,7 @@ pub fn read_port() -> ReadPort {
 
 /// What is a feature of the build, to nobody.
 #[cfg(feature = "wires")]
-const WIRES: &str = "[lights]\nchannels = [\"AU26 1 1\", \"AU12L 2 1 16 smooth\", \"yaw 1 5\"]\n\
-    [artnet]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
-    [sacn]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
-    [live_link]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
+const WIRES: &str = "[live_link]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
     [websocket]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
     [page]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
     [mqtt]\nenabled = true\nbroker = \"127.0.0.1:9\"\n";

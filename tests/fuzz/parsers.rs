@@ -11,7 +11,6 @@ use std::time::SystemTime;
 
 use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
 use mien::base::checksum::crc32;
-use mien::expression::Units;
 use mien::expression::saved::Learned;
 use mien::face_model::FaceModel;
 use mien::face_model::refinement;
@@ -21,7 +20,6 @@ use mien::sensor::kinect::registration::Registration;
 use mien::sensor::kinect::command::{self, Command};
 use mien::sensor::kinect::device::{Model, Stream};
 use mien::sensor::kinect::stream::Assembler;
-use mien::simulator::virtual_head::HeadAsset;
 use mien::sensor::Frame;
 use mien::appliance::source::Source;
 use mien::appliance::settings::Settings;
@@ -65,7 +63,6 @@ fuzz_target!(init: {
                 assert_eq!(again.as_ref(), Ok(&settings), "what is printed is accepted");
             }
         }
-        "units" => drop(Units::read(&words())),
         "recipe" => drop(Recipe::read(&words())),
         "people" => {
             let text = words();
@@ -88,15 +85,6 @@ fuzz_target!(init: {
                 let sum = crc32(&whole[..body]).to_le_bytes();
                 whole[body..].copy_from_slice(&sum);
                 drop(FaceModel::read(&whole));
-            }
-        }
-        "head" => {
-            drop(HeadAsset::parse(bytes));
-            if bytes.len() > 16 {
-                let mut whole = bytes.to_vec();
-                let sum = crc32(&whole[16..]).to_le_bytes();
-                whole[12..16].copy_from_slice(&sum);
-                drop(HeadAsset::parse(&whole));
             }
         }
         "recording" => recording(bytes),

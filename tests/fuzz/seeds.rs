@@ -17,7 +17,6 @@ use mien::sensor::kinect::device::{Model, Stream};
 use mien::sensor::kinect::packet::LONGEST;
 use mien::sensor::kinect::recording::Recorder;
 use mien::sensor::kinect::stream::Cutter;
-use mien::simulator::virtual_head::HeadAsset;
 use mien::sensor::kinect::frame::KinectFrame;
 use mien::appliance::source::Source;
 use mien::appliance::settings::Settings;
@@ -84,15 +83,6 @@ pub fn write(folder: &Path) {
     for (k, section) in parts(&defaults, "\n[").iter().enumerate() {
         corpus.add("settings", &format!("section{k}"), section);
     }
-    // A table needs a row for every measure; a feature and a reading or two are as good as all.
-    let units = bare(include_str!("../../config/units.toml"));
-    let kept = |kind: &str, most: usize| {
-        let of_kind = parts(&units, "\n[[").into_iter().filter(move |part| part.starts_with(kind));
-        of_kind.take(most).collect::<String>()
-    };
-    let rows = kept("eye_distance", 1) + &kept("[[unit]]", usize::MAX);
-    corpus.add("units", "rows", &rows);
-    corpus.add("units", "readings", rows + &kept("[[feature]]", usize::MAX) + &kept("[[reading]]", 2));
     // Shapes of every kind: those that bring a key none before them has.
     let mut keys = Vec::new();
     for (k, shape) in parts(&bare(recipe::SHIPPED), "\n[[").iter().enumerate() {
@@ -120,7 +110,6 @@ pub fn write(folder: &Path) {
     // A whole model is too long to be changed and read ten million times; its sections begin alike.
     corpus.add("model", "start", &face_model::SHIPPED[..8192]);
     corpus.add("model", "empty", face_model::SHIPPED[..24].iter().chain(&[0; 64]).copied().collect::<Vec<u8>>());
-    corpus.add("head", "start", &HeadAsset::shipped().emit()[..8192]);
 
     recording(&corpus);
     usb(&corpus);

@@ -1,6 +1,6 @@
-"""A baked head into other programs' files by way of Blender: FBX for engines and for Maya, .blend for Blender itself.
+"""A baked head into other programs' files by way of Blender: FBX and USD for engines and for Maya, .blend for Blender itself.
 
-blender --background --python convert.py -- head.glb head.fbx      (or head.blend; several, as you like)
+blender --background --python convert.py -- head.glb head.fbx      (or head.usdc, head.usda, head.blend; several, as you like)
 pip install bpy==5.0.1 && python convert.py head.glb head.fbx head.blend
 
 Every shape key keeps its name, at 0; unit and axes are those of the kind of file. An animation comes along, at 30 frames a second.
@@ -44,8 +44,10 @@ def write(path):
             bake_anim_use_nla_strips=False,
             bake_anim_use_all_actions=False,
         )
+    elif kind in (".usdc", ".usda"):
+        bpy.ops.wm.usd_export(filepath=str(path), export_shapekeys=True, export_animation=bool(bpy.data.actions))
     else:
-        sys.exit(f"{path.name}: expected a name that ends in .fbx or .blend")
+        sys.exit(f"{path.name}: expected a name that ends in .fbx, .usdc, .usda or .blend")
 
 
 if __name__ == "__main__":

@@ -13,10 +13,11 @@ use mien::sensor::kinect::pairing::{Paired, RawPair};
 use mien::sensor::kinect::picture_clock::PictureClock;
 use mien::sensor::kinect::picture_clock::timestamp_from_ticks;
 use mien::sensor::kinect::registration::Registration;
-use mien::simulator::faults::{Faulty, Rates};
 use mien::simulator::simulated::Simulated;
 use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
 use mien::simulator::virtual_kinect::VirtualKinect;
+
+use crate::common::faults::{Faulty, Rates};
 
 const MODELS: [Model; 3] = [Model::Xbox1414, Model::Xbox1473, Model::Windows1517];
 

@@ -55,14 +55,12 @@ pub(crate) fn files() -> BTreeMap<Module, String> {
     walk(&source(), &Module::new(), &mut files);
     let mut tests = Vec::new();
     for (module, text) in &files {
-        for cfg in ["#[cfg(test)]\n", "#[cfg(all(test, feature = \"std\"))]\n"] {
-            for after in text.split(cfg).skip(1) {
-                let line = after.lines().next().unwrap_or_default();
-                if let Some(name) = line.trim().strip_suffix(';')
-                    && let Some(name) = name.rsplit("mod ").next()
-                {
-                    tests.push([module.as_slice(), &[name.to_owned()]].concat());
-                }
+        for after in text.split("#[cfg(test)]\n").skip(1) {
+            let line = after.lines().next().unwrap_or_default();
+            if let Some(name) = line.trim().strip_suffix(';')
+                && let Some(name) = name.rsplit("mod ").next()
+            {
+                tests.push([module.as_slice(), &[name.to_owned()]].concat());
             }
         }
     }

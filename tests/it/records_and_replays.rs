@@ -34,7 +34,8 @@ fn replay(directory: &Path) -> (Vec<(u64, u64)>, u64) {
     while source.next_frame(&mut frame).unwrap() {
         let mut original = common::noise_frame(frame.index, SEED);
         if !frame.has_colour {
-            original.drop_colour();
+            original.frame.drop_colour();
+            original.original.drop_colour();
         }
         assert!(
             frame.depth == original.depth,

@@ -186,8 +186,6 @@ fn a_kind_of_file_that_is_not_written_is_refused_before_the_work() {
             )),
             "{text}"
         );
-        // USD is what bake writes, and Blender the way to FBX.
-        assert_eq!(text.contains(".usda"), words[0] == "bake", "{text}");
-        assert_eq!(text.contains("come out of Blender"), words[0] == "bake");
+        assert!(text.contains("come out of Blender"), "{text}");
     }
 }

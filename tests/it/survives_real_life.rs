@@ -497,7 +497,7 @@ fn a_year_of_samples() {
         range_prior: 8.0,
     };
     let mut ours = RobustLearner::new(robust, prior, 0.0);
-    let mut papers = PaperLearner::new(Settings::default(), prior, units.rows[m].paper_kind, 0.0);
+    let mut papers = PaperLearner::new(Settings::default(), prior, units.rows[m].kind(true), 0.0);
     let mut random = fastrand::Rng::with_seed(5);
     let mut second = 0.0;
     // The person changes their rest by half a range in the last hour: who has stopped learning shows it.

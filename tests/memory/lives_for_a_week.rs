@@ -31,13 +31,13 @@ use mien::pose::PoseTracker;
 use mien::sensor::kinect::device::{DeviceError, Model};
 use mien::sensor::kinect::frame::KinectFrame;
 use mien::sensor::kinect::live::LiveKinect;
-use mien::simulator::faults::{Faulty, Rates};
 use mien::simulator::virtual_kinect::VirtualKinect;
 use mien::users::likeness::{FaceLengths, Likeness};
 use mien::users::memory::{Gone, Memory};
 use mien::users::{Presence, saved};
 
 use crate::common::actors::{ACTED, Acting, FRAME_S, Jitter, Person};
+use crate::common::faults::{Faulty, Rates};
 use crate::common::paced::Paced;
 use crate::{MEMORY, alone};
 
@@ -258,7 +258,7 @@ fn a_week_of_visitors() {
     let started = Instant::now();
     let units = Units::shipped().by_measure();
     let noise = Noise::new();
-    let anchor = FaceModel::shipped().standard_head.oriented();
+    let anchor = FaceModel::shipped().standard_head;
     let pose = PoseTracker::new(mien::pose::Settings::default(), &anchor).unwrap();
     let likeness = Likeness {
         head: pose.signature(),

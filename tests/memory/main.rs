@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod in_use;
 mod lives_for_a_week;
 mod stays_in_its_memory;
 mod survives_packet_loss;
@@ -12,10 +13,8 @@ mod wires_cost_little;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use mien::appliance::memory::Counting;
-
 #[global_allocator]
-static MEMORY: Counting = Counting::new();
+static MEMORY: in_use::Counting = in_use::Counting::new();
 
 /// One test at a time, so that what is counted is its own.
 fn alone() -> MutexGuard<'static, ()> {

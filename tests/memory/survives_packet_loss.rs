@@ -8,9 +8,10 @@ use mien::sensor::kinect::frame::KinectFrame;
 use mien::sensor::kinect::pairing::RawPair;
 use mien::sensor::kinect::picture_clock::PictureClock;
 use mien::sensor::kinect::stream::Tally;
-use mien::simulator::faults::{Faulty, Injected, Rates};
-use mien::simulator::virtual_kinect::{VirtualKinect, test_pattern};
+use mien::simulator::virtual_kinect::VirtualKinect;
 
+use crate::common::faults::{Faulty, Injected, Rates};
+use crate::common::test_pattern;
 use crate::{MEMORY, alone};
 
 /// A picture is drawn once for many frames: drawing would take longer than everything under test. The number in its first

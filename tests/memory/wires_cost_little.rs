@@ -170,39 +170,14 @@ fn network(_: &str) -> Vec<Box<dyn Output>> {
 /// All that are features of the build, with a page that reads; the broker is away.
 #[cfg(feature = "wires")]
 fn network(target: &str) -> Vec<Box<dyn Output>> {
-    use mien::output::features::{
-        ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings, SacnSettings,
-        WebSocketSettings,
-    };
-    use mien::output::lights::{artnet, sacn};
+    use mien::output::features::{LiveLinkSettings, MqttSettings, PageSettings, WebSocketSettings};
     use mien::output::live_link::LiveLink;
     use mien::output::{mqtt, web};
     use std::io::Write;
     use std::net::{TcpListener, TcpStream};
 
-    let targets = vec![target.to_owned()];
-    let lights = LightSettings {
-        channels: [
-            "AU26 1 1 16 smooth",
-            "AU25 1 3",
-            "AU43L 2 1 square",
-            "yaw 2 2",
-            "present 2 3",
-        ]
-        .map(str::to_owned)
-        .to_vec(),
-        ..LightSettings::default()
-    };
-    let artnet = ArtNetSettings {
-        enabled: true,
-        targets: targets.clone(),
-    };
-    let sacn = SacnSettings {
-        targets: targets.clone(),
-        ..SacnSettings::default()
-    };
     let live_link = LiveLinkSettings {
-        targets,
+        targets: vec![target.to_owned()],
         ..LiveLinkSettings::default()
     };
     let free = || {
@@ -225,8 +200,6 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         ..MqttSettings::default()
     };
     let outputs: Vec<Box<dyn Output>> = vec![
-        Box::new(artnet::open(&artnet, &lights, &UNITS).unwrap()),
-        Box::new(sacn::open(&sacn, &lights, "", &UNITS).unwrap()),
         Box::new(LiveLink::new(live_link, "", &UNITS).unwrap()),
         Box::new(web::websocket::open(&websocket, &UNITS, &["smile"]).unwrap()),
         Box::new(web::page::open(&phone, "", "", &UNITS, &[]).unwrap()),

@@ -15,10 +15,11 @@ use mien::sensor::kinect::frame::KinectFrame;
 use mien::sensor::kinect::live::LiveKinect;
 use mien::sensor::kinect::registration::Registration;
 use mien::sensor::kinect::usb_devices;
-use mien::simulator::virtual_kinect::test_pattern;
 
 #[path = "../common/drivers_table.rs"]
 mod drivers_table;
+#[path = "../common/test_pattern.rs"]
+mod test_pattern;
 
 use drivers_table::{DriversTable, depth_mm};
 

@@ -14,7 +14,7 @@ enum { PIXELS = 640 * 480 };
 
 static int depth_frames, depth_wrong, colour_frames, colour_wrong;
 
-/* The test pattern of src/simulator/virtual_kinect/test_pattern.rs; hash() of virtual_head/random.rs. */
+/* The test pattern of tests/common/test_pattern.rs, with its hash(). */
 static uint64_t mixed(uint64_t seed, uint64_t index)
 {
 	uint64_t z = seed ^ index * 0x9e3779b97f4a7c15u;

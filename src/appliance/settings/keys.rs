@@ -156,7 +156,8 @@ sections! { s
     pose: "Head pose." {
         method: "Point-to-plane ICP against the learned head, or the paper's point-to-point ICP." =>
             choice(&mut s.stages.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper)]);
-        smoothing: "Pose filter: none, the paper's window, or adaptive." => smoothing(&mut s.stages.pose.smoothing);
+        smoothing: "Pose filter: none, the paper's window, or adaptive." =>
+            choice(&mut s.stages.pose.smoothing, &[("off", Smoothing::Off), ("window", Smoothing::Window(pose::WINDOW_FRAMES as usize)), ("adaptive", Smoothing::ADAPTIVE)]);
         window_frames: "Length of the paper's window in frames; the delay is (frames - 1) / 3 frames (window)." =>
             integer(&mut s.stages.pose.window_frames, 1, 16, "");
         rounds: "Maximum iterations of point-to-point ICP, which stops early when it converges (paper)." =>
@@ -267,7 +268,7 @@ sections! { s
             integer(&mut s.serial.full, 10, 10_000, "");
         pose: "Whether head poses are sent too." => Kind::Bool(&mut s.serial.pose);
         units: "Units to send, most important first; empty = all." =>
-            Kind::Texts(&mut s.serial.units, "units, like [\"AU26\", \"AU25\"]", super::units::is_unit, 0);
+            Kind::Texts(&mut s.serial.units, "units, like [\"AU26\", \"AU25\"]", is_unit, 0);
         min_rate_hz: "Frame rate below which units are left out on a slow line." =>
             float(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz");
         dtr: "Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged." =>
@@ -277,22 +278,6 @@ sections! { s
     network: "What the outputs below say about the box. They are optional build features, included in the package." {
         name: "Name of the box on the network; empty = the host name." =>
             Kind::Text(&mut s.name, "at most 63 letters, digits and -, or empty", is_host);
-    }
-    lights: "Lights and servos: which unit drives which channel, for Art-Net and sACN." {
-        channels: "Channels count from 1, 16-bit ones take two; the curve is linear, square, root or smooth; MIN and MAX are percentages; hold keeps the value when the face is lost." =>
-            Kind::Texts(&mut s.lights.channels, "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll", is_channel, 0);
-        ..s.lights.view
-    }
-    artnet: "Art-Net, the channels of [lights]." {
-        enabled: ENABLED => Kind::Bool(&mut s.artnet.enabled);
-        target: "Destinations: hosts or broadcast addresses." => targets(&mut s.artnet.targets);
-    }
-    sacn: "sACN (E1.31), the channels of [lights]." {
-        enabled: ENABLED => Kind::Bool(&mut s.sacn.enabled);
-        target: "Destinations; [] = the multicast group of each universe." =>
-            Kind::Texts(&mut s.sacn.targets, "host:port, or several, or []", is_host_port, 0);
-        priority: "Priority; receivers use the source with the highest." =>
-            integer(&mut s.sacn.priority, 0, 200, "");
     }
     live_link: "Unreal's Live Link, in the format of the Live Link Face app." {
         enabled: ENABLED => Kind::Bool(&mut s.live_link.enabled);
@@ -391,19 +376,6 @@ fn choice<'a, T: Copy + PartialEq>(slot: &'a mut T, all: &'static [(&'static str
     Kind::Choice(present.unwrap_or_default(), names, set)
 }
 
-/// The filter; its parameters are keys of their own.
-fn smoothing(slot: &mut Smoothing) -> Kind<'_> {
-    let all = [
-        Smoothing::Off,
-        Smoothing::Window(pose::WINDOW_FRAMES as usize),
-        Smoothing::default(),
-    ];
-    let alike = |one: &Smoothing| std::mem::discriminant(one) == std::mem::discriminant(slot);
-    let present = all.iter().position(alike).unwrap_or_default();
-    let set = Box::new(move |index: usize| *slot = all[index]);
-    Kind::Choice(present, vec!["off", "window", "adaptive"], set)
-}
-
 fn targets(value: &mut Vec<String>) -> Kind<'_> {
     let form = "host:port, or several as [\"host:port\", \"host:port\"]";
     Kind::Texts(value, form, is_host_port, 1)
@@ -428,14 +400,4 @@ fn is_topic(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_graphic() && !"#+\"\\$".contains(c);
     let open = text.starts_with('/') || text.ends_with('/');
     (1..=64).contains(&text.len()) && text.chars().all(plain) && !open
-}
-
-/// Whether a row of the channel table is well-formed; whether its unit is measured depends on the learning method.
-fn is_channel(row: &str) -> bool {
-    #[cfg(feature = "wires")]
-    let read = crate::output::lights::Row::read(row).map(|(unit, _)| unit);
-    // Rows that nothing reads are not judged.
-    #[cfg(not(feature = "wires"))]
-    let read = row.split_whitespace().next();
-    read.is_some_and(|unit| ["present", "yaw", "pitch", "roll"].contains(&unit) || is_unit(unit))
 }

@@ -149,7 +149,6 @@ impl Settings {
     }
 
     /// The whole configuration as TOML that [`Settings::parse`] accepts, every key with its comment and range.
-    #[must_use]
     pub fn to_toml(mut self) -> String {
         let mut text = String::from(
             "# Configuration of mien. Every key is here once, with its meaning, range and value.\n\

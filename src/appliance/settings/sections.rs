@@ -4,10 +4,7 @@ use std::path::Path;
 
 use crate::appliance::source;
 use crate::base::defaults;
-use crate::output::features::{
-    ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings, SacnSettings,
-    WebSocketSettings,
-};
+use crate::output::features::{LiveLinkSettings, MqttSettings, PageSettings, WebSocketSettings};
 use crate::{output, pipeline};
 
 /// Where the status file is unless another place is named.
@@ -39,12 +36,6 @@ defaults! {
         pub keys_device: String = "/dev/uinput".into(),
         /// Name of the box; empty = the host name.
         pub name: String = String::new(),
-        /// The table of channels.
-        pub lights: LightSettings = LightSettings::default(),
-        /// Art-Net.
-        pub artnet: ArtNetSettings = ArtNetSettings::default(),
-        /// sACN.
-        pub sacn: SacnSettings = SacnSettings::default(),
         /// Unreal's Live Link.
         pub live_link: LiveLinkSettings = LiveLinkSettings::default(),
         /// JSON for pages.
@@ -64,7 +55,7 @@ defaults! {
     /// Where frames come from.
     #[derive(Clone, Debug, PartialEq)]
     pub struct SensorSettings {
-        /// As [`source::SourceName`] reads it.
+        /// As [`source::open`] takes it.
         pub source: String = source::DEFAULT.into(),
         /// Path of a face model; empty = the built-in one.
         pub model: String = String::new(),
@@ -103,7 +94,6 @@ impl Settings {
             &mut self.vmc.view,
             &mut self.vrchat.view,
             &mut self.serial.view,
-            &mut self.lights.view,
             &mut self.live_link.view,
             &mut self.websocket.view,
             &mut self.mqtt.view,
@@ -114,7 +104,6 @@ impl Settings {
     }
 
     /// Names of the gestures, in their order.
-    #[must_use]
     pub fn gesture_names(&self) -> Vec<&str> {
         let names = self.gestures.iter().map(|gesture| gesture.name.as_str());
         names.collect()

@@ -2,17 +2,11 @@
 
 use toml::de::DeValue;
 
+use crate::base::json::Quoted;
+
 /// A TOML basic string, with control characters escaped.
 pub(super) fn toml_string(text: &str) -> String {
-    let mut out = String::from("\"");
-    for c in text.chars() {
-        match c {
-            '\\' | '"' => out.extend(['\\', c]),
-            c if c.is_control() => out += &format!("\\u{:04X}", u32::from(c)),
-            c => out.push(c),
-        }
-    }
-    out + "\""
+    Quoted(text).to_string()
 }
 
 pub(super) fn describe(value: &DeValue<'_>) -> String {

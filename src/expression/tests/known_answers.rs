@@ -1,4 +1,4 @@
-//! Known answers: bounds of a table of units, edges of a window, the first weights shown.
+//! Known answers: edges of a window, the first weights shown.
 
 use super::super::measures::tests::toy_face;
 use super::super::nodes::Nodes;
@@ -9,23 +9,6 @@ use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Rigid;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
-
-const SHIPPED: &str = include_str!("../../../config/units.toml");
-
-#[test]
-fn a_wrong_name_is_quoted_by_its_first_letters() {
-    let long = "AU25_abcdefghijklmnopqrstuvwxyz";
-    let text = SHIPPED.replacen(
-        "[[reading]]\nunit = \"AU",
-        &format!("[[reading]]\nunit = \"{long}"),
-        1,
-    );
-    let message = Units::read(&text).unwrap_err().to_string();
-    assert!(
-        message.contains(&long[..16]) && !message.contains(&long[..17]),
-        "{message}"
-    );
-}
 
 #[test]
 fn rest_moves_to_the_middle_of_all_within_its_window_both_ends_counted() {

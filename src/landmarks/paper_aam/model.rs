@@ -108,7 +108,6 @@ impl PaperAam {
     }
 
     /// The model as bytes; see the module header. Appearance is rounded to 8 bits.
-    #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = b"PAM2".to_vec();
         let counts = [

@@ -158,7 +158,6 @@ fn orthonormal(rows: &mut Vec<Vec<f32>>, mut row: Vec<f32>) {
 
 impl Solver {
     /// A solver of the model.
-    #[must_use]
     pub fn new(model: PaperAam) -> Self {
         let pixels = model.trust.len();
         let mut rows = Vec::with_capacity(LIGHT + model.appearance_modes.len());
@@ -187,13 +186,11 @@ impl Solver {
     }
 
     /// The mean face at the depth pose.
-    #[must_use]
     pub fn cold(&self, start: &View) -> AamFit {
         self.at(*start, [0.0; MOST_HEAD_MODES])
     }
 
     /// The last frame's shape at the depth pose, corrected as the picture corrected the last frame's (`depth`).
-    #[must_use]
     pub fn warm(&self, last: &AamFit, depth: &View, start: &View) -> AamFit {
         let mut fit = self.at(start.moved(&last.view.step_from(depth)), last.head);
         fit.residual = last.residual;
@@ -214,7 +211,6 @@ impl Solver {
     }
 
     /// The 3D shape of a fit, head frame, metres.
-    #[must_use]
     pub fn head(&self, fit: &AamFit) -> [Point; LANDMARKS] {
         core::array::from_fn(|i| {
             let mut p = self.model.head[i];
@@ -238,7 +234,6 @@ impl Solver {
     }
 
     /// At most `steps` iterations from `fit`. A cold start uses a blurred window first.
-    #[must_use]
     pub fn run(
         &mut self,
         window: &[f32],

@@ -15,7 +15,6 @@ pub type Shape2 = [[f32; 2]; LANDMARKS];
 pub const STEP: f32 = 1.5;
 
 /// Delaunay triangles of the points.
-#[must_use]
 pub fn triangulate(points: &Shape2) -> Vec<[u8; 3]> {
     let mut all: Vec<[f64; 2]> = points
         .iter()
@@ -68,7 +67,6 @@ pub struct BasePixel {
 }
 
 /// The pixels of a mean shape.
-#[must_use]
 pub fn base_pixels(mean: &Shape2, triangles: &[[u8; 3]]) -> Vec<BasePixel> {
     let low = |axis: usize| mean.iter().map(|p| p[axis]).fold(f32::INFINITY, f32::min);
     let high = |axis: usize| {
@@ -97,7 +95,6 @@ pub fn base_pixels(mean: &Shape2, triangles: &[[u8; 3]]) -> Vec<BasePixel> {
 }
 
 /// Weights of a point in a triangle; `None` if the triangle is flat.
-#[must_use]
 pub fn barycentric(t: [[f32; 2]; 3], p: [f32; 2]) -> Option<[f32; 3]> {
     let [a, b, c] = t.map(|v| v.map(f64::from));
     let p = p.map(f64::from);
@@ -111,7 +108,6 @@ pub fn barycentric(t: [[f32; 2]; 3], p: [f32; 2]) -> Option<[f32; 3]> {
 
 impl BasePixel {
     /// Where the pixel lies in a picture that shows the shape.
-    #[must_use]
     pub fn place(&self, shape: &Shape2) -> [f32; 2] {
         let mut p = [0.0; 2];
         for (corner, weight) in self.corners.iter().zip(&self.weights) {

@@ -78,7 +78,6 @@ impl FaceOsc {
     }
 
     /// As [`Self::new`], but to these targets instead of the configured ones.
-    #[must_use]
     pub fn over(targets: Targets, settings: Settings) -> Self {
         Self {
             wire: Wire::new(targets, String::new()),

@@ -69,11 +69,6 @@ impl Listener {
         })
     }
 
-    /// Where it listens.
-    pub(super) fn address(&self) -> Option<SocketAddr> {
-        self.at.socket.as_ref()?.local_addr().ok()
-    }
-
     /// Commands accepted and refused.
     pub(super) fn counts(&self) -> [u64; 2] {
         [self.taken, self.refused]

@@ -85,7 +85,6 @@ impl Vmc {
     }
 
     /// As [`Self::new`], but to these targets instead of the configured ones.
-    #[must_use]
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Self {
         let shapes = match settings.names {
             Names::Arkit => Parameter::of_arkit(settings.derived, units),

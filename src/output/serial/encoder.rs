@@ -47,13 +47,11 @@ impl Encoder {
     }
 
     /// Output names of the units sent.
-    #[must_use]
     pub fn units(&self) -> &[String] {
         &self.form.names
     }
 
     /// What to send on opening and every five seconds.
-    #[must_use]
     pub fn header(&self) -> Line {
         let header = self.form.header();
         header.expect("the same names fitted before")

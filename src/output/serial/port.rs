@@ -21,7 +21,7 @@ use crate::output::{Output, OutputError, Report, Tally};
 /// Interval at which the names of the units are repeated.
 const HEADER_PERIOD: Duration = Duration::from_secs(budget::HEADER_PERIOD_S as u64);
 /// Where the system has stable names of serial devices.
-const STABLE_NAMES: &str = "/dev/serial/by-id";
+pub(crate) const STABLE_NAMES: &str = "/dev/serial/by-id";
 /// Timeout for connecting to a serial server.
 const CONNECTING: Duration = Duration::from_secs(1);
 /// First and longest pause before reopening an absent port.
@@ -231,7 +231,7 @@ fn open(settings: &Settings) -> std::io::Result<Box<dyn Write>> {
 }
 
 /// The link in `names` to the same device as `path`; `None` if there is none, or `path` is one already.
-fn stable_name(path: &Path, names: &Path) -> Option<String> {
+pub(crate) fn stable_name(path: &Path, names: &Path) -> Option<String> {
     if path.starts_with(names) {
         return None;
     }

@@ -525,7 +525,7 @@ mod tests {
         let (mut page, address) = served(None);
         let text = asked(address, "GET /", "", "");
         assert!(
-            text.starts_with("HTTP/1.1 200 OK") && text.ends_with(PAGE),
+            text.starts_with("HTTP/1.1 200 ") && text.ends_with(PAGE),
             "{text}"
         );
         assert!(text.contains("text/html") && !text.contains("Allow-Origin"));

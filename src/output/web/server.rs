@@ -384,23 +384,10 @@ impl<S: Service> Server<S> {
     }
 }
 
-/// Writes the head of a reply.
+/// Writes the head of a reply. The reason behind the status may be empty (RFC 9112, 4).
 fn head(waiting: &mut Vec<u8>, status: u16, headers: &str, length: usize) {
-    let reason = match status {
-        200 => "OK",
-        204 => "No Content",
-        400 => "Bad Request",
-        401 => "Unauthorized",
-        403 => "Forbidden",
-        404 => "Not Found",
-        405 => "Method Not Allowed",
-        421 => "Misdirected Request",
-        426 => "Upgrade Required",
-        503 => "Service Unavailable",
-        _ => "Refused",
-    };
     let _ = write!(
         waiting,
-        "HTTP/1.1 {status} {reason}\r\n{headers}Content-Length: {length}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
+        "HTTP/1.1 {status} \r\n{headers}Content-Length: {length}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
     );
 }

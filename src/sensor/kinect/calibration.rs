@@ -21,7 +21,6 @@ pub enum Block {
 
 impl Block {
     /// By number.
-    #[must_use]
     pub fn of(number: u16) -> Option<Self> {
         let all = [Self::ConstShift, Self::Registration, Self::Padding];
         all.into_iter().find(|block| *block as u16 == number)
@@ -36,7 +35,6 @@ impl Block {
     }
 
     /// Bytes of the block, without the status word before it.
-    #[must_use]
     pub const fn size(self) -> usize {
         match self {
             Self::ConstShift => 2,
@@ -109,7 +107,6 @@ pub fn parse_block(
 }
 
 /// The fixed parameters as `model` sends them; all but the optics is zero.
-#[must_use]
 pub fn emit_fixed(registration: &Registration, model: Model) -> Vec<u8> {
     let plane = &registration.zero_plane;
     let mut block = vec![0; model.fixed_parameters_len()];
@@ -127,7 +124,6 @@ pub fn emit_fixed(registration: &Registration, model: Model) -> Vec<u8> {
 }
 
 /// One algorithm block, without its status word.
-#[must_use]
 pub fn emit_block(block: Block, registration: &Registration) -> Vec<u8> {
     let bytes = |shorts: &[u16]| {
         let bytes = shorts.iter().flat_map(|short| short.to_le_bytes());

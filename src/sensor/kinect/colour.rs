@@ -16,7 +16,6 @@ use core::num::Wrapping;
 pub const RGB_BYTES: usize = 3 * PIXELS;
 
 /// Luma of one RGB pixel, 0…255.
-#[must_use]
 #[inline(always)]
 pub fn luma_of([red, green, blue]: [u8; 3]) -> u8 {
     // Not `map`: it reads the three as one number, which no vector instruction does.

@@ -33,7 +33,6 @@ pub enum Command {
 
 impl Command {
     /// By number.
-    #[must_use]
     pub fn of(number: u16) -> Option<Self> {
         let all = [
             Self::GetParameter,
@@ -150,7 +149,6 @@ pub fn parse_reply(bytes: &[u8], command: Command, tag: u16) -> Result<&[u8], Ba
 }
 
 /// The camera's side: command, tag and words of a command; `None` if it is malformed or unknown.
-#[must_use]
 pub fn parse_command(bytes: &[u8]) -> Option<(Command, u16, Vec<u16>)> {
     if bytes.len() < HEADER || bytes[..2] != TO_CAMERA {
         return None;

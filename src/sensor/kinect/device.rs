@@ -1,6 +1,6 @@
 //! The interface below the driver: what a Kinect's USB functions do, not how.
 //!
-//! [`PacketSource`] has three implementations: the real device, the virtual one, and a wrapper that injects faults.
+//! [`PacketSource`] has three implementations: the real device, the virtual one, and, in tests, a wrapper that injects faults.
 //! Everything above it (commands, calibration, packets, pictures) is the same code for all three.
 
 use crate::base::prelude::*;
@@ -20,13 +20,11 @@ impl Stream {
     pub const BOTH: [Self; 2] = [Self::Colour, Self::Depth];
 
     /// Index into tables by stream.
-    #[must_use]
     pub const fn index(self) -> usize {
         self as usize
     }
 
     /// Address of the isochronous endpoint.
-    #[must_use]
     pub const fn endpoint(self) -> u8 {
         match self {
             Self::Colour => 0x81,
@@ -53,7 +51,6 @@ impl Model {
     pub const FIRST_SERIES_RELEASE: u16 = 0x010b;
 
     /// From the camera's product id and `bcdDevice`; `None` if it is not a Kinect v1 camera.
-    #[must_use]
     pub const fn of_camera(product: u16, release: u16) -> Option<Self> {
         match (product, release) {
             (0x02bf, _) => Some(Self::Windows1517),
@@ -64,7 +61,6 @@ impl Model {
     }
 
     /// Alternate setting of interface 0 that has the isochronous endpoints.
-    #[must_use]
     pub const fn alternate_setting(self) -> u8 {
         match self {
             Self::Windows1517 => 1,
@@ -73,7 +69,6 @@ impl Model {
     }
 
     /// Bytes of the fixed parameters block.
-    #[must_use]
     pub const fn fixed_parameters_len(self) -> usize {
         match self {
             Self::Xbox1414 => 322,

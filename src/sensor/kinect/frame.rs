@@ -61,14 +61,6 @@ impl Developed for KinectFrame {
     }
 }
 
-impl KinectFrame {
-    /// Takes the colour picture away.
-    pub fn drop_colour(&mut self) {
-        self.frame.drop_colour();
-        self.original.drop_colour();
-    }
-}
-
 impl Original {
     /// Shows the picture of a frame that no Kinect made, in grey.
     pub fn show(&mut self, frame: &Frame) {

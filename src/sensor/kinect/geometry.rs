@@ -19,14 +19,12 @@ const FARTHEST_MM: f64 = 10_000.0;
 const DEVICE_OFFSET: f64 = 0.375;
 
 /// The usual optics and a real unit's registration block.
-#[must_use]
 pub fn nominal() -> Camera {
     Registration::default().camera()
 }
 
 impl Registration {
     /// Both cameras, from the numbers read from a device.
-    #[must_use]
     pub fn camera(&self) -> Camera {
         let plane = &self.zero_plane;
         let [emitter, between, reference, pixel] = [

@@ -92,7 +92,6 @@ pub struct LiveKinect {
 
 impl LiveKinect {
     /// A Kinect on USB: the one with `serial`, else the first that is free. Returns at once, whether or not it is there.
-    #[must_use]
     pub fn usb(serial: Option<String>, settings: Settings) -> Self {
         Self::over(
             move || UsbKinect::open(serial.as_deref(), settings.reset_audio),
@@ -148,7 +147,6 @@ impl LiveKinect {
     }
 
     /// Waits until a sensor has been opened or the first attempt has failed, at most `wait`.
-    #[must_use]
     pub fn wait_for_first_attempt(&mut self, wait: Duration) -> Status {
         let attempted =
             |inner: &Inner| inner.status.openings > 0 || inner.status.waiting_for.is_some();
@@ -159,7 +157,6 @@ impl LiveKinect {
     }
 
     /// State and counts.
-    #[must_use]
     pub fn status(&self) -> Status {
         self.shared.lock().status.clone()
     }
@@ -247,7 +244,6 @@ fn stream<S: PacketSource>(
             bus_errors,
             wrong_length,
             misplaced,
-            ..
         } = health.streams[stream.index()];
         tracing::info!(
             "{stream:?}: {pictures} pictures whole, {broken} broken; packets {packets}, lost {lost}, repeated {repeated}, damaged {damaged}, bus errors {bus_errors}, wrong length {wrong_length}, misplaced {misplaced}; unpaired pictures {unpaired}, depth alone {alone}, restarts {restarts}"

@@ -2,7 +2,6 @@
 //! Disparity, the 60 MHz counter and the Bayer mosaic exist only here; what leaves is a [`super::Frame`] and a
 //! [`super::camera::Camera`].
 
-pub mod budget;
 pub mod calibration;
 pub mod colour;
 pub mod command;

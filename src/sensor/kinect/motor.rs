@@ -30,7 +30,6 @@ pub const SET_TILT: u8 = 0x31;
 
 impl Light {
     /// Value of [`SET_LIGHT`], and of the message to the audio device.
-    #[must_use]
     pub const fn values(self) -> (u16, u32) {
         match self {
             Self::Off => (0, 1),
@@ -42,7 +41,6 @@ impl Light {
 }
 
 /// Value of [`SET_TILT`]: half degrees, limited.
-#[must_use]
 pub fn tilt_value(degrees: f32) -> u16 {
     ((limited(degrees) * 2.0).round() as i16).cast_unsigned()
 }
@@ -71,26 +69,22 @@ pub mod audio {
     }
 
     /// Sets the LED.
-    #[must_use]
     pub fn light(tag: u32, light: Light) -> Vec<u8> {
         words(&[MAGIC, tag, 0, 0x10, light.values().1])
     }
 
     /// Sets the tilt, whole degrees.
-    #[must_use]
     pub fn tilt(tag: u32, degrees: f32) -> Vec<u8> {
         let degrees = (limited(degrees).round() as i32).cast_unsigned();
         words(&[MAGIC, tag, 0, 0x803b, degrees])
     }
 
     /// True if `bytes` is the status "done" for `tag`.
-    #[must_use]
     pub fn is_done(bytes: &[u8], tag: u32) -> bool {
         bytes.len() == STATUS && bytes == words(&[STATUS_MAGIC, tag, 0])
     }
 
     /// The device's side: status of the message with `tag`.
-    #[must_use]
     pub fn status(tag: u32) -> Vec<u8> {
         words(&[STATUS_MAGIC, tag, 0])
     }

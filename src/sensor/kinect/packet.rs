@@ -56,7 +56,6 @@ const fn stream_nibble(stream: Stream) -> u8 {
 impl Header {
     /// Reads the header of a packet that came on `stream`; the payload follows at byte [`HEADER`]. `None` if it is too short for
     /// one, or begins with another magic or a flag that is none of this stream.
-    #[must_use]
     pub fn parse(bytes: &[u8], stream: Stream) -> Option<Self> {
         let [m0, m1, _, flag, _, sequence, _, _, ticks @ ..] = *bytes.first_chunk::<HEADER>()?;
         let place = match flag ^ stream_nibble(stream) {
@@ -75,7 +74,6 @@ impl Header {
     }
 
     /// The header of a packet whose payload has `payload` bytes.
-    #[must_use]
     pub fn emit(&self, payload: usize) -> [u8; HEADER] {
         let mut header = [0; HEADER];
         header[..2].copy_from_slice(&MAGIC);

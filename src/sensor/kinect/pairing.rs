@@ -54,11 +54,6 @@ defaults! {
     }
 }
 
-impl RawPair {
-    /// Bytes on the heap.
-    pub const BYTES: usize = Layout::of(Stream::Depth).bytes + Layout::of(Stream::Colour).bytes;
-}
-
 /// A pair just made, where its halves waited, or a depth picture alone.
 pub struct Paired<'a> {
     number: u64,
@@ -80,7 +75,6 @@ impl Paired<'_> {
     }
 
     /// Whether it is a pair.
-    #[must_use]
     pub const fn has_colour(&self) -> bool {
         self.colour.is_some()
     }

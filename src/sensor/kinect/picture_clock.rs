@@ -10,7 +10,6 @@ pub const FRAME_TICKS: i64 = 2_000_000;
 
 /// Capture time of unwrapped 60 MHz ticks since the first depth picture, rounded down to whole microseconds. Every source
 /// goes through here, so that a run and its replay agree to the bit.
-#[must_use]
 pub fn timestamp_from_ticks(ticks: i64) -> Timestamp {
     Timestamp::from_us(ticks.max(0).unsigned_abs() / 60)
 }

@@ -93,13 +93,11 @@ impl Recording {
     }
 
     /// Depth pictures the index names, skipped ones included.
-    #[must_use]
     pub fn frames(&self) -> usize {
         self.index.depth.len()
     }
 
     /// Frames skipped so far because a file of theirs is damaged or missing.
-    #[must_use]
     pub fn skipped(&self) -> u64 {
         self.skipped.0
     }

@@ -26,7 +26,6 @@ pub struct Layout {
 
 impl Layout {
     /// Of the formats used: packed 11-bit depth and Bayer, both 640×480.
-    #[must_use]
     pub const fn of(stream: Stream) -> Self {
         match stream {
             Stream::Depth => Self {
@@ -41,20 +40,17 @@ impl Layout {
     }
 
     /// Packets of a picture.
-    #[must_use]
     pub const fn packets(&self) -> usize {
         self.bytes.div_ceil(self.payload)
     }
 
     /// Bytes of the picture that packet `number` carries.
-    #[must_use]
     pub fn range(&self, number: usize) -> core::ops::Range<usize> {
         let start = number * self.payload;
         start..self.bytes.min(start + self.payload)
     }
 
     /// Flag of packet `number`.
-    #[must_use]
     pub const fn place(&self, number: usize) -> Place {
         if number == 0 {
             Place::First
@@ -87,8 +83,6 @@ pub struct Tally {
     pub wrong_length: u64,
     /// Flag does not fit the place in the picture.
     pub misplaced: u64,
-    /// Fine, but of a picture already given up.
-    pub skipped: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,7 +113,6 @@ pub struct Assembler {
 
 impl Assembler {
     /// Waits for the first picture of `stream`.
-    #[must_use]
     pub fn new(stream: Stream) -> Self {
         let layout = Layout::of(stream);
         Self {
@@ -198,14 +191,10 @@ impl Assembler {
             (_, Place::First) => 0,
             (State::Between, _) => {
                 self.tally.broken += 1;
-                self.tally.skipped += 1;
                 self.state = State::Broken;
                 return None;
             }
-            (State::Broken | State::Joining, _) => {
-                self.tally.skipped += 1;
-                return None;
-            }
+            (State::Broken | State::Joining, _) => return None,
         };
         let range = self.layout.range(number);
         if payload.len() != range.len() {
@@ -236,7 +225,6 @@ pub struct Cutter {
 
 impl Cutter {
     /// Starts at `sequence`, which the camera chooses as it likes.
-    #[must_use]
     pub const fn new(stream: Stream, sequence: u8) -> Self {
         Self {
             stream,

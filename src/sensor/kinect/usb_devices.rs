@@ -16,10 +16,6 @@ const MOTOR: u16 = 0x02b0;
 const AUDIO: [u16; 4] = [0x02ad, 0x02be, 0x02c3, 0x02bb];
 /// The hub of the later models.
 const HUB: u16 = 0x02c2;
-/// Product ids of every part of every model, cameras first.
-pub const PRODUCTS: [u16; 8] = [
-    0x02ae, 0x02bf, MOTOR, AUDIO[0], AUDIO[1], AUDIO[2], AUDIO[3], HUB,
-];
 /// Where Linux keeps the device nodes.
 const NODES: &str = "/dev/bus/usb";
 /// Where Linux lists the bound drivers.
@@ -179,9 +175,7 @@ impl Bus {
                     .then(|| (device, descriptor.product_id(), release))
             })
             .collect();
-        crate::base::insertion_sort::sort_by_key(&mut devices, |(device, ..)| {
-            (device.bus_number(), device.address())
-        });
+        devices.sort_by_key(|(device, ..)| (device.bus_number(), device.address()));
         Ok(Self { context, devices })
     }
 

@@ -29,7 +29,6 @@ mod sensor;
 pub use appearance::{Beard, HairStyle, Headgear, Held, Look, Neck};
 pub use asset::{Expression, HeadAsset, Part, Site, Texture};
 pub use draw::Light;
-pub use file::HeadFileError;
 pub use person::{EXPRESSIONS, Truth};
 pub use script::Scene;
 pub use sensor::Sensor;

@@ -32,7 +32,7 @@ pub struct Args {
     #[arg(long)]
     pub csv: PathBuf,
     /// The head with the run as an animation, .glb or .vrm
-    #[arg(long, value_parser = |text: &str| written(text, &["glb", "vrm"]))]
+    #[arg(long, value_parser = written)]
     pub out: PathBuf,
     /// Slot to follow [default: the first that appears]
     #[arg(long)]

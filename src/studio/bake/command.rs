@@ -9,7 +9,7 @@ use serde_json::json;
 use super::files::{read, read_bytes, write};
 use super::glb::Glb;
 use super::head::Head;
-use super::learn::{Lesson, Truth, means};
+use super::learn::{Lesson, Truth};
 use super::locate::{Located, guess};
 use super::looks::Looks;
 use super::mesh::{Mesh, Vec3};
@@ -24,7 +24,7 @@ use super::render::Outside;
 use super::rig::{self, Method};
 use super::shape::{Shape, Target};
 use super::table::table;
-use super::{morphs, report, usd};
+use super::{morphs, report};
 use crate::appliance::memory::peak_resident_bytes;
 use crate::face_model::FaceModel;
 use crate::studio::fault::Fault;
@@ -51,8 +51,8 @@ pub struct Request {
     /// to correct and pass back in (.landmarks.txt)
     #[arg(long)]
     pub landmarks: PathBuf,
-    /// glTF with one morph target per shape (.glb, .vrm), or USD with one blend shape (.usda), in the mesh's own unit
-    #[arg(long, value_parser = |text: &str| written(text, &["glb", "vrm", "usda"]))]
+    /// glTF with one morph target per shape (.glb, .vrm)
+    #[arg(long, value_parser = written)]
     pub out: PathBuf,
     /// Shapes and their control points [default: the 67 of config/blendshapes.toml]
     #[arg(long)]
@@ -79,23 +79,19 @@ pub struct Request {
     /// of both weights, as animate does
     #[arg(long)]
     pub correctives: bool,
-    /// Morph targets and blend shapes in full, for programs that cannot read sparse ones
+    /// Morph targets in full, for programs that cannot read sparse ones
     #[arg(long)]
     pub dense: bool,
 }
 
-/// A file of ours by its name: binary glTF, the VRM that a head came in or, for `bake`, USD.
-pub(in crate::studio) fn written(name: &str, endings: &[&str]) -> Result<PathBuf, String> {
+/// A file of ours by its name: binary glTF, or the VRM that a head came in.
+pub(in crate::studio) fn written(name: &str) -> Result<PathBuf, &'static str> {
     let out = PathBuf::from(name);
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
-    if endings.iter().any(|known| ending == *known) {
-        return Ok(out);
-    }
-    let mut expected = format!("expected a name that ends in .{}", endings.join(" or ."));
-    if endings.contains(&"usda") {
-        expected += "; FBX and .blend come out of Blender, see docs/baking.md";
-    }
-    Err(expected)
+    let known = ending == "glb" || ending == "vrm";
+    known.then_some(out).ok_or(
+        "expected a name that ends in .glb or .vrm; FBX, USD and .blend come out of Blender, see docs/baking.md",
+    )
 }
 
 /// Metres per unit of a mesh.
@@ -180,31 +176,20 @@ impl Source {
         })
     }
 
-    /// The file that is asked for, with the shapes; pictures of USD are written beside it.
+    /// The file that is asked for, with the shapes.
     fn with_shapes(
         &mut self,
-        request: &Request,
         shapes: &[Shape],
         metres: f64,
+        dense: bool,
         neck: Option<&Neck>,
-    ) -> Result<Vec<u8>, Fault> {
-        let (mesh, looks, dense) = (&self.mesh, &self.looks, request.dense);
-        let ending = request.out.extension().unwrap_or_default();
-        if ending.eq_ignore_ascii_case("usda") {
-            let pictures = looks.beside(&request.out, &mesh.materials);
-            for (file, bytes) in pictures.values() {
-                write(&request.out.with_file_name(file), bytes)?;
-            }
-            return Ok(usd::emit(mesh, looks, &pictures, shapes, metres, dense).into_bytes());
+    ) -> Vec<u8> {
+        if let Some(foreign) = self.foreign.take() {
+            return foreign.patched(shapes, dense).emit();
         }
-        Ok(match self.foreign.take() {
-            Some(foreign) => foreign.patched(shapes, dense).emit(),
-            None => {
-                let mut glb = morphs::build(mesh, shapes, metres, dense, neck);
-                looks.paint(&mut glb);
-                glb.emit()
-            }
-        })
+        let mut glb = morphs::build(&self.mesh, shapes, metres, dense, neck);
+        self.looks.paint(&mut glb);
+        glb.emit()
     }
 
     /// The neutral and every shape as OBJ, and a list of them.
@@ -311,7 +296,8 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let targets = targets(request, &head, ordered.vertex())?;
     let progress = Progress::new("baking", targets.len());
     let done = |name: &str| progress.step_with(|| name.to_owned());
-    let shapes = rig::bake(&head, &targets, request.method, &done)?;
+    let prior = Some(Prior::shipped());
+    let shapes = rig::bake(&head, &targets, request.method, prior, &done)?;
     drop(progress);
     let promises = report::promises(&shapes);
     if !promises.is_empty() {
@@ -328,7 +314,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let shapes: Vec<Shape> = shapes.collect();
     let elapsed = || start.elapsed().as_secs_f64();
     println!("{} shapes baked at {:.2} s", shapes.len(), elapsed());
-    let file = source.with_shapes(request, &shapes, metres, neck.as_ref())?;
+    let file = source.with_shapes(&shapes, metres, request.dense, neck.as_ref());
     write(&request.out, &file)?;
     let memory = peak_resident_bytes().map(|bytes| format!(", {} MiB of memory", bytes >> 20));
     let (out, memory) = (request.out.display(), memory.unwrap_or_default());
@@ -344,30 +330,15 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     Ok(shapes)
 }
 
-/// Learns the prior of the skin from the sculpted shapes under `data` into `out`; prints how close each shape comes by what is
-/// learned without it and its other side.
+/// Learns the prior of the skin from the sculpted shapes under `data` into `out`.
 ///
 /// # Errors
 /// If the shapes cannot be read, solved or the file not be written.
 pub fn skin(data: &Path, out: &Path) -> Result<(), Fault> {
     let truth = Truth::read(&data.join("ict_facekit"))?;
-    let lesson = Lesson::new(&truth)?;
-    let bytes = lesson.prior().emit();
+    let bytes = Lesson::new(&truth)?.prior(|_| true).emit();
     write(out, &bytes)?;
     println!("wrote {}: {} bytes", out.display(), bytes.len());
-    let scores = lesson.left_out()?;
-    println!("RMS error over RMS motion: the solve alone -> with what the other shapes teach");
-    for score in &scores {
-        let [alone, taught] = score.face;
-        let cheek = score.cheek.map_or_else(String::new, |[alone, taught]| {
-            format!("; cheek {alone:.3} -> {taught:.3}")
-        });
-        println!("{:20} {alone:.3} -> {taught:.3}{cheek}", score.name);
-    }
-    let ([[alone, taught], [cheek_alone, cheek_taught]], count) = (means(&scores), scores.len());
-    println!(
-        "mean of {count} shapes {alone:.4} -> {taught:.4}; of the cheek {cheek_alone:.4} -> {cheek_taught:.4}"
-    );
     Ok(())
 }
 

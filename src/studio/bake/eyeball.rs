@@ -185,11 +185,7 @@ mod tests {
         }
         for i in 0..rows - 1 {
             for j in 0..cols {
-                let v = |i: u32, j: u32| Corner {
-                    vertex: i * cols + j % cols,
-                    uv: None,
-                    normal: None,
-                };
+                let v = |i: u32, j: u32| Corner::bare(i * cols + j % cols);
                 mesh.push_face(&[v(i, j), v(i, j + 1), v(i + 1, j + 1), v(i + 1, j)], 0);
             }
         }

@@ -252,9 +252,11 @@ fn content(accessor: usize, expected: &str) -> impl Fn(&str) -> Fault {
 
 /// Gives an accessor the smallest and largest of each column.
 pub(super) fn bound<const N: usize>(accessor: &mut Value, rows: &[[f32; N]]) {
-    let [low, high] = extent(rows);
-    accessor["min"] = json!(&low[..]);
-    accessor["max"] = json!(&high[..]);
+    let end = |of: fn(f32, f32) -> f32, from: f32| -> [f32; N] {
+        std::array::from_fn(|k| rows.iter().map(|row| row[k]).fold(from, of))
+    };
+    accessor["min"] = json!(&end(f32::min, f32::INFINITY)[..]);
+    accessor["max"] = json!(&end(f32::max, f32::NEG_INFINITY)[..]);
 }
 
 /// The description, from its text.
@@ -290,14 +292,6 @@ fn whole(data: &[u8], size: usize) -> impl Iterator<Item = u32> {
 pub(crate) fn bytes<const N: usize>(rows: &[[f32; N]]) -> Vec<u8> {
     let values = rows.as_flattened().iter();
     values.flat_map(|v| v.to_le_bytes()).collect()
-}
-
-/// Smallest and largest of each column.
-pub(super) fn extent<const N: usize>(rows: &[[f32; N]]) -> [[f32; N]; 2] {
-    let of = |of: fn(f32, f32) -> f32, from: f32| {
-        std::array::from_fn(|k| rows.iter().map(|row| row[k]).fold(from, of))
-    };
-    [of(f32::min, f32::INFINITY), of(f32::max, f32::NEG_INFINITY)]
 }
 
 pub(crate) fn push(list: &mut Value, item: Value) -> usize {

@@ -1,7 +1,6 @@
-//! Learns how skin moves ([`super::prior`]) from sculpted shapes, and says how well that does on a shape it has not seen.
+//! Learns how skin moves ([`super::prior`]) from sculpted shapes.
 //!
-//! Units: eye distances in the face's frame inside, the mesh's outside. Deterministic. Cost: half a minute of one core, most of
-//! it the shapes left out in turn.
+//! Units: eye distances in the face's frame inside, the mesh's outside. Deterministic.
 
 use std::path::Path;
 
@@ -9,7 +8,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::canonical::{in_frame, places};
-use super::files::{read, read_bytes};
+use super::files::read;
 use super::head::{Head, LANDMARKS};
 use super::mesh::{Mesh, Vec3};
 use super::obj;
@@ -17,7 +16,7 @@ use super::prior::{Comparison, Place, Prior};
 use super::rig::{self, Method};
 use super::shape::Target;
 use crate::studio::fault::Fault;
-use crate::studio::text_files::listed;
+use crate::studio::heads::ict::read_deltas;
 
 /// Places of the left half, those on the middle included.
 const PLACES: usize = 360;
@@ -50,25 +49,12 @@ impl Truth {
         let neutral = folder.join("generic_neutral_mesh.obj");
         let mesh = obj::parse(&read(&neutral)?).map_err(Fault::within(&neutral))?;
         let landmarks = read(&folder.join("landmarks68.txt"))?;
-        let expressions = folder.join("expr");
-        let paths = listed(&expressions).map_err(Fault::cannot("read", &expressions, ""))?;
-        let mut shapes = Vec::new();
-        for path in paths {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy();
-            if !name.starts_with("PupilDilate") {
-                let bytes = read_bytes(&path)?;
-                let numbers = bytes.as_chunks::<4>().0.iter();
-                let numbers: Vec<f64> =
-                    numbers.map(|b| f64::from(f32::from_le_bytes(*b))).collect();
-                let rows = numbers.as_chunks::<3>().0.iter();
-                shapes.push((name.into_owned(), rows.map(|&d| Vec3::from(d)).collect()));
-            }
-        }
         let landmarks = landmarks.split_ascii_whitespace();
+        let vertices = mesh.positions.len();
         Ok(Self {
             mesh,
             landmarks: landmarks.filter_map(|w| w.parse().ok()).collect(),
-            shapes,
+            shapes: read_deltas(&folder.join("expr"), vertices, |d| d.cast())?,
         })
     }
 
@@ -82,46 +68,17 @@ impl Truth {
             ..Target::default()
         }
     }
-
-    /// Error of a baked shape against shape `s` over some vertices: RMS(baked − true) / RMS(true).
-    pub fn error(&self, s: usize, baked: &[Vec3], some: impl Iterator<Item = usize>) -> f64 {
-        let truth = &self.shapes[s].1;
-        let (miss, size) = some.fold((0.0, 0.0), |(miss, size), v| {
-            let off = baked[v] - truth[v];
-            (miss + off.norm_squared(), size + truth[v].norm_squared())
-        });
-        (miss / size).sqrt()
-    }
-}
-
-/// How close one shape comes to its sculpted truth: RMS error over RMS motion.
-#[derive(Clone, Debug)]
-pub struct Score {
-    /// The shape.
-    pub name: String,
-    /// Of the whole face: by the solve alone, and with what was learned from the other shapes.
-    pub face: [f64; 2],
-    /// The same between lower lid, nose, mouth corner and jaw line; `None` where next to nothing of the shape moves.
-    pub cheek: Option<[f64; 2]>,
-}
-
-/// Mean errors of the face and of the cheek: by the solve alone, and with what was learned.
-pub fn means(scores: &[Score]) -> [[f64; 2]; 2] {
-    let mean = |of: fn(&Score) -> Option<[f64; 2]>| {
-        let some: Vec<[f64; 2]> = scores.iter().filter_map(of).collect();
-        [0, 1].map(|k| some.iter().map(|e| e[k]).sum::<f64>() / some.len().max(1) as f64)
-    };
-    [mean(|s| Some(s.face)), mean(|s| s.cheek)]
 }
 
 /// Sculpted shapes and what the solve makes of their landmarks.
 pub struct Lesson<'a> {
     truth: &'a Truth,
-    head: Head,
+    /// The neutral.
+    pub head: Head,
     /// Displacements of the solve per shape, mesh units.
-    solved: Vec<Vec<Vec3>>,
+    pub solved: Vec<Vec<Vec3>>,
     /// Shape of the other side.
-    mirror: Vec<usize>,
+    pub mirror: Vec<usize>,
     /// Vertex and place, the left half first.
     places: Vec<(u32, Place)>,
 }
@@ -183,7 +140,7 @@ impl<'a> Lesson<'a> {
         let landmarks: Vec<u64> = truth.landmarks.iter().map(|&v| u64::from(v)).collect();
         let head = Head::new(truth.mesh.clone(), &landmarks)?;
         let targets: Vec<Target> = (0..truth.shapes.len()).map(|s| truth.target(s)).collect();
-        let shapes = rig::bake_with(&head, &targets, Method::Aoi, None, &|_| ())?;
+        let shapes = rig::bake(&head, &targets, Method::Aoi, None, &|_| ())?;
         let partner = |(name, _): &(String, _)| {
             let other = other_side(name);
             let found = truth.shapes.iter().position(|s| s.0 == other);
@@ -212,8 +169,10 @@ impl<'a> Lesson<'a> {
         (sum / Truth::FACE.len() as f64).sqrt() / self.head.eye_distance
     }
 
-    /// What is learned from some of the shapes.
-    fn from(&self, kept: &[usize]) -> Prior {
+    /// What is learned from the shapes that pass.
+    pub fn prior(&self, kept: impl Fn(usize) -> bool) -> Prior {
+        let all = 0..self.truth.shapes.len();
+        let kept: Vec<usize> = all.filter(|&s| kept(s)).collect();
         let head = &self.head;
         let landmarks = (0..LANDMARKS).map(|k| in_frame(head, &head.point(k)));
         let places = self.places.iter().map(|p| p.1);
@@ -234,7 +193,7 @@ impl<'a> Lesson<'a> {
         let alike = prior.learned.iter().map(|one| prior.compared(one));
         let alike: Vec<Vec<f32>> = alike.collect();
         let adds = (0..self.places.len()).into_par_iter();
-        let adds = adds.map(|q| self.regressed(q, kept, &size, &alike));
+        let adds = adds.map(|q| self.regressed(q, &kept, &size, &alike));
         prior.adds = adds.collect::<Vec<_>>().concat();
         prior
     }
@@ -256,59 +215,5 @@ impl<'a> Lesson<'a> {
         let x = x.unwrap_or_else(|| DMatrix::zeros(n, 3));
         let rows = x.row_iter();
         rows.map(|row| Vec3::new(row[0], row[1], row[2])).collect()
-    }
-
-    /// What is learned from all of them.
-    pub fn prior(&self) -> Prior {
-        self.from(&(0..self.truth.shapes.len()).collect::<Vec<_>>())
-    }
-
-    /// Every shape by what is learned without it and its other side.
-    ///
-    /// # Errors
-    /// If a system cannot be solved.
-    pub fn left_out(&self) -> Result<Vec<Score>, Fault> {
-        let count = self.truth.shapes.len();
-        let cheek: Vec<usize> = Truth::FACE.filter(|&v| self.on_cheek(v)).collect();
-        let mut scores: Vec<Option<Score>> = vec![None; count];
-        for s in (0..count).filter(|&s| s <= self.mirror[s]) {
-            let pair = [s, self.mirror[s]];
-            let kept: Vec<usize> = (0..count).filter(|o| !pair.contains(o)).collect();
-            let prior = self.from(&kept);
-            let pair = &pair[..if self.mirror[s] == s { 1 } else { 2 }];
-            let target = |&s: &usize| Target {
-                derive: true,
-                ..self.truth.target(s)
-            };
-            let targets: Vec<Target> = pair.iter().map(target).collect();
-            let prior = Some(&prior);
-            let baked = rig::bake_with(&self.head, &targets, Method::Aoi, prior, &|_| ())?;
-            for (&s, shape) in pair.iter().zip(&baked) {
-                let both = [&self.solved[s], &shape.displacement];
-                let on_cheek = |d: &Vec<Vec3>| self.truth.error(s, d, cheek.iter().copied());
-                let moved = |v: usize| self.truth.shapes[s].1[v].norm_squared();
-                let of_cheek: f64 = cheek.iter().map(|&v| moved(v)).sum();
-                let share = of_cheek / Truth::FACE.map(moved).sum::<f64>();
-                scores[s] = Some(Score {
-                    name: shape.name.clone(),
-                    face: both.map(|d| self.truth.error(s, d, Truth::FACE)),
-                    cheek: (share > 0.05).then(|| both.map(on_cheek)),
-                });
-            }
-        }
-        Ok(scores.into_iter().flatten().collect())
-    }
-
-    /// Between lower lid and mouth corner, nostril and jaw line.
-    fn on_cheek(&self, v: usize) -> bool {
-        let place = |v: usize| in_frame(&self.head, &self.head.mesh.positions[v]);
-        let at = |k: usize| place(self.truth.landmarks[k] as usize);
-        let p = place(v);
-        let (lid, corner, nostril, jaw) = (at(46), at(54), at(35), at(14));
-        p.y < lid.y - 0.1
-            && p.y > corner.y
-            && p.x.abs() > nostril.x
-            && p.x.abs() < 0.95 * jaw.x
-            && p.z > jaw.z
     }
 }

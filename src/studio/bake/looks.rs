@@ -1,5 +1,5 @@
 //! Colours of a head: what the material files (MTL) of an OBJ or the materials of a glTF say, and their pictures; as glTF
-//! materials, as files beside USD, and drawn.
+//! materials, and drawn.
 //!
 //! Of MTL are read `newmtl`, `Kd`, `d`, `Tr` and `map_Kd` with a PNG or JPEG, which is carried over as it is; paths are relative to
 //! the file that names them. Colours are sRGB there and linear in glTF. What is missing or damaged leaves the material as it
@@ -19,34 +19,19 @@ use crate::studio::text_files;
 
 /// A material.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Look {
+struct Look {
     /// Linear red, green and blue.
     colour: Option<[f64; 3]>,
     opacity: Option<f64>,
-    /// A file that glTF and USD have the like of.
+    /// A file that glTF has the like of.
     picture: Option<Vec<u8>>,
     /// Gaps in the picture are gaps in the surface.
     cut: bool,
 }
 
-impl Look {
-    /// Linear red, green, blue and opacity; `None` for the colour if the file says nothing of it.
-    pub(super) fn surface(&self) -> (Option<[f64; 3]>, f64) {
-        (self.colour, self.opacity.unwrap_or(1.0))
-    }
-}
-
 /// Materials by name.
 #[derive(Debug, Default, PartialEq)]
-pub struct Looks(pub(super) HashMap<String, Look>);
-
-/// Pictures as files beside one by material: their names, and what is in them.
-pub(super) type Beside<'a> = HashMap<String, (String, &'a [u8])>;
-
-/// What any system lets a file be called.
-pub(super) fn plain(c: char) -> char {
-    if c.is_ascii_alphanumeric() { c } else { '_' }
-}
+pub struct Looks(HashMap<String, Look>);
 
 /// Three numbers from 0 to 1.
 fn colour(words: &str) -> Option<[f64; 3]> {
@@ -136,22 +121,6 @@ impl Looks {
         !self.0.values().any(known)
     }
 
-    /// The pictures of these materials as files beside one.
-    pub(super) fn beside<'a>(&'a self, out: &Path, names: &[String]) -> Beside<'a> {
-        let stem = out.file_stem().unwrap_or_default().to_string_lossy();
-        let stem: String = stem.chars().map(plain).collect();
-        let numbered = names.iter().enumerate();
-        let file = numbered.filter_map(|(k, name)| {
-            let bytes = self.0.get(name)?.picture.as_ref()?;
-            let ending = kind(bytes)?.strip_prefix("image/")?;
-            let word: String = name.chars().map(plain).collect();
-            // By number: the names of two materials may differ in what no file can be called only.
-            let file = format!("{stem}_{word}_{k}.{ending}");
-            Some((name.clone(), (file, &bytes[..])))
-        });
-        file.collect()
-    }
-
     /// Gives the materials of a file that have these names their colours and pictures.
     pub(in crate::studio) fn paint(&self, glb: &mut Glb) {
         let Some(mut materials) = glb.json.get_mut("materials").map(Value::take) else {
@@ -224,10 +193,9 @@ impl<'a> Surfaces<'a> {
             });
             let picture = picture.filter(|picture| !picture.is_empty());
             let known = picture.is_some() || look.colour.is_some();
-            let (colour, opacity) = look.surface();
             known.then(|| Surface {
-                colour: colour.unwrap_or([1.0; 3]),
-                opacity,
+                colour: look.colour.unwrap_or([1.0; 3]),
+                opacity: look.opacity.unwrap_or(1.0),
                 picture,
             })
         };

@@ -27,7 +27,7 @@ pub struct Corner {
 
 impl Corner {
     /// Of a vertex without more.
-    pub(in crate::studio) fn bare(vertex: u32) -> Self {
+    pub fn bare(vertex: u32) -> Self {
         Self {
             vertex,
             uv: None,
@@ -364,20 +364,9 @@ pub(super) mod tests {
         }
         for row in 0..n - 1 {
             for col in 0..n - 1 {
-                let v = |r: usize, c: usize| Corner {
-                    vertex: (r * n + c) as u32,
-                    uv: None,
-                    normal: None,
-                };
-                mesh.push_face(
-                    &[
-                        v(row, col),
-                        v(row, col + 1),
-                        v(row + 1, col + 1),
-                        v(row + 1, col),
-                    ],
-                    0,
-                );
+                let v = row * n + col;
+                let face = [v, v + 1, v + n + 1, v + n];
+                mesh.push_face(&face.map(|v| Corner::bare(v as u32)), 0);
             }
         }
         mesh
@@ -414,12 +403,7 @@ pub(super) mod tests {
         for face in faces {
             let first = mesh.positions.len() as u32;
             mesh.positions.extend(face);
-            let corner = |k| Corner {
-                vertex: first + k,
-                uv: None,
-                normal: None,
-            };
-            mesh.push_face(&[0, 1, 2, 3].map(corner), 1);
+            mesh.push_face(&[0, 1, 2, 3].map(|k| Corner::bare(first + k)), 1);
         }
         assert_eq!(mesh.sheets(), [true, false]);
     }

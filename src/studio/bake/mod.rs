@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! OBJ ─► mesh ─► head: axes, lids, lips, parts ─┐
-//!           └──► laplacian (10)(11) ────────────┼─► rig: influence (12)(13), solve (Procedure 1), contacts ─► GLB, USD, OBJ, report
+//!           └──► laplacian (10)(11) ────────────┼─► rig: influence (12)(13), solve (Procedure 1), contacts ─► GLB, OBJ, report
 //! recipe or table of controls ──────────────────┘
 //! ```
 //!
@@ -13,7 +13,7 @@
 //! mesh, laplacian       positions and faces; the operator on them
 //! names, locate         the 68 points; found where nobody gives them, brows and jaw by_shape
 //! prior, canonical      how skin moves beyond the solve; laid onto a head
-//! learn                 learned from sculpted shapes, and how close to them
+//! learn                 learned from sculpted shapes
 //! head                  axes, ten points more on cheeks and forehead, lids and lips (seam), eyeball, mouth, parts
 //! recipe, table         targets: which point goes where
 //! influence             how far a point acts
@@ -21,7 +21,7 @@
 //! skin                  one shape's points, its skin, and contacts: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
 //! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
-//! morphs, usd           a new glTF or USD with them; looks: the colours of an OBJ
+//! morphs                a new glTF with them; looks: the colours of an OBJ
 //! render, report        figures and pictures of what was baked
 //! ```
 //!
@@ -64,6 +64,5 @@ pub mod solve;
 pub mod sparse;
 pub mod surroundings;
 pub mod table;
-mod usd;
 mod vrm;
 mod weld;

@@ -22,8 +22,8 @@ const DENSE_ABOVE: f64 = 0.85;
 /// Normals that turn less than this are left: 0.06 degrees.
 const NORMAL_NOTHING: f32 = 1e-3;
 /// Of a material whose colour is not known: red, green, blue, opacity.
-pub(super) const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
-pub(super) const ROUGHNESS: f64 = 0.6;
+const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
+const ROUGHNESS: f64 = 0.6;
 
 /// Appends the rows of a target, as many of them as move if that is smaller and not `dense`, and returns its accessor.
 pub(super) fn push_target(
@@ -54,19 +54,6 @@ pub(super) fn push_target(
         });
     }
     glb.push_accessor(accessor)
-}
-
-/// How a shape turns the normals of the vertices.
-pub(super) fn turned(mesh: &Mesh, smooth: &[Vec3], shape: &Shape) -> Vec<[f32; 3]> {
-    let moved = mesh.positions.iter().zip(&shape.displacement);
-    let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
-    let now = mesh.vertex_normals(&moved);
-    let bent = |(now, was): (&Vec3, &Vec3)| {
-        let d = single(&(now - was));
-        let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
-        if nothing { [0.0; 3] } else { d }
-    };
-    now.iter().zip(smooth).map(bent).collect()
 }
 
 /// The mesh's corners as glTF wants them: those that differ in texture or normal are vertices of their own.
@@ -139,8 +126,15 @@ impl<'a> Split<'a> {
     /// How a shape moves the vertices, and how it turns their normals.
     fn target(&self, shape: &Shape) -> [Vec<[f32; 3]>; 2] {
         let moved = self.rows(|v| single(&(shape.displacement[v] * self.metres)));
-        let turned = turned(self.mesh, self.smooth, shape);
-        [moved, self.rows(|v| turned[v])]
+        let there = self.mesh.positions.iter().zip(&shape.displacement);
+        let there: Vec<Vec3> = there.map(|(p, d)| p + d).collect();
+        let now = self.mesh.vertex_normals(&there);
+        let bent = self.rows(|v| {
+            let d = single(&(now[v] - self.smooth[v]));
+            let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
+            if nothing { [0.0; 3] } else { d }
+        });
+        [moved, bent]
     }
 
     /// Writes a primitive and its material for every material that is used.
@@ -236,10 +230,9 @@ mod tests {
         let shape = |name: &str, moved: Vec<Vec3>| Shape {
             name: name.into(),
             unit: Some("AU26".into()),
-            upon: None,
-            misses: None,
             area: vec![true; n],
             displacement: moved,
+            ..Shape::default()
         };
         let mut some = vec![Vec3::zeros(); n];
         some[3] = Vec3::new(0.25, -0.5, 1.0);

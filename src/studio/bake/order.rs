@@ -212,11 +212,9 @@ mod tests {
         let n = two.mesh.positions.len();
         let shape = Shape {
             name: "a".into(),
-            unit: None,
-            upon: None,
-            misses: None,
             displacement: (0..n).map(|v| Vec3::repeat(v as f64)).collect(),
             area: vec![true; n],
+            ..Shape::default()
         };
         let scattered = two.scattered(shape).displacement;
         for row in 0..4 {

@@ -452,11 +452,9 @@ mod tests {
         displacement[at] = d;
         Shape {
             name: name.into(),
-            unit: None,
-            upon: None,
-            misses: None,
             displacement,
             area: vec![true; n],
+            ..Shape::default()
         }
     }
 

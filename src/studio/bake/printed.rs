@@ -3,12 +3,9 @@
 //!
 //! Units: the mesh's. Cost: one factor of the skin per shape.
 
-use super::head::Head;
 use super::influence;
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
-use super::shape::Target;
-use super::skin::goals;
 use super::solve::System;
 use crate::studio::fault::Fault;
 
@@ -19,24 +16,12 @@ const STEPS: usize = 100;
 const FACTOR: f64 = 30.0;
 pub(super) const ROUNDS: usize = 7;
 
-/// Displacements of all vertices in a shape by the printed operator, after so many rounds that restore lengths.
+/// Displacements of all vertices after so many rounds that restore lengths; `controls` are (vertex, displacement), `operator`
+/// the printed one.
 ///
 /// # Errors
 /// If a system is singular.
 pub(super) fn printed(
-    head: &Head,
-    operator: &Operator,
-    target: &Target,
-    rounds: usize,
-) -> Result<Vec<Vec3>, Fault> {
-    let (rings, positions, skin) = (&head.rings, &head.mesh.positions, &head.skin);
-    let controls: Vec<(u32, Vec3)> = goals(head, target).into_iter().collect();
-    let eyes = head.eye_distance;
-    procedure_1(operator, rings, positions, skin, &controls, eyes, rounds)
-}
-
-/// Displacements of all vertices; `controls` are (vertex, displacement), `operator` the printed one.
-fn procedure_1(
     operator: &Operator,
     rings: &Rings,
     positions: &[Vec3],
@@ -88,12 +73,7 @@ mod tests {
             }
         }
         for triangle in &triangles {
-            let corner = |v: usize| Corner {
-                vertex: v as u32,
-                uv: None,
-                normal: None,
-            };
-            mesh.push_face(&triangle.map(corner), 0);
+            mesh.push_face(&triangle.map(|v| Corner::bare(v as u32)), 0);
         }
         (mesh, triangles)
     }
@@ -190,7 +170,7 @@ mod tests {
         ];
         let skin = vec![true; count];
         let rings = mesh.rings();
-        let found = procedure_1(
+        let found = printed(
             &operator,
             &rings,
             &mesh.positions,

@@ -42,24 +42,11 @@ pub enum Method {
     Laplacian,
 }
 
-/// Bakes all shapes; `done` is called after each with its name.
+/// Bakes all shapes, with a prior of the skin or none; `done` is called after each with its name.
 ///
 /// # Errors
 /// If a system is singular.
 pub fn bake(
-    head: &Head,
-    targets: &[Target],
-    method: Method,
-    done: &(dyn Fn(&str) + Sync),
-) -> Result<Vec<Shape>, Fault> {
-    bake_with(head, targets, method, Some(Prior::shipped()), done)
-}
-
-/// The same with another prior of the skin, or none.
-///
-/// # Errors
-/// If a system is singular.
-pub fn bake_with(
     head: &Head,
     targets: &[Target],
     method: Method,
@@ -169,10 +156,14 @@ impl<'a> Rig<'a> {
     fn shape(&self, k: usize, base: Option<&[Vec3]>) -> Result<Shape, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
         let Solved { mut d, mut area } = match &self.printed {
-            Some((operator, rounds)) => Solved {
-                d: printed(head, operator, target, *rounds)?,
-                area: head.skin.clone(),
-            },
+            Some((operator, rounds)) => {
+                let controls: Vec<(u32, Vec3)> = goals(head, target).into_iter().collect();
+                let (rings, positions, skin) = (&head.rings, &head.mesh.positions, &head.skin);
+                let eyes = head.eye_distance;
+                let d = printed(operator, rings, positions, skin, &controls, eyes, *rounds)?;
+                let area = skin.clone();
+                Solved { d, area }
+            }
             None => self.safest(k, base)?,
         };
         followers(head, target, &mut d, &mut area);

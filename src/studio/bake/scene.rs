@@ -226,11 +226,9 @@ mod tests {
             }
             let shape = Shape {
                 name: "up".into(),
-                unit: None,
-                upon: None,
-                misses: None,
                 displacement: vec![Vec3::y(); 16],
                 area: vec![true; 16],
+                ..Shape::default()
             };
             let glb = Glb::parse(&foreign.patched(&[shape], true).emit()).unwrap();
             let target = &glb.json["meshes"][0]["primitives"][0]["targets"][0];

@@ -115,6 +115,17 @@ pub(super) fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f
     [&d[..], &d[17..]].map(|some| mean_percent(some).into())
 }
 
+/// Rotation (degrees) and translation (mm) between the true and the found pose of each pair, an offset taken out.
+pub(super) fn pose_errors(seen: &[(Rigid, Rigid)], offset: &Rigid) -> Vec<[f64; 2]> {
+    let offset = offset.inverse();
+    let errors = seen.iter().map(|(truth, found)| {
+        let error = truth.inverse() * found * offset;
+        let shift = f64::from(error.translation.vector.norm()) * 1e3;
+        [f64::from(error.rotation.angle()).to_degrees(), shift]
+    });
+    errors.collect()
+}
+
 /// Mean of `true⁻¹ · found` over pairs of both: the one offset of a person.
 pub(super) fn mean_offset(seen: &[(Rigid, Rigid)]) -> Rigid {
     let (mut rotation, mut translation) = (Vector4::zeros(), Vector::zeros());

@@ -13,7 +13,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::played::{self, Played, Seen};
-use super::sessions::{Sessions, Spread, held_out, mean, mean_offset, median};
+use super::sessions::{Sessions, Spread, held_out, mean, mean_offset, median, pose_errors};
 use crate::appliance::settings::Settings;
 use crate::base::geometry::{Rigid, yaw_pitch_roll};
 use crate::expression::measures::Measure;
@@ -168,16 +168,15 @@ fn poses(played: &[Played]) -> Poses {
     for one in played {
         let before = rotations[0].len();
         let pairs = one.seen.iter().map(|seen| (seen.true_pose, seen.pose));
-        let offset = mean_offset(&pairs.collect::<Vec<_>>());
-        for seen in &one.seen {
-            for (k, offset) in [Rigid::identity(), offset].iter().enumerate() {
-                let error = seen.true_pose.inverse() * seen.pose * offset.inverse();
-                rotations[k].push(f64::from(error.rotation.angle()).to_degrees());
-                translations[k].push(f64::from(error.translation.vector.norm()) * 1e3);
+        let pairs: Vec<_> = pairs.collect();
+        for (k, offset) in [Rigid::identity(), mean_offset(&pairs)].iter().enumerate() {
+            for [turn, shift] in pose_errors(&pairs, offset) {
+                rotations[k].push(turn);
+                translations[k].push(shift);
             }
-            if is_turned(seen) {
-                turned_deg.extend(rotations[1].last());
-            }
+        }
+        for (seen, turn) in one.seen.iter().zip(&rotations[1][before..]) {
+            turned_deg.extend(is_turned(seen).then_some(turn));
         }
         let lost = 1.0 - one.seen.len() as f64 / one.frames.max(1) as f64;
         let [turned, moved] =

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::appliance::service;
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
-use crate::studio::atomic_write;
+use crate::studio::atomic_write::write_out;
 use crate::studio::fault::Fault;
 use crate::studio::progress::Progress;
 use crate::studio::train::dataset::{Entry, malformed, read, read_folder};
@@ -151,8 +151,7 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
         ));
     }
     let faces = fitted(&model, &wanted, given)?;
-    let unwritable = Fault::cannot("write", &args.out, "; give another place");
-    atomic_write::write(&args.out, table(&wanted, &faces)).map_err(unwritable)?;
+    write_out(&args.out, table(&wanted, &faces))?;
     tell_errors(&wanted, &faces, offsets.as_ref(), say);
     Ok(())
 }

@@ -144,18 +144,6 @@ impl<'a> StillFitter<'a> {
         (belief.log_odds, fit, placement)
     }
 
-    /// The view of a fit in picture pixels.
-    fn in_picture(fit: &FaceFit, placement: &Placement) -> View {
-        let map = &placement.picture_from_window;
-        View {
-            log_scale: fit.view.log_scale + map[(0, 0)].hypot(map[(1, 0)]).ln(),
-            rotation: Rotation::from_axis_angle(&Vector::z_axis(), placement.roll)
-                * fit.view.rotation,
-            shift: placement.picture_pixel(fit.view.shift),
-            inverse_distance: fit.view.inverse_distance,
-        }
-    }
-
     fn face(&self, log_odds: f32, fit: &FaceFit, placement: &Placement) -> FittedFace {
         let mut head = [Point::origin(); LANDMARKS];
         self.model.shape.shape(&fit.shape, &mut head);
@@ -163,7 +151,7 @@ impl<'a> StillFitter<'a> {
             points: head.map(|p| placement.picture_pixel(fit.view.project(&p))),
             head,
             confidence: logistic(log_odds),
-            view: Self::in_picture(fit, placement),
+            view: placement.picture_view(&fit.view),
         }
     }
 
@@ -191,7 +179,7 @@ impl<'a> StillFitter<'a> {
         }
         let (mut log_odds, mut fit, mut placement) = best.expect("there are guesses");
         // Once more where it lies: the second window is centred and upright.
-        let again = Self::in_picture(&fit, &placement);
+        let again = placement.picture_view(&fit.view);
         let second = self.run(picture, &again);
         if second.0 > log_odds {
             (log_odds, fit, placement) = second;

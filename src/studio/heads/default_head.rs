@@ -22,6 +22,7 @@ use crate::studio::bake::morphs::single;
 use crate::studio::bake::neck;
 use crate::studio::bake::obj::faces;
 use crate::studio::bake::patch::Foreign;
+use crate::studio::bake::prior::Prior;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
 use crate::studio::bake::shape::Shape;
@@ -90,9 +91,12 @@ fn textured(glb: &mut Glb, picture: &RgbImage, name: &str) -> usize {
     push(&mut glb.json["textures"], texture)
 }
 
-/// The neutral face as binary glTF, with nodes for the rest.
-fn face(hero: &Hero) -> Glb {
-    let mut glb = Glb {
+/// The head with its 67 shapes and colours, as the bytes of a GLB file.
+///
+/// # Errors
+/// If the shapes cannot be solved for.
+pub fn glb(hero: &Hero) -> Result<Vec<u8>, Fault> {
+    let mut face = Glb {
         json: json!({
             "asset": {"version": "2.0", "generator": concat!("mien-studio ", env!("CARGO_PKG_VERSION")),
                 "copyright": "made from ICT-FaceKit, Copyright (c) 2020 USC Institute for Creative Technologies (MIT)"},
@@ -101,38 +105,25 @@ fn face(hero: &Hero) -> Glb {
         }),
         bin: Vec::new(),
     };
-    add(&mut glb, hero, &hero.face, "face");
-    glb
-}
-
-/// Adds what does not move with the face, and the joints.
-fn dressed(mut glb: Glb, hero: &Hero) -> Glb {
+    add(&mut face, hero, &hero.face, "face");
+    // Through the door that heads of others take, so that the numbers of the vertices are settled there.
+    let (mesh, foreign) = Foreign::read(face).map_err(Fault::within("built-in head"))?;
+    let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
+    let mut glb = foreign.patched(&shapes(&head)?, false);
+    // What does not move with the face.
     add(&mut glb, hero, &hero.dress, "hair_and_shirt");
     neck::joined(&mut glb, &[NECK, JOINT]);
-    glb
-}
-
-/// The head with its 67 shapes and colours, as the bytes of a GLB file.
-///
-/// # Errors
-/// If the shapes cannot be solved for.
-pub fn glb() -> Result<Vec<u8>, Fault> {
-    baked(&Hero::shipped())
-}
-
-fn baked(hero: &Hero) -> Result<Vec<u8>, Fault> {
-    // Through the door that heads of others take, so that the numbers of the vertices are settled there.
-    let (mesh, foreign) = Foreign::read(face(hero)).map_err(Fault::within("built-in head"))?;
-    let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
-    let shapes = shapes(&head)?;
-    Ok(dressed(foreign.patched(&shapes, false), hero).emit())
+    Ok(glb.emit())
 }
 
 /// The shapes of the shipped recipe on a head.
-pub(in crate::studio) fn shapes(head: &Head) -> Result<Vec<Shape>, Fault> {
+///
+/// # Errors
+/// If they cannot be solved for.
+pub fn shapes(head: &Head) -> Result<Vec<Shape>, Fault> {
     let targets = Recipe::read(SHIPPED).and_then(|shipped| shipped.targets(head));
     let targets = targets.map_err(Fault::within("built-in recipe"))?;
-    rig::bake(head, &targets, Method::Aoi, &|_| {})
+    rig::bake(head, &targets, Method::Aoi, Some(Prior::shipped()), &|_| ())
 }
 
 /// The neutral head as OBJ text that names `materials`.
@@ -189,7 +180,7 @@ pub fn write_to(out: &Path) -> Result<String, Fault> {
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
     let hero = Hero::shipped();
     let (what, mut files) = if ending == "glb" {
-        let glb = (out.to_path_buf(), baked(&hero)?);
+        let glb = (out.to_path_buf(), glb(&hero)?);
         ("67 shapes, coloured", vec![glb])
     } else if ending == "obj" {
         // The name stands in the OBJ as one word.
@@ -225,7 +216,7 @@ mod tests {
 
     #[test]
     fn the_head_has_its_shapes_and_opens_its_jaw() {
-        let glb = Glb::parse(&glb().unwrap()).unwrap();
+        let glb = Glb::parse(&glb(&Hero::shipped()).unwrap()).unwrap();
         let mesh = &glb.json["meshes"][0];
         let names = mesh["extras"]["targetNames"].as_array().unwrap();
         let jaw = names.iter().position(|name| name == "jawOpen").unwrap();

@@ -78,8 +78,12 @@ fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
     Vector3::new(v.x, -v.y, -v.z) * 0.01
 }
 
-/// All differences of a folder but those of pupils, which nothing measures.
-fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, Fault> {
+/// All differences of a folder by name, in other axes than the source's, but those of pupils, which nothing measures.
+pub(in crate::studio) fn read_deltas<T>(
+    folder: &Path,
+    vertices: usize,
+    axes: impl Fn(Vector3<f32>) -> T,
+) -> Result<Vec<(String, Vec<T>)>, Fault> {
     let mut deltas = Vec::new();
     for path in listed(folder).map_err(unreadable(folder))? {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -96,11 +100,8 @@ fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, Fault> {
         let numbers = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
         let numbers: Vec<f32> = numbers.collect();
         let offsets = numbers.as_chunks::<3>().0.iter();
-        let offsets = offsets.map(|&v| head_axes(Vector3::from(v)));
-        deltas.push(Delta {
-            name: name.into_owned(),
-            offsets: offsets.collect(),
-        });
+        let offsets = offsets.map(|&v| axes(Vector3::from(v)));
+        deltas.push((name.into_owned(), offsets.collect()));
     }
     Ok(deltas)
 }
@@ -179,9 +180,13 @@ impl IctHead {
         let origin = (raw[landmarks[39]] + raw[landmarks[42]]) * 0.5;
         let neutral = raw.iter().map(|v| Point3::from(head_axes(v - origin)));
         let neutral: Vec<_> = neutral.collect();
-        let mut expressions = read_deltas(&folder.join("expr"), neutral.len())?;
+        let deltas = |kind: &str| {
+            let read = read_deltas(&folder.join(kind), neutral.len(), head_axes)?.into_iter();
+            let deltas = read.map(|(name, offsets)| Delta { name, offsets });
+            Ok::<Vec<_>, Fault>(deltas.collect())
+        };
+        let (mut expressions, identities) = (deltas("expr")?, deltas("id")?);
         turn_eyes(&neutral, &mut expressions);
-        let identities = read_deltas(&folder.join("id"), neutral.len())?;
         Ok(Self {
             neutral,
             triangles,

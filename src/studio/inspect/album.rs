@@ -1,14 +1,13 @@
 //! The result of an inspection, as one self-contained HTML page or one PNG contact sheet.
 //!
-//! The page embeds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no network, and no script but
-//! the film's.
+//! The page embeds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no network, and no
+//! script.
 
 use std::fmt::Write;
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
 
-use super::film::Film;
 use crate::studio::chart::{self, Plot};
 use crate::studio::picture_files::png;
 
@@ -23,8 +22,6 @@ pub struct Album {
     pub table: Vec<Vec<String>>,
     /// Caption and picture.
     pub pictures: Vec<(String, RgbImage)>,
-    /// Pictures that play; not on the contact sheet.
-    pub film: Film,
     /// Curves.
     pub plots: Vec<Plot>,
 }
@@ -85,7 +82,6 @@ impl Album {
             }
             html += "</table>";
         }
-        html.push_str(&self.film.html());
         for (caption, picture) in &self.pictures {
             let caption = escaped(caption);
             let _ = write!(

@@ -1,7 +1,7 @@
 //! Recognises what a path is, and writes its page or sheet.
 //!
 //! A directory is a recording; a file that starts like a model or like saved people is one; `.csv` is a run, `.obj` and `.glb` a
-//! mesh, `.json` the status of a running `mien`. The page needs only a browser. Nothing is written unless everything succeeded.
+//! mesh. The page needs only a browser. Nothing is written unless everything succeeded.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ use crate::studio::picture_files::png;
 use crate::studio::text_files::{MOST, name_of};
 
 /// What can be shown.
-const SHOWN: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json";
+const SHOWN: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh or saved people";
 
 /// Looks at `path` and shows it. `model` and `settings` are for recordings.
 ///
@@ -45,7 +45,6 @@ fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Faul
         (Some("csv"), Ok(text)) => run::inspect(name, text),
         (Some("obj"), Ok(text)) => mesh::inspect(name, text),
         (_, Ok(text)) if text.starts_with("mien-people") => ranges::people(name, text),
-        (Some("json"), Ok(text)) => ranges::status(name, text),
         _ => Err(Fault::new(format!("cannot show this; {SHOWN}"))),
     }
 }

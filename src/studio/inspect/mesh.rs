@@ -133,10 +133,11 @@ pub(super) fn inspect_glb(name: &str, bytes: &[u8]) -> Result<Album, Fault> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::studio::heads::{default_head, hero::Hero};
 
     #[test]
     fn a_baked_head_is_shown_with_its_targets() {
-        let head = crate::studio::heads::default_head::glb().unwrap();
+        let head = default_head::glb(&Hero::shipped()).unwrap();
         let album = inspect_glb("head.glb", &head).unwrap();
         assert_eq!((album.pictures.len(), album.table.len()), (3 + 67, 1 + 67));
         let jaw = album.table.iter().find(|row| row[0] == "jawOpen").unwrap();

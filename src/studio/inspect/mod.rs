@@ -1,16 +1,15 @@
-//! `mien-studio inspect`: a recording, a run's CSV, a face model, a mesh, remembered people or a status file, as one HTML
+//! `mien-studio inspect`: a recording, a run's CSV, a face model, a mesh or remembered people, as one HTML
 //! page or one PNG sheet.
 //!
 //! ```text
 //! command ─► what the path is:  recording
 //!                               run, model, mesh, ranges
-//!            each draws on a canvas and fills an album ─► HTML page (film: what plays in it) or PNG sheet
+//!            each draws on a canvas and fills an album ─► HTML page or PNG sheet
 //! ```
 
 pub mod album;
 pub mod canvas;
 mod command;
-pub mod film;
 mod mesh;
 mod model;
 mod ranges;

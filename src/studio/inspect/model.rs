@@ -65,7 +65,7 @@ fn numbered(mean: &[Point; LANDMARKS]) -> RgbImage {
 /// The mean face before the standard head, from the side.
 fn side(model: &FaceModel, mean: &[Point; LANDMARKS]) -> RgbImage {
     let mut side = white(640, 640);
-    let points = model.standard_head.points.iter();
+    let points = model.standard_head.iter().map(|(point, _)| point);
     for point in points.filter(|p| p.x.abs() < 0.2) {
         let [x, y] = pixel(640, SIDE(point));
         canvas::dot(&mut side, x, y, [170, 190, 210]);
@@ -97,7 +97,7 @@ pub(super) fn inspect(name: &str, model: &FaceModel, bytes: usize) -> Album {
     let mut album = Album::new(format!("Face model {name}"));
     let (cold, warm) = (model.cold.len(), model.warm.len());
     let stages = format!("{cold} stages from a cold start, {warm} from the last frame");
-    let head = format!("{} points", model.standard_head.points.len());
+    let head = format!("{} points", model.standard_head.len());
     let paper = format!("{} bytes", model.paper_aam.len());
     for (name, value) in [
         ("id", format!("{:08x}", model.id)),

@@ -1,6 +1,6 @@
 //! A recording as pictures: depth in false colour with every head found and its user's state; the colour picture, if there is
 //! one, with landmarks and head axes; and pose, confidence and states over time. All frames run through the stages, as in a
-//! run; some are drawn, and up to [`FILM`] play in the page. Pose curves are those of the user that single-person outputs show.
+//! run; some are drawn. Pose curves are those of the user that single-person outputs show.
 
 use std::ops::Range;
 
@@ -25,10 +25,6 @@ use crate::users::TrackingState;
 
 /// Frames drawn of a recording.
 const SHOWN: usize = 6;
-/// Frames of the film, at most: 20 s at 12 a second, in a page of 9 MB.
-const FILM: usize = 240;
-/// A picture of the film, pixels: depth beside colour.
-const TILE: (u32, u32) = (400, 300);
 /// Depth that is drawn red and blue, metres.
 const NEAR_M: f32 = 0.4;
 const FAR_M: f32 = 3.0;
@@ -276,22 +272,6 @@ fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     picture
 }
 
-/// One picture of the film: what there is, side by side.
-fn film_picture(frame: &KinectFrame, pipeline: &Pipeline, heads: &[HeadCloud]) -> RgbImage {
-    let (wide, high) = TILE;
-    let mut tiles = vec![draw_depth(frame, pipeline, heads)];
-    if frame.has_colour {
-        tiles.insert(0, draw_colour(frame, pipeline));
-    }
-    let mut film = RgbImage::new(wide * tiles.len() as u32, high);
-    for (k, tile) in tiles.iter().enumerate() {
-        let filter = image::imageops::FilterType::Triangle;
-        let small = image::imageops::resize(tile, wide, high, filter);
-        image::imageops::replace(&mut film, &small, i64::from(wide) * k as i64, 0);
-    }
-    film
-}
-
 /// Plays the recording through the stages and draws it.
 pub(super) fn inspect(
     name: &str,
@@ -307,7 +287,6 @@ pub(super) fn inspect(
     let mut frame = KinectFrame::default();
     let every = recording.frames().div_ceil(SHOWN).max(1);
     let (mut counts, mut next) = (Counts::default(), every / 2);
-    let filmed = recording.frames().div_ceil(FILM).max(1);
     while recording.next_frame(&mut frame)? {
         pipeline.follow(&frame);
         segmenter.segment(&frame, pipeline.camera());
@@ -318,11 +297,6 @@ pub(super) fn inspect(
         if counts.frames > next {
             next += every;
             pictures(&frame, seconds, &pipeline, heads, &mut album);
-        }
-        if counts.frames % filmed == 0 {
-            album
-                .film
-                .add(seconds, &film_picture(&frame, &pipeline, heads));
         }
     }
     let ends = all.first().zip(all.last());

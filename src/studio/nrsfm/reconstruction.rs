@@ -42,12 +42,6 @@ impl Default for Settings {
 pub struct Reconstruction {
     /// F shapes of P points, in the object frame, in the tracks' unit (camera scales average 1).
     pub shapes: Shapes,
-    /// Rotation of each frame; its first two rows are the camera's.
-    pub rotations: Vec<Matrix3<f64>>,
-    /// Scale of each frame's camera.
-    pub scales: Vec<f64>,
-    /// Image position of the centroid in each frame.
-    pub shifts: Vec<[f64; 2]>,
     /// Number of shape modes.
     pub rank: usize,
     /// Standard deviation of what the model leaves in the image, in the tracks' unit.
@@ -56,7 +50,7 @@ pub struct Reconstruction {
     pub smoothness: f64,
 }
 
-/// Recovers shapes and cameras from tracks. A rank of 0 is the rigid reconstruction.
+/// Recovers shapes from tracks. A rank of 0 is the rigid reconstruction.
 pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
     let size = spread(tracks);
     let unit = tracks.scaled(1.0 / size);
@@ -207,13 +201,6 @@ fn reconstruction(model: &Model, size: f64) -> Reconstruction {
     }
     Reconstruction {
         shapes: Shapes { points, positions },
-        rotations: model.rotation.clone(),
-        scales: model.scale.clone(),
-        shifts: model
-            .shift
-            .iter()
-            .map(|s| [s.x * size, s.y * size])
-            .collect(),
         rank: model.rank,
         noise: model.noise_variance.sqrt() * size,
         smoothness: model.alpha,

@@ -37,12 +37,13 @@ use serde_json::{Value, json};
 use super::bake::glb::Glb;
 use super::bake::recipe::{Recipe, SHIPPED};
 use crate::appliance::service;
-use crate::appliance::source::{self, Missing, SourceName};
+use crate::appliance::source::{self, Missing};
 use crate::expression::unit_words;
 use crate::output::Command;
 use crate::pipeline::Pipeline;
 use crate::studio::fault::Fault;
 use crate::studio::heads::default_head;
+use crate::studio::heads::hero::Hero;
 use crate::studio::text_files::{self, name_of};
 use commands::Obeys;
 use forward::{Forwarder, Wish};
@@ -232,7 +233,7 @@ impl Preview {
     fn mesh(&self, number: &str) -> Option<Answer> {
         let number: usize = number.parse().ok()?;
         let head = if self.given.is_empty() && number == 0 {
-            let bake = || default_head::glb().ok().map(Into::into);
+            let bake = || default_head::glb(&Hero::shipped()).ok().map(Into::into);
             self.own.get_or_init(bake).as_ref()
         } else {
             self.given.get(number)
@@ -328,9 +329,9 @@ impl Preview {
         let given: Vec<_> = given.collect::<Result<_, _>>()?;
         let mut recording = None;
         if let Feed::Sensor(name) = *feed
-            && let SourceName::Recording(path) = SourceName::from(name)
+            && !["kinect", "simulated"].contains(&source::parts(name).0)
         {
-            recording = Some(path);
+            recording = Some(name.into());
         }
         let session = recording.is_some() || matches!(feed, Feed::Csv(_));
         let hub = Arc::new(Hub::new(session));

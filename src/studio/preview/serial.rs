@@ -81,7 +81,6 @@ pub struct Receiver {
 
 impl Receiver {
     /// Empty.
-    #[must_use]
     pub fn new(full: f32) -> Self {
         Self {
             full,

@@ -9,6 +9,7 @@ use std::path::Path;
 use super::hub::Hub;
 use super::sample::Sample;
 use crate::base::capacity::{LANDMARKS, USERS};
+use crate::studio::csv;
 use crate::studio::fault::Fault;
 use crate::studio::text_files::decoded;
 use crate::users::TrackingState;
@@ -81,11 +82,10 @@ pub struct Columns {
 
 impl Columns {
     /// Finds the columns in the first line; `None` if those that are needed are missing.
-    #[must_use]
     pub fn new(header: &str) -> Option<Self> {
-        let columns = cells(header.lines().next().unwrap_or_default());
-        let find = |name: &str| columns.iter().position(|column| *column == name);
-        let units = columns.iter().enumerate();
+        let table = csv::Table::new(header);
+        let find = |name: &str| table.find(name);
+        let units = table.columns.iter().enumerate();
         let units: Vec<(String, usize)> = units
             .filter_map(|(at, name)| Some((name.strip_prefix("w_")?.to_owned(), at)))
             .collect();
@@ -100,7 +100,7 @@ impl Columns {
         let pose = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"].map(str::to_owned);
         let points = (0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]);
         Some(Self {
-            cells: columns.len(),
+            cells: table.columns.len(),
             time,
             user,
             frame: find("frame"),
@@ -121,7 +121,7 @@ impl Columns {
 
     /// One row; `None` if it is damaged.
     pub fn row(&mut self, line: &str) -> Option<Sample> {
-        let cells = cells(line);
+        let cells = csv::cells(line);
         if cells.len() != self.cells {
             return None;
         }
@@ -185,11 +185,6 @@ fn state(word: &str) -> Option<u8> {
         .iter()
         .find(|state| state.name() == word)
         .map(|state| state.code())
-}
-
-/// Cells of a line, trimmed.
-fn cells(line: &str) -> Vec<&str> {
-    line.split(',').map(str::trim).collect()
 }
 
 #[cfg(test)]

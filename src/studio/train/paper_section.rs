@@ -6,8 +6,10 @@ use std::path::Path;
 
 use super::args::TrainArgs;
 use super::paper_aam::paper_aam_block;
-use super::person::learn_session;
+use super::person::learn_frames;
+use crate::appliance::source;
 use crate::face_model::{FaceModel, SHIPPED, ShapeModel, file};
+use crate::sensor::Frame;
 use crate::studio::atomic_write::write_out;
 use crate::studio::fault::Fault;
 use crate::studio::nrsfm::Tracks;
@@ -60,7 +62,12 @@ pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(),
     };
     let model = FaceModel::read(&bytes)?;
     let block = match &args.person {
-        Some(session) => learn_session(session, &model, args.seed, say)?.into(),
+        Some(session) => {
+            let mut recording = source::Source::recording(session)?;
+            let camera = recording.camera().clone();
+            let mut next = |frame: &mut Frame| recording.next_frame(frame).unwrap_or(false);
+            learn_frames(&mut next, &camera, &model, args.seed, say)?.into()
+        }
         None => Source::of(args)?.section(args, &model.shape, say)?,
     };
     let grafted = file::with_section(&bytes, *b"PAAM", &block)?;

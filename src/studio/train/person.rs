@@ -7,15 +7,12 @@
 //! Who goes through all expressions in the recording, turning the head a little, teaches most: what was not shown is not in
 //! the bases. Limits: what the default pipeline gets wrong is learnt.
 
-use std::path::Path;
-
 use super::dataset::GreyPicture;
 use super::paper_aam::{TRACK_FRAMES, person_block};
 use super::paper_aam_fits::{Known, Seen, told};
 use super::render::TrainingSample;
 use super::samples::TruePicture;
 use crate::appliance::settings::Settings;
-use crate::appliance::source::Source;
 use crate::base::capacity::{HEIGHT, LANDMARKS, WIDTH};
 use crate::base::geometry::Rigid;
 use crate::face_model::{FaceModel, ShapeModel};
@@ -32,26 +29,10 @@ const SURE: f32 = 0.8;
 /// Pictures for appearance and, between them, for belief.
 const PICTURES: usize = 450;
 
-/// What is learnt of the person in a recording: the bytes of the model file's section.
+/// What is learnt of the person before `camera`: the bytes of the model file's section. `next` fills frames; `false` at the end.
 ///
 /// # Errors
-/// The recording cannot be read, or shows too little of a face.
-pub fn learn_session(
-    session: &Path,
-    model: &FaceModel,
-    seed: u64,
-    say: &mut dyn FnMut(&str),
-) -> Result<Vec<u8>, Fault> {
-    let mut recording = Source::recording(session)?;
-    let camera = recording.camera().clone();
-    let mut next = |frame: &mut Frame| recording.next_frame(frame).unwrap_or(false);
-    learn_frames(&mut next, &camera, model, seed, say)
-}
-
-/// As [`learn_session`], from whatever fills frames; `false` at the end.
-///
-/// # Errors
-/// As there.
+/// The frames show too little of a face.
 pub fn learn_frames(
     next: &mut dyn FnMut(&mut Frame) -> bool,
     camera: &Camera,

@@ -77,9 +77,8 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
     let mut simulator = Simulator::new(asset, Scene::Mixed, seed).lit(light, exposure);
     let camera = simulator.camera().clone();
     let settings = Settings::default();
-    let anchor = model.standard_head.oriented();
     let mut segmenter = Segmenter::new(settings.stages.segment);
-    let Ok(mut pose) = PoseTracker::new(settings.stages.pose, &anchor) else {
+    let Ok(mut pose) = PoseTracker::new(settings.stages.pose, &model.standard_head) else {
         return Session::default();
     };
     let mut fitter =

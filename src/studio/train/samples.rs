@@ -218,19 +218,25 @@ impl Eye {
     }
 }
 
-/// The truth seen through a placement.
-pub fn truth_in_window(truth: &FaceFit, placement: &Placement) -> FaceFit {
-    let map = &placement.picture_from_window;
-    let scale = map[(0, 0)].hypot(map[(1, 0)]);
-    FaceFit {
-        view: View {
-            log_scale: truth.view.log_scale - scale.ln(),
-            rotation: Rotation::from_axis_angle(&Vector::z_axis(), -placement.roll)
-                * truth.view.rotation,
-            shift: placement.window_pixel(truth.view.shift),
-            inverse_distance: truth.view.inverse_distance,
-        },
-        shape: truth.shape,
+impl Placement {
+    /// A view in the picture as it is in the window.
+    pub(in crate::studio) fn window_view(&self, picture: &View) -> View {
+        self.carried(picture, -1.0, self.window_pixel(picture.shift))
+    }
+
+    /// A view in the window as it is in the picture.
+    pub(in crate::studio) fn picture_view(&self, window: &View) -> View {
+        self.carried(window, 1.0, self.picture_pixel(window.shift))
+    }
+
+    fn carried(&self, view: &View, way: f32, shift: [f32; 2]) -> View {
+        let map = &self.picture_from_window;
+        View {
+            log_scale: view.log_scale + way * map[(0, 0)].hypot(map[(1, 0)]).ln(),
+            rotation: Rotation::from_axis_angle(&Vector::z_axis(), way * self.roll) * view.rotation,
+            shift,
+            ..*view
+        }
     }
 }
 
@@ -285,7 +291,10 @@ pub fn sample(
     Sample {
         window: window.iter().map(|v| (v + 0.5) as u8).collect(),
         depth: placement.start,
-        truth: truth_in_window(&picture.truth, &placement),
+        truth: FaceFit {
+            view: placement.window_view(&picture.truth.view),
+            ..picture.truth
+        },
         points: picture.points.map(|p| placement.window_pixel(p)),
         visible: picture.visible,
     }

@@ -19,9 +19,7 @@ use super::render::Renderer;
 use super::samples::{COLD, Disturbance, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, shape, standard_head};
 use crate::base::capacity::LANDMARKS;
-use crate::face_model::{
-    CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, StandardHead, file,
-};
+use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, file};
 use crate::landmarks::cascade::Solver;
 use crate::simulator::virtual_head::Site;
 use crate::studio::atomic_write::write_out;
@@ -312,7 +310,6 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fa
     let photographs = &pictures.train[..portraits_read];
     let confidence = learn_confidence(args, photographs, &shape, &cold, &warm)?;
     log("confidence");
-    let (points, normals) = standard_head::standard_head(ict).into_iter().unzip();
     let model = FaceModel {
         provenance: "shape: ICT FaceKit (MIT); pictures: Face Research Lab London Set and Young Adult White Faces, \
                      DeBruine and Jones 2017 (CC BY 4.0); written by mien-studio train"
@@ -321,7 +318,7 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fa
         cold: cold.into(),
         warm: warm.into(),
         confidence: confidence.into(),
-        standard_head: StandardHead { points, normals },
+        standard_head: standard_head::standard_head(ict),
         ..FaceModel::default()
     };
     tell_portraits(args, &model, &pictures, log);

@@ -1,6 +1,6 @@
 //! The virtual Kinect as a USB device on a socket: the device side of the usbredir protocol, for QEMU's `usb-redir`.
 //!
-//! One Unix socket per USB function. The camera's packets, commands and faults are the library's [`VirtualKinect`] and
+//! One Unix socket per USB function. The camera's packets and commands are the library's [`VirtualKinect`], its faults
 //! [`Faulty`]; here are descriptors and the wire. Packets that carry nothing are not sent: a guest on an emulated
 //! processor could not take 8000 a second. The device's clock slips rather than catch up.
 //!
@@ -16,7 +16,11 @@
 //! Prints one line `injected …` per stream when QEMU has gone.
 
 mod descriptors;
+#[path = "../../common/faults.rs"]
+mod faults;
 mod session;
+#[path = "../../common/test_pattern.rs"]
+mod test_pattern;
 mod wire;
 
 use std::error::Error;
@@ -27,10 +31,10 @@ use std::time::{Duration, Instant};
 use mien::appliance::source::Source;
 use mien::sensor::kinect::device::{Model, PacketSource, Stream};
 use mien::sensor::kinect::frame::KinectFrame;
-use mien::simulator::faults::{Faulty, Rates};
-use mien::simulator::virtual_kinect::{VirtualKinect, test_pattern};
+use mien::simulator::virtual_kinect::VirtualKinect;
 
 use descriptors::{Descriptors, Function};
+use faults::{Faulty, Rates};
 use session::Session;
 use wire::{CAPABILITIES, WIDE_IDS, Wire, message};
 

@@ -93,7 +93,6 @@ fn whole<T: TryFrom<i64>>(from: &Value, name: &str, field: &mut T) -> Result<(),
 }
 
 /// The calibration as text that [`read`] reads back exactly.
-#[must_use]
 pub fn to_json(registration: &Registration) -> String {
     use std::fmt::Write;
     let mut text = String::from("{\n  \"reg_info\": {\n");

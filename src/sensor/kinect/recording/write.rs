@@ -68,7 +68,6 @@ impl Recorder {
     }
 
     /// Frames written.
-    #[must_use]
     pub fn frames(&self) -> u64 {
         self.frames
     }

@@ -59,13 +59,6 @@ impl Cast<'_> {
         Pipeline::new(&self.settings.stages, simulator.camera(), self.model)
     }
 
-    /// A scene with the cast that begins with person `k`.
-    fn film(&self, scene: Scene, k: usize, frames: usize) -> Result<Film, PipelineError> {
-        self.filmed(self.simulator(scene, k), frames, |simulator, n, frame| {
-            simulator.draw(at(n), frame);
-        })
-    }
-
     /// What `draw` draws of a scene, frame by frame.
     fn filmed(
         &self,
@@ -93,7 +86,11 @@ impl Cast<'_> {
     }
 
     pub(super) fn films(&self, scene: Scene, frames: usize) -> Result<Vec<Film>, PipelineError> {
-        self.each(|k| self.film(scene, k, frames))
+        self.each(|k| {
+            self.filmed(self.simulator(scene, k), frames, |simulator, n, frame| {
+                simulator.draw(at(n), frame);
+            })
+        })
     }
 
     /// `acted`, from 0.5 to 1.2 m.
@@ -118,8 +115,7 @@ impl Cast<'_> {
     /// frontal pose taken out.
     pub(super) fn first_poses(&self, k: usize) -> Result<Vec<f64>, PipelineError> {
         let mut simulator = self.simulator(Scene::Still, k);
-        let anchor = self.model.standard_head.oriented();
-        let mut tracker = PoseTracker::new(self.settings.stages.pose, &anchor)?;
+        let mut tracker = PoseTracker::new(self.settings.stages.pose, &self.model.standard_head)?;
         let mut segmenter = Segmenter::new(self.settings.stages.segment);
         let mut frame = Frame::default();
         let (mut turns, mut frontal) = (Vec::new(), None);

@@ -5,7 +5,7 @@ use crate::base::geometry::{Point, Rigid, Vector, yaw_pitch_roll};
 use crate::pipeline::Pipeline;
 use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::Truth;
-use crate::studio::evaluate::sessions::{Spread, mean_offset};
+use crate::studio::evaluate::sessions::{Spread, mean_offset, pose_errors};
 use crate::users::TrackingState;
 
 /// A report belongs to a person if their heads are at most this far apart, metres.
@@ -177,35 +177,24 @@ impl Film {
     /// Root mean square about the mean of each second: degrees, millimetres.
     pub(super) fn jitter(&self) -> [f64; 2] {
         let pairs = self.pairs(0);
-        let (mut turn, mut shift, mut count) = (0.0, 0.0, 0.0);
-        for second in pairs.chunks_exact(30).skip(2) {
-            let mean = mean_offset(second);
-            for (truth, found) in second {
-                let error = truth.inverse() * found * mean.inverse();
-                turn += f64::from(error.rotation.angle()).to_degrees().powi(2);
-                shift += (f64::from(error.translation.vector.norm()) * 1e3).powi(2);
-                count += 1.0;
-            }
-        }
-        [(turn / count).sqrt(), (shift / count).sqrt()]
+        let seconds = pairs.chunks_exact(30).skip(2);
+        let errors = seconds.flat_map(|second| pose_errors(second, &mean_offset(second)));
+        let errors: Vec<[f64; 2]> = errors.collect();
+        let sum = |k: usize| errors.iter().map(|e| e[k].powi(2)).sum::<f64>();
+        [0, 1].map(|k| (sum(k) / errors.len() as f64).sqrt())
     }
 }
 
 /// Rotation (degrees) and translation (mm) errors over films, one fixed offset per film taken out.
-pub(super) fn pose_errors(films: &[Film]) -> [Spread; 2] {
-    let (mut turns, mut shifts) = (Vec::new(), Vec::new());
+pub(super) fn pose_spreads(films: &[Film]) -> [Spread; 2] {
+    let mut errors: Vec<[f64; 2]> = Vec::new();
     for film in films {
         for k in 0..film.people() {
             let pairs = film.pairs(k);
-            let offset = mean_offset(&pairs).inverse();
-            for (truth, found) in &pairs {
-                let error = truth.inverse() * found * offset;
-                turns.push(f64::from(error.rotation.angle()).to_degrees());
-                shifts.push(f64::from(error.translation.vector.norm()) * 1e3);
-            }
+            errors.extend(pose_errors(&pairs, &mean_offset(&pairs)));
         }
     }
-    [turns, shifts].map(Spread::of)
+    [0, 1].map(|k| Spread::of(errors.iter().map(|e| e[k]).collect()))
 }
 
 /// Whether a person's whole head is in the picture, and nobody nearer is before it.

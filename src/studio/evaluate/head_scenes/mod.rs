@@ -28,7 +28,7 @@ use crate::simulator::virtual_head::Scene;
 use crate::studio::fault::Fault;
 use crate::users::TrackingState;
 use cast::Cast;
-use measure::{Film, Sight, pose_errors};
+use measure::{Film, Sight, pose_spreads};
 
 /// People without `--people`.
 pub const PEOPLE: usize = 4;
@@ -146,7 +146,7 @@ fn percent(films: &[Film], count: impl Fn(&Film) -> [usize; 2]) -> f64 {
 
 /// How well heads were tracked.
 fn tracked(films: &[Film]) -> String {
-    let [turn, shift] = pose_errors(films);
+    let [turn, shift] = pose_spreads(films);
     let lost = percent(films, Film::missing);
     format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
 }

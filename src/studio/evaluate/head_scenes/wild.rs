@@ -12,7 +12,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::cast::at;
-use super::measure::{Film, pose_errors};
+use super::measure::{Film, pose_spreads};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
@@ -138,7 +138,7 @@ fn play_one(
     }
     let [missing, all] = film.missing();
     let flips = film.flips();
-    let [rotation_deg, position_mm] = pose_errors(&[film]);
+    let [rotation_deg, position_mm] = pose_spreads(&[film]);
     let row = Row {
         who,
         lost: 100.0 * missing as f64 / all.max(1) as f64,

@@ -104,7 +104,6 @@ impl<'a> Player<'a> {
         let mut random = fastrand::Rng::with_seed(seed);
         let (light, exposure) = lighting(&mut random);
         let simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
-        let anchor = model.standard_head.oriented();
         Ok(Self {
             person: head.person,
             seconds: sessions.seconds,
@@ -113,7 +112,7 @@ impl<'a> Player<'a> {
             frame: Frame::default(),
             camera: simulator.camera().clone(),
             segmenter: Segmenter::new(settings.stages.segment),
-            pose: PoseTracker::new(settings.stages.pose, &anchor)?,
+            pose: PoseTracker::new(settings.stages.pose, &model.standard_head)?,
             model,
             seen: Seen {
                 people: 1,

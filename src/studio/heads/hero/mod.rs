@@ -72,9 +72,9 @@ pub fn turns(p: &Vec3) -> f64 {
 impl Hero {
     /// The head built into the program.
     pub fn shipped() -> Self {
-        let asset = HeadAsset::parse(include_bytes!("../../../../config/hero.head"))
-            .expect("the shipped head is read by a test");
-        Self::of(&asset)
+        Self::of(&HeadAsset::parse(include_bytes!(
+            "../../../../config/hero.head"
+        )))
     }
 
     fn of(asset: &HeadAsset) -> Self {

@@ -1,9 +1,18 @@
 //! Frames that can be recognised: every pixel follows from the frame's number, so that one comparison tells whether a
 //! frame is whole, wrong, or mixed from two.
 
-use crate::sensor::kinect::frame::KinectFrame;
-use crate::sensor::kinect::packet::TICKS_PER_PICTURE;
-use crate::simulator::virtual_head::random::hash;
+#![allow(dead_code, reason = "each test program uses some of it")]
+
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::packet::TICKS_PER_PICTURE;
+
+/// Mixes a number thoroughly (the finaliser of SplitMix64).
+fn hash(seed: u64, index: u64) -> u64 {
+    let mut z = seed ^ index.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
 
 fn depth(number: u64, group: usize) -> [u16; 4] {
     let bits = hash(number, group as u64);
@@ -15,7 +24,7 @@ fn bayer(number: u64, group: usize) -> [u8; 8] {
 }
 
 /// Draws frame `number`: its number in the first four pixels, noise that depends on it behind.
-pub fn draw(number: u64, frame: &mut KinectFrame) {
+pub(crate) fn draw(number: u64, frame: &mut KinectFrame) {
     for (group, pixels) in frame.depth.as_chunks_mut().0.iter_mut().enumerate() {
         *pixels = depth(number, group);
     }
@@ -32,7 +41,7 @@ pub fn draw(number: u64, frame: &mut KinectFrame) {
 }
 
 /// Numbers read from a frame's depth and colour picture, and the pixels that are not what those numbers demand.
-pub fn check(frame: &KinectFrame) -> ([u64; 2], usize) {
+pub(crate) fn check(frame: &KinectFrame) -> ([u64; 2], usize) {
     let read = |value: &dyn Fn(usize) -> u64| (0..4).map(|i| value(i) << (8 * i)).sum::<u64>();
     let of_depth = read(&|i| u64::from(frame.depth[i]) & 0xff);
     let of_colour = read(&|i| u64::from(frame.original.bayer[i]));

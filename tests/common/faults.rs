@@ -1,61 +1,62 @@
 //! A [`PacketSource`] around a [`PacketSource`] that loses, repeats and damages packets, and stalls: seeded, and counted, so
 //! that a test can compare injected with detected faults.
 
-use core::time::Duration;
+#![allow(dead_code, reason = "each test program uses some of it")]
 
-use crate::base::prelude::*;
-use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
+use std::time::Duration;
+
+use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 
 /// How often what goes wrong. Rates are per packet; all zero by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Rates {
+pub(crate) struct Rates {
     /// Begins a run of lost packets.
-    pub lost: f64,
+    pub(crate) lost: f64,
     /// Longest run of lost packets; 0 and 1 lose single ones.
-    pub longest_run: u8,
+    pub(crate) longest_run: u8,
     /// Comes twice.
-    pub repeated: f64,
+    pub(crate) repeated: f64,
     /// Magic spoilt.
-    pub damaged: f64,
+    pub(crate) damaged: f64,
     /// Payload cut short.
-    pub short: f64,
+    pub(crate) short: f64,
     /// Reported bad by the bus.
-    pub bus_error: f64,
+    pub(crate) bus_error: f64,
     /// Stream falls silent until it is stopped and started.
-    pub stall: f64,
+    pub(crate) stall: f64,
 }
 
 /// What was done to one stream, in packets (stalls: times).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Injected {
+pub(crate) struct Injected {
     /// Lost.
-    pub lost: u64,
+    pub(crate) lost: u64,
     /// Sent twice.
-    pub repeated: u64,
+    pub(crate) repeated: u64,
     /// Magic spoilt.
-    pub damaged: u64,
+    pub(crate) damaged: u64,
     /// Cut short.
-    pub short: u64,
+    pub(crate) short: u64,
     /// Marked bad.
-    pub bus_errors: u64,
+    pub(crate) bus_errors: u64,
     /// Times the stream fell silent.
-    pub stalls: u64,
+    pub(crate) stalls: u64,
 }
 
 /// The wrapper.
-pub struct Faulty<S> {
+pub(crate) struct Faulty<S> {
     /// The source inside.
-    pub inner: S,
+    pub(crate) inner: S,
     /// What goes wrong.
-    pub faults: Faults,
+    pub(crate) faults: Faults,
 }
 
 /// What goes wrong, and what went wrong so far.
-pub struct Faults {
+pub(crate) struct Faults {
     /// May change on the way: zero to let the last losses be noticed.
-    pub rates: Rates,
+    pub(crate) rates: Rates,
     /// What was done so far, by stream.
-    pub injected: [Injected; 2],
+    pub(crate) injected: [Injected; 2],
     random: fastrand::Rng,
     /// Packets of a run of losses still to swallow, by stream.
     run: [u8; 2],
@@ -64,7 +65,7 @@ pub struct Faults {
 
 impl<S: PacketSource> Faulty<S> {
     /// Wraps `inner`; the same seed gives the same faults.
-    pub fn new(inner: S, rates: Rates, seed: u64) -> Self {
+    pub(crate) fn new(inner: S, rates: Rates, seed: u64) -> Self {
         let faults = Faults {
             rates,
             injected: [Injected::default(); 2],
