@@ -22,8 +22,8 @@ use crate::{MEMORY, alone};
 ///
 /// One frame: depth, luma.
 const FRAME: usize = 921_600;
-/// Regions, histogram, clouds of six heads.
-const SEGMENT: usize = 312_016;
+/// Regions, histogram, clouds of six heads and of one looked for.
+const SEGMENT: usize = 336_600;
 /// Distances by raw value.
 const CAMERA: usize = 8_192;
 /// Window, orientation maps, features: shared by all.
@@ -32,7 +32,7 @@ const LANDMARKS: usize = 1_000_192;
 const MODEL: usize = 510_000;
 /// The standard head, prepared; and four users and one candidate.
 const PEOPLE: usize = 700_000 + (USERS + 1) * 305_000;
-/// All stages: 4,977,000.
+/// All stages: 5,001,600.
 const STAGES: usize = FRAME + SEGMENT + CAMERA + LANDMARKS + MODEL + PEOPLE;
 /// Of the live sensor, one picture per stream; a recording or the simulated sensor uses other buffers instead.
 const PICTURES: usize = 729_600;
