@@ -257,8 +257,8 @@ impl Head {
         both.into_iter().flatten().map(nearest).collect()
     }
 
-    /// Whether skin spans the slit of the mouth, or the lips' lines are one, along half of it: then the mouth does not open, it
-    /// stretches. Lines that a landmark draws beyond the slit's end are one there, or have a face between them.
+    /// Whether, along half of the mouth, skin spans the slit or the lips' lines are one: then the mouth does not open, it
+    /// stretches. Less is a landmark that lies beyond the slit's end.
     pub fn lips_are_joined(&self) -> bool {
         let upper = &self.lips.upper;
         let shared = upper.iter().filter(|v| self.lips.lower.contains(v));

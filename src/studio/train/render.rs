@@ -63,7 +63,7 @@ pub struct Renderer {
     camera: Camera,
 }
 
-/// Every which head is there again with painted eyes.
+/// One head in so many is there a second time, with painted eyes.
 const EYES_PAINTED: usize = 5;
 /// Share of the pictures whose person is mixed of two.
 const MIXED: f32 = 0.75;
@@ -86,8 +86,8 @@ impl Renderer {
     /// If mesh or portraits cannot be read.
     pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, Fault> {
         let mut heads = textured_heads(data, keep)?;
-        // A photograph's eyes look one way, half hidden by its lids: some people again with eyes that can be seen to turn.
-        // With half of them painted, lids of real people in infrared are found worse.
+        // A photograph's irises are half hidden by its lids and hardly seen to turn, so that some people are there again with
+        // painted eyes. With everybody painted too, lids of real people in infrared are found worse.
         for one in (0..heads.len()).step_by(EYES_PAINTED) {
             let mut head = heads[one].clone();
             eyes::paint(&mut head.asset, one as u64);
