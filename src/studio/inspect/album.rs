@@ -1,7 +1,6 @@
 //! The result of an inspection, as one self-contained HTML page or one PNG contact sheet.
 //!
-//! The page embeds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no network, and no
-//! script.
+//! The page embeds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no network and no script.
 
 use std::fmt::Write;
 
