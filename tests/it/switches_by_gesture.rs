@@ -4,9 +4,6 @@ use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use crate::talks_to_rigs::{messages, receiver};
-use rosc::OscType;
-
 const GESTURES: &str = r#"
 [[gesture]]
 name = "smile"
@@ -31,11 +28,6 @@ fn run(folder: &Path, before: &str, words: &[&str]) -> Output {
     command.output().unwrap()
 }
 
-fn osc(socket: &UdpSocket) -> String {
-    let to = socket.local_addr().unwrap();
-    format!("[osc]\ntarget = \"{to}\"\ncommands = false\nstyle = \"vector\"\n")
-}
-
 #[cfg(not(feature = "wires"))]
 #[test]
 fn a_key_that_this_build_cannot_press_is_refused() {
@@ -51,10 +43,17 @@ fn a_key_that_this_build_cannot_press_is_refused() {
 #[cfg(feature = "wires")]
 mod pressed {
     use super::*;
+    use crate::talks_to_rigs::{messages, receiver};
+    use rosc::OscType;
     use std::io::Read;
     use std::process::{Child, Stdio};
     use std::sync::{Arc, Mutex};
     use std::time::{Duration, Instant};
+
+    fn osc(socket: &UdpSocket) -> String {
+        let to = socket.local_addr().unwrap();
+        format!("[osc]\ntarget = \"{to}\"\ncommands = false\nstyle = \"vector\"\n")
+    }
 
     /// Key downs (`true`) and ups that were written where `uinput` would be: pairs of events, each a time and eight bytes.
     fn presses(events: &[u8]) -> Vec<bool> {
