@@ -213,6 +213,7 @@ pub fn write_to(out: &Path) -> Result<String, Fault> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::tests::hold;
 
     #[test]
     fn the_head_has_its_shapes_and_opens_its_jaw() {
@@ -228,5 +229,23 @@ mod tests {
         let moved = glb.floats(target.as_u64().unwrap() as usize, 3).unwrap();
         let down = moved.chunks(3).map(|d| -d[1]).fold(0.0, f32::max);
         assert!((0.008..0.05).contains(&down), "{down} m");
+
+        // All of them as they were, in twentieths of a millimetre, at some of what moves by one or more.
+        let moved = mesh["primitives"][0]["targets"].as_array().unwrap().iter();
+        let moved = moved.map(|target| target["POSITION"].as_u64().unwrap() as usize);
+        let moved: Vec<_> = moved.map(|at| glb.floats(at, 3).unwrap()).collect();
+        let lines = names.iter().zip(&moved).map(|(name, moved)| {
+            let far = moved.chunks(3).filter(|d| d.iter().any(|x| x.abs() > 1e-3));
+            let far: Vec<&[f32]> = far.collect();
+            let some = far.iter().step_by(far.len() / 16 + 1).copied().flatten();
+            let some = some.map(|x| format!(" {}", (x * 2e4).round() as i32));
+            format!(
+                "{} {}{}",
+                name.as_str().unwrap(),
+                far.len(),
+                some.collect::<String>()
+            )
+        });
+        hold("heads/baked", &lines.collect::<Vec<_>>());
     }
 }
