@@ -28,6 +28,16 @@ const ONE_IN: usize = 25;
 
 /// Compares lines with the table of this name, or writes it.
 pub(crate) fn hold(name: &str, lines: &[String]) {
+    compare(name, lines, lines.len() / ONE_IN);
+}
+
+/// The same, and no line may differ.
+#[cfg(feature = "studio")]
+pub(crate) fn hold_every(name: &str, lines: &[String]) {
+    compare(name, lines, 0);
+}
+
+fn compare(name: &str, lines: &[String], may_differ: usize) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     let path = folder.join(format!("{name}.txt"));
     if std::env::var_os("MIEN_WRITE_GOLDEN").is_some() {
@@ -53,7 +63,7 @@ pub(crate) fn hold(name: &str, lines: &[String]) {
         write!(first, "\n  was {was}\n  is  {is}").unwrap();
     }
     assert!(
-        apart.len() * ONE_IN <= lines.len(),
+        apart.len() <= may_differ,
         "{name}: {} of {} lines differ; if intended, MIEN_WRITE_GOLDEN=1 rewrites them{first}",
         apart.len(),
         lines.len()

@@ -52,3 +52,5 @@ pub mod units;
 #[cfg(test)]
 #[path = "../../tests/common/data.rs"]
 pub(crate) mod data;
+#[cfg(test)]
+pub(crate) mod golden;

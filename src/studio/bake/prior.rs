@@ -79,10 +79,12 @@ type Near = Vec<Vec<(u32, f32)>>;
 
 fn near(places: usize, others: usize, sigma: f64, far: impl Fn(usize, usize) -> f64) -> Near {
     let row = |q: usize| {
-        let weight = |o: usize| (-0.5 * (far(q, o) / sigma).powi(2)).exp();
-        let mut row: Vec<(u32, f64)> = (0..others).map(|o| (o as u32, weight(o))).collect();
-        let most = row.iter().map(|n| n.1).fold(0.0, f64::max);
-        row.retain(|n| n.1 > FAINT * most);
+        // Exponents first: most are too small to be worth their powers.
+        let exponent = |o: usize| -0.5 * (far(q, o) / sigma).powi(2);
+        let mut row: Vec<(u32, f64)> = (0..others).map(|o| (o as u32, exponent(o))).collect();
+        let most = row.iter().map(|n| n.1).fold(f64::NEG_INFINITY, f64::max);
+        row.retain(|n| n.1 > most + FAINT.ln());
+        row.iter_mut().for_each(|n| n.1 = n.1.exp());
         let sum = row.iter().map(|n| n.1).sum::<f64>().max(1e-300);
         let share = |(o, w)| (o, (w / sum) as f32);
         row.into_iter().map(share).collect()

@@ -16,3 +16,5 @@ pub mod paper;
 mod played;
 pub mod sessions;
 pub mod table;
+#[cfg(test)]
+mod tests;

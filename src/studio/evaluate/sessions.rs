@@ -74,8 +74,8 @@ impl Display for Spread {
 
 /// The people who play: those of the split, at most so many.
 pub(crate) fn held_out(data: &Path, sessions: &Sessions) -> Result<Vec<PersonHead>, Fault> {
-    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
-    heads.truncate(sessions.people);
+    let plays = |person| Split::of(person) == sessions.split;
+    let heads = textured_heads(data, plays, sessions.people)?;
     if heads.is_empty() {
         return Err(nobody(data));
     }

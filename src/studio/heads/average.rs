@@ -97,7 +97,7 @@ pub fn make_simulated_head(
     out: &Path,
     keep: impl Fn(usize) -> bool,
 ) -> Result<usize, Fault> {
-    let heads = textured_heads(data, keep)?;
+    let heads = textured_heads(data, keep, usize::MAX)?;
     let ict = IctHead::read(&data.join("ict_facekit"))?;
     let plain = plain_head(&ict);
     let head = average(&heads);

@@ -53,15 +53,20 @@ pub struct PersonHead {
     pub asset: HeadAsset,
 }
 
-/// Heads of all annotated portraits under `data` (the folder of the data sets) whose person number `keep` accepts, in the
-/// order of the table.
+/// Heads of the annotated portraits under `data` (the folder of the data sets) whose person number `keep` accepts, in the
+/// order of the table, `most` at most.
 ///
 /// # Errors
 /// If mesh or portraits cannot be read.
-pub fn textured_heads(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Vec<PersonHead>, Fault> {
+pub fn textured_heads(
+    data: &Path,
+    keep: impl Fn(usize) -> bool,
+    most: usize,
+) -> Result<Vec<PersonHead>, Fault> {
     let ict = IctHead::read(&data.join("ict_facekit"))?;
     let mut portraits = portraits(data)?;
     portraits.retain(|&(person, ..)| keep(person));
+    portraits.truncate(most);
     let plain = plain_head(&ict);
     let wardrobe = wardrobe::Wardrobe::new(plain.clone());
     let head = |(person, path, points): (usize, PathBuf, _)| {

@@ -1,20 +1,8 @@
 //! Dressed heads against the portraits they were made from. Skipped where the data sets are absent.
 
 use super::*;
-use crate::pipeline::tests::hold;
+use crate::studio::golden::{cells, coloured, hold, hold_every};
 use crate::studio::train::render::Renderer;
-
-/// Means of an eighth of a picture by an eighth.
-fn cells(luma: &[u8], width: usize) -> String {
-    let (wide, high) = (width / 8, luma.len() / width / 8);
-    let mean = |cell: usize| {
-        let rows = (cell / 8 * high..).take(high);
-        let row = |y: usize| &luma[y * width + cell % 8 * wide..][..wide];
-        let sum: u32 = rows.flat_map(row).map(|&luma| u32::from(luma)).sum();
-        (sum / (wide * high) as u32).to_string()
-    };
-    (0..64).map(mean).collect::<Vec<_>>().join(" ")
-}
 
 /// Places in half millimetres, colours and places in the picture in hundredths.
 #[test]
@@ -38,10 +26,7 @@ fn the_head_that_a_user_meets_first_looks_as_it_did() {
         }
     }
     for picture in hero.looks.iter().filter_map(|look| look.picture.as_ref()) {
-        for channel in 0..3 {
-            let values: Vec<u8> = picture.pixels().map(|pixel| pixel[channel]).collect();
-            lines.push(cells(&values, picture.width() as usize));
-        }
+        lines.extend(coloured::<24, 24>(picture));
     }
     hold("heads/hero", &lines);
 }
@@ -53,7 +38,7 @@ fn data() -> Option<std::path::PathBuf> {
 #[test]
 fn landmarks_lie_under_their_annotations_and_survive_reduction() {
     let Some(data) = data() else { return };
-    let heads = textured_heads(&data, |person| person == 32).expect("data are readable");
+    let heads = textured_heads(&data, |person| person == 32, 1).expect("data are readable");
     let portraits = portraits(&data).expect("data are readable");
     let mut portraits = portraits.into_iter();
     let (.., points) = portraits.find(|p| p.0 == 32).expect("an annotated person");
@@ -87,7 +72,7 @@ fn landmarks_lie_under_their_annotations_and_survive_reduction() {
 #[test]
 fn a_training_picture_depends_on_its_number_and_seed_only() {
     let Some(data) = data() else { return };
-    let renderer = Renderer::new(&data, |person| person == 32).expect("data are readable");
+    let renderer = Renderer::new(&data, |person| person == 32, 1).expect("data are readable");
     let all = renderer.samples(0..4, 9);
     let one = renderer.samples(2..3, 9);
     assert_eq!(all[2].grey.luma, one[0].grey.luma);
@@ -96,8 +81,8 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     let samples = renderer.samples(0..40, 9);
     let grey = samples
         .iter()
-        .map(|sample| cells(&sample.grey.luma, sample.grey.width));
-    hold("heads/training_pictures", &grey.collect::<Vec<_>>());
+        .flat_map(|sample| cells::<16, 16>(&sample.grey.luma, sample.grey.width));
+    hold_every("heads/training_pictures", &grey.collect::<Vec<_>>());
     let camera = crate::sensor::kinect::geometry::nominal();
     for sample in &all {
         for k in 0..crate::base::capacity::LANDMARKS {

@@ -77,7 +77,11 @@ pub fn inspect(
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Write as _;
+
     use super::*;
+    use crate::studio::golden::{coloured, hold_every};
+    use crate::studio::record::record;
 
     #[test]
     fn a_bad_path_is_one_sentence() {
@@ -103,6 +107,54 @@ mod tests {
         assert!(message(&other, "a.html").contains("cannot show"));
         assert!(message(&other, "a.gif").contains(".html or .png"));
         assert!(!folder.path().join("a.html").exists(), "no partial output");
+    }
+
+    /// Weights of two users, a face model, a recording of two people.
+    #[test]
+    fn what_is_shown_looks_as_it_did() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run.csv");
+        let mut text =
+            "frame,time_us,user,state,confidence,tx_m,qx,w_AU25,w_AU12L,w_AU61,m_lip_gap\n"
+                .to_owned();
+        for n in 0..120 {
+            let t = f64::from(n) / 10.0;
+            let state = ["warming", "tracking", "lost"][n as usize / 15 % 3];
+            let gap = if n % 40 < 30 {
+                format!("{:.3}", 0.5 + 0.4 * t.sin())
+            } else {
+                String::new()
+            };
+            writeln!(
+                text,
+                "{n},{:.0},{},{state},{:.2},{:.3},{:.3},{gap},{:.3},0.2,{:.3}",
+                t * 1e6,
+                n % 2,
+                0.9 - 0.2 * (t * 0.7).cos(),
+                0.05 * t.cos(),
+                0.2 * (t * 0.3).sin(),
+                (0.5 * t).sin().abs(),
+                0.1 + 0.05 * (t * 2.0).sin(),
+            )
+            .unwrap();
+        }
+        std::fs::write(&run, text).unwrap();
+        let recording = folder.path().join("recording");
+        let mut simulated = Source::simulated(Some("two")).unwrap();
+        record(&mut simulated, &recording, 0.5, 0.0, &false.into()).unwrap();
+        let model = FaceModel::shipped();
+        let of_model: &Path = "config/face.model".as_ref();
+        for (name, path) in [
+            ("run", &*run),
+            ("model", of_model),
+            ("recording", &recording),
+        ] {
+            let album = album(path, &model, &Settings::default()).unwrap();
+            hold_every(
+                &format!("inspect/{name}"),
+                &coloured::<40, 60>(&album.sheet()),
+            );
+        }
     }
 
     #[test]

@@ -38,6 +38,8 @@ pub mod samples;
 pub mod schedule;
 pub mod shape;
 pub mod standard_head;
+#[cfg(test)]
+mod tests;
 mod worn;
 
 pub use args::TrainArgs;

@@ -73,7 +73,7 @@ pub fn paper_aam_block(
     seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, Fault> {
-    let renderer = Renderer::new(data, |person| Split::of(person) == Split::Train)?;
+    let renderer = Renderer::new(data, |person| Split::of(person) == Split::Train, usize::MAX)?;
     let drawn = renderer.samples(0..PICTURES, seed);
     let (faces, people) = (drawn.len(), renderer.heads.len());
     say(&format!("{faces} rendered faces of {people} people"));
@@ -106,7 +106,7 @@ pub fn paper_aam_block(
     ));
     // As it will be read back.
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
-    let renderer = Renderer::new(data, |person| Split::of(person) == Split::Dev)?;
+    let renderer = Renderer::new(data, |person| Split::of(person) == Split::Dev, usize::MAX)?;
     let strangers = renderer.samples(0..STRANGERS, seed + 1);
     let strangers = strangers.par_iter().filter_map(|sample| {
         Some(Known {
@@ -350,7 +350,7 @@ mod tests {
         let Some(data) = crate::studio::data::data(&["faces_frl189"]) else {
             return;
         };
-        let heads = textured_heads(&data, |person| person == 30).unwrap();
+        let heads = textured_heads(&data, |person| person == 30, 1).unwrap();
         let truths = acted(&heads.first().expect("person 30").asset, 1);
         let mut random = fastrand::Rng::with_seed(2);
         let mut noise = || (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
@@ -394,7 +394,7 @@ mod tests {
             return;
         };
         // Every fifth person is a test person; dressing a head takes longer than drawing it.
-        let heads = textured_heads(&data, |person| person == 30).unwrap();
+        let heads = textured_heads(&data, |person| person == 30, 1).unwrap();
         let asset = heads.first().expect("person 30").asset.clone();
         let mut simulator = Simulator::new(asset, Scene::Acted, 3);
         let camera = simulator.camera().clone();

@@ -177,7 +177,8 @@ mod tests {
 
     fn person(number: usize) -> Option<HeadAsset> {
         let data = crate::studio::data::data(&["faces_frl189"])?;
-        let heads = crate::studio::heads::textured_heads(&data, |person| person == number).unwrap();
+        let heads =
+            crate::studio::heads::textured_heads(&data, |person| person == number, 1).unwrap();
         heads.first().map(|head| head.asset.clone())
     }
 

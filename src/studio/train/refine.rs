@@ -31,8 +31,8 @@ const STEP_TICKS: i64 = 2 * FRAME_TICKS;
 const FRAMES_PER_S: f64 = 15.0;
 /// Frames before anything is kept: the constants of the person are still being averaged.
 const SETTLE_FRAMES: i64 = 30;
-/// People, at most, and the length of each session.
-const PEOPLE: usize = 40;
+/// People to learn from, and the length of each session.
+pub const PEOPLE: usize = 40;
 const SECONDS: f64 = 30.0;
 /// Penalty of the regression, as a share of the number of frames.
 const PENALTY: f64 = 0.01;
@@ -58,10 +58,10 @@ pub fn learn_refinement(
     data: &Path,
     model: &FaceModel,
     keep: impl Fn(usize) -> bool,
+    people: usize,
     seed: u64,
 ) -> Result<Option<Refinement>, Fault> {
-    let mut heads = textured_heads(data, keep)?;
-    heads.truncate(PEOPLE);
+    let heads = textured_heads(data, keep, people)?;
     let plain = FaceModel {
         refinement: None,
         ..model.clone()

@@ -80,12 +80,12 @@ struct Scratch {
 }
 
 impl Renderer {
-    /// Dresses the heads of all persons that `keep` accepts; `data` is the folder of the data sets.
+    /// Dresses the heads of the persons that `keep` accepts, `most` at most; `data` is the folder of the data sets.
     ///
     /// # Errors
     /// If mesh or portraits cannot be read.
-    pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, Fault> {
-        let mut heads = textured_heads(data, keep)?;
+    pub fn new(data: &Path, keep: impl Fn(usize) -> bool, most: usize) -> Result<Self, Fault> {
+        let mut heads = textured_heads(data, keep, most)?;
         // A photograph's irises are half hidden by its lids and hardly seen to turn, so that some people are there again with
         // painted eyes. With everybody painted too, lids of real people in infrared are found worse.
         for one in (0..heads.len()).step_by(EYES_PAINTED) {

@@ -14,7 +14,7 @@ use super::cascade::{Progress, advance, cold_starts, fit_cold, learn_stage};
 use super::dataset::{read_folder, too_few};
 use super::evaluate::{Errors, differences, mean_offsets, without};
 use super::paper_section;
-use super::refine::learn_refinement;
+use super::refine::{PEOPLE, learn_refinement};
 use super::render::Renderer;
 use super::samples::{COLD, Disturbance, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, shape, standard_head};
@@ -49,7 +49,8 @@ impl TrainArgs {
         shape: &ShapeModel,
         keep: impl Fn(Split) -> bool,
     ) -> Result<Vec<TruePicture>, Fault> {
-        let renderer = Renderer::new(&self.data.data, |person| keep(Split::of(person)))?;
+        let heads = 1 + count / FACES_A_HEAD;
+        let renderer = Renderer::new(&self.data.data, |person| keep(Split::of(person)), heads)?;
         let camera = crate::sensor::kinect::geometry::nominal();
         let samples = renderer.samples(0..count as u64, seed);
         let face = |sample| TruePicture::drawn(sample, &camera, shape);
@@ -121,6 +122,10 @@ const FAR: Disturbance = Disturbance([0.35, 0.5, 0.3]);
 /// How much a wrong start, far or beside, counts against one as it is meant: there is one of each for two of those, so
 /// that one fit in twenty starts wrong.
 const WRONG_WEIGHT: f64 = 0.053;
+/// Faces drawn for each head that is made to draw them, and for each person that depth is learnt from: a small training is
+/// small throughout.
+const FACES_A_HEAD: usize = 8;
+const FACES_A_PERSON: usize = 500;
 /// Starts beside the face.
 const BESIDE: Disturbance = Disturbance([1.6, 0.5, 0.5]);
 
@@ -282,7 +287,8 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     model.paper_aam = paper.section(args, &model.shape, log)?;
     if args.drawn > 0 {
         let keep = |person| args.learns_from(Split::of(person));
-        let learnt = learn_refinement(&args.data.data, &model, keep, args.seed + 17)?;
+        let people = PEOPLE.min(1 + args.drawn / FACES_A_PERSON);
+        let learnt = learn_refinement(&args.data.data, &model, keep, people, args.seed + 17)?;
         model.refinement = learnt.map(Into::into);
         log("what depth adds");
     }

@@ -102,8 +102,8 @@ pub fn learn(
     practice: &Practice,
     say: &mut dyn FnMut(&str),
 ) -> Result<String, Fault> {
-    let mut heads = textured_heads(data, |person| Split::of(person) != Split::Test)?;
-    heads.truncate(practice.people);
+    let acts = |person| Split::of(person) != Split::Test;
+    let heads = textured_heads(data, acts, practice.people)?;
     if heads.is_empty() {
         return Err(nobody(data));
     }

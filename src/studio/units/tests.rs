@@ -7,6 +7,7 @@
 
 use nalgebra::Vector3;
 
+use super::readings::{Practice, learn};
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Point;
@@ -16,6 +17,7 @@ use crate::expression::{Expression, Settings, Units};
 use crate::landmarks::Landmarks;
 use crate::simulator::virtual_head::Scene;
 use crate::studio::correlation::correlation;
+use crate::studio::golden::{figures, hold};
 use crate::studio::heads::ict::IctHead;
 
 /// Mean and standard deviation over people.
@@ -233,4 +235,25 @@ fn the_acted_scene_is_read_right_on_people_of_the_head_model() {
         }
     }
     assert!(low.is_empty(), "too low: {low:?}");
+}
+
+/// Two people who act for some seconds teach nothing that is worth shipping, but always the same.
+#[test]
+fn a_short_practice_teaches_what_it_taught() {
+    let Some(data) = crate::studio::data::data(&["ict_facekit", "faces_frl189"]) else {
+        return;
+    };
+    let practice = Practice {
+        people: 2,
+        seconds: 4.0,
+        seed: 41,
+        examples: None,
+    };
+    let mut lines = Vec::new();
+    let mut say = |line: &str| lines.extend(figures(line));
+    let settings = crate::appliance::settings::Settings::default();
+    let model = crate::face_model::FaceModel::shipped();
+    let text = learn(&data, &model, &settings, &practice, &mut say).expect("data are readable");
+    lines.extend(figures(&text));
+    hold("units/short", &lines);
 }

@@ -103,13 +103,10 @@ fn brow(marks: &[Vec3], seed: u32) -> Vec<Stroke> {
 }
 
 /// How much of a pixel at a place the strokes cover, 0…1.
-fn covered(strokes: &[Stroke], x: f64, y: f64) -> f32 {
+fn covered<'a>(strokes: impl Iterator<Item = &'a Stroke>, x: f64, y: f64) -> f32 {
     let p = Vec3::new(x, y, 0.0);
     let mut bare = 1.0;
     for Stroke(a, b, half) in strokes {
-        if (p.x - a.x).abs() > 0.007 || (p.y - a.y).abs() > 0.007 {
-            continue;
-        }
         let along = b - a;
         let t = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
         let d = (a + along * t - p).norm();
@@ -177,9 +174,11 @@ pub(super) fn paint(marks: &[Vec3]) -> RgbImage {
             colour = mix(colour, lip, 0.92 * share);
         }
         if (0.010..0.045).contains(&y) {
-            let strokes = &brows[usize::from(x > 0.0)];
+            let strokes = brows[usize::from(x > 0.0)].iter();
+            let strokes =
+                strokes.filter(|Stroke(root, ..)| (root - Vec3::new(x, y, root.z)).amax() < 0.010);
             // Between the hairs lies their shade.
-            let shade = strokes.iter().map(|Stroke(a, b, _)| {
+            let shade = strokes.clone().map(|Stroke(a, b, _)| {
                 let m = (a + b) * 0.5;
                 (-((m.x - x).powi(2) + (m.y - y).powi(2)) / (0.0013 * 0.0013)).exp()
             });

@@ -1,0 +1,60 @@
+//! A training so small that it serves nobody, held to its figures. Skipped where the data sets are absent.
+
+use super::*;
+use crate::face_model::FaceModel;
+use crate::studio::golden::{figures, hold};
+use crate::studio::people_split::Data;
+
+/// A coefficient in so many parts of its table's largest.
+const FINE: f32 = 200.0;
+
+/// Sizes of some coefficients of a table, against its largest: a mode may point either way.
+fn some(name: &str, table: &[f32]) -> String {
+    let largest = table.iter().fold(0f32, |most, one| most.max(one.abs()));
+    let every = (table.len() / 64).max(1);
+    let coarse = table.iter().step_by(every);
+    let coarse = coarse.map(|one| (one.abs() / largest * FINE).round().to_string());
+    format!("{name} {}", coarse.collect::<Vec<_>>().join(" "))
+}
+
+#[test]
+fn a_small_training_learns_what_it_learnt() {
+    let Some(data) = crate::studio::data::data(&["ict_facekit", "faces_frl189"]) else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let args = TrainArgs {
+        images: vec![data.join("faces_frl189")],
+        out: folder.path().join("small.model"),
+        data: Data { data },
+        drawn: 240,
+        starts: 1,
+        seed: 1,
+        tracks: None,
+        offsets: Some(folder.path().join("offsets.csv")),
+        paper_of: Some("config/face.model".into()),
+        paper_into: None,
+        person: None,
+        hold_out_dev: true,
+    };
+    let mut lines = Vec::new();
+    run(&args, &mut |line| {
+        lines.extend(figures(line.split_once(" s ").expect("seconds first").1))
+    })
+    .expect("data are readable");
+    // Where it was written, how large, and its sum.
+    lines.pop();
+    let offsets = std::fs::read_to_string(args.offsets.expect("given above")).unwrap();
+    lines.extend(figures(&offsets));
+    let model = FaceModel::read(&std::fs::read(&args.out).unwrap()).expect("just written");
+    lines.push(some("shape", &model.shape.deviations));
+    lines.push(some(
+        "depth",
+        &model.refinement.expect("something is learnt").weights,
+    ));
+    lines.push(some("landmark confidence", &model.confidence.landmark));
+    lines.push(some("face confidence", &model.confidence.face));
+    let stages = model.cold.iter().chain(model.warm.iter());
+    lines.extend(stages.map(|stage| some("stage", &stage.bias)));
+    hold("train/small", &lines);
+}
