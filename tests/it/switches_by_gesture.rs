@@ -1,6 +1,5 @@
 //! Gestures from the configuration to receivers, and nothing left on however a run ends.
 
-use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -46,6 +45,7 @@ mod pressed {
     use crate::talks_to_rigs::{messages, receiver};
     use rosc::OscType;
     use std::io::Read;
+    use std::net::UdpSocket;
     use std::process::{Child, Stdio};
     use std::sync::{Arc, Mutex};
     use std::time::{Duration, Instant};
