@@ -213,7 +213,10 @@ pub fn write_to(out: &Path) -> Result<String, Fault> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::tests::hold;
+    use crate::face_model::FaceModel;
+    use crate::studio::bake::locate::guess;
+    use crate::studio::bake::looks::Looks;
+    use crate::studio::golden::{coloured, hold, hold_every};
 
     #[test]
     fn the_head_has_its_shapes_and_opens_its_jaw() {
@@ -247,5 +250,25 @@ mod tests {
             )
         });
         hold("heads/baked", &lines.collect::<Vec<_>>());
+        let mut looks = vec![glb.json["materials"].to_string()];
+        for mesh in glb.json["meshes"].as_array().unwrap() {
+            let parts = mesh["primitives"].as_array().unwrap().iter();
+            looks.extend(parts.map(|part| format!("material {}", part["material"])));
+        }
+        hold_every("heads/looks", &looks);
+    }
+
+    /// Landmarks in tenths of a millimetre and how sure they are in two hundredths, on the plain mesh.
+    #[test]
+    fn the_heads_landmarks_are_found_where_they_were() {
+        let mesh = Hero::shipped().face.mesh;
+        let found = guess(&mesh, &Looks::default(), &FaceModel::shipped()).expect("a face");
+        let mut lines = vec![format!("{} {}", found.up, found.facing)];
+        for (&v, sure) in found.vertices.iter().zip(found.of_points) {
+            let [x, y, z] = (mesh.positions[v as usize] * 1e4).into();
+            lines.push(format!("{x:.0} {y:.0} {z:.0} {:.0}", sure * 200.0));
+        }
+        lines.extend(coloured::<16, 16>(&found.picture));
+        hold_every("heads/located", &lines);
     }
 }

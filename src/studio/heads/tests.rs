@@ -1,6 +1,8 @@
 //! Dressed heads against the portraits they were made from. Skipped where the data sets are absent.
 
 use super::*;
+use image::RgbImage;
+
 use crate::studio::golden::{cells, coloured, hold, hold_every};
 use crate::studio::train::render::Renderer;
 
@@ -93,4 +95,24 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
             );
         }
     }
+}
+
+/// Colours, and places in half millimetres.
+#[test]
+fn the_average_of_two_people_looks_as_it_did() {
+    let Some(data) = data() else { return };
+    let two = textured_heads(&data, |person| (30..32).contains(&person), 2).unwrap();
+    let head = average::average(&two).expect("two heads");
+    let Texture { width, height, .. } = *head.texture.first().expect("a texture");
+    let rgb = head.texture[0].rgb.clone();
+    let mut lines =
+        coloured::<16, 16>(&RgbImage::from_raw(width as u32, height as u32, rgb).unwrap());
+    for v in (0..head.neutral.len()).step_by(150) {
+        let [x, y, z] = (head.neutral[v].coords * 2e3).into();
+        let [r, g, b] = head.colour[v];
+        let share = 100.0 * head.photo_share[v];
+        let numbers = [x, y, z, r, g, b, share].map(|n| format!("{n:.0}"));
+        lines.push(numbers.join(" "));
+    }
+    hold_every("heads/average", &lines);
 }

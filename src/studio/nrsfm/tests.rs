@@ -1,6 +1,8 @@
 //! Known answers: a planted body with two modes before a turning orthographic camera.
 
+use super::em::Model;
 use super::*;
+use crate::studio::golden::hold_every;
 use nalgebra::{Rotation3, Vector3};
 
 const FRAMES: usize = 60;
@@ -94,4 +96,31 @@ fn the_same_seed_gives_the_same_shapes() {
     let (tracks, _) = planted(0.01);
     let again = || nrsfm(&tracks, &two_modes()).shapes.positions;
     assert_eq!(again(), again());
+}
+
+/// Sweeps forgive a wrong step, which only makes them slower: so each of the first is held, in thousandths.
+#[test]
+fn every_sweep_goes_as_far_as_it_went() {
+    let tracks = planted(0.01).0;
+    let cameras = cameras::rigid_cameras(&cameras::filled(&tracks, 3));
+    let mut model = Model::rigid(&tracks, cameras);
+    model.grow(&tracks, 2, &mut fastrand::Rng::with_seed(3));
+    let mut lines = Vec::new();
+    for _ in 0..6 {
+        model.sweep(&tracks, 1e-4);
+        let mut numbers = vec![
+            model.log_likelihood / 1e3,
+            model.alpha,
+            model.noise_variance.sqrt(),
+        ];
+        for t in (0..FRAMES).step_by(13) {
+            numbers.push(model.scale[t]);
+            numbers.extend(model.shift[t].iter().chain(model.mean[t].iter()));
+            numbers.extend(model.rotation[t].iter().chain(model.covariance[t].iter()));
+            numbers.extend(model.point(t, 5).iter());
+        }
+        let thousandths = numbers.iter().map(|x| (x.abs() * 1e3).round().to_string());
+        lines.push(thousandths.collect::<Vec<_>>().join(" "));
+    }
+    hold_every("nrsfm/sweeps", &lines);
 }

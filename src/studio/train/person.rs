@@ -114,6 +114,7 @@ mod tests {
     use crate::sensor::kinect::picture_clock::timestamp_from_ticks;
     use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
     use crate::studio::correlation::correlation;
+    use crate::studio::golden::{figures, hold};
     use crate::studio::people_split::Split;
 
     /// Frames of the session that is learnt from, and of another one that is judged.
@@ -159,6 +160,23 @@ mod tests {
                 assert!(!chosen || (frames > JUDGED as usize * 4 / 5 && least > 0.6));
             }
         }
+    }
+
+    /// Two hundred and forty frames make a model that follows nobody, but always the same.
+    #[test]
+    fn few_frames_of_one_person_teach_what_they_taught() {
+        let mut practice = Simulator::new(HeadAsset::shipped(), Scene::Acted, 5);
+        let camera = practice.camera().clone();
+        let mut n = 0;
+        let mut next = |frame: &mut Frame| {
+            practice.draw(timestamp_from_ticks(n * 4_000_000), frame);
+            n += 1;
+            n <= 240
+        };
+        let mut lines = Vec::new();
+        let mut say = |words: &str| lines.extend(figures(words));
+        learn_frames(&mut next, &camera, &FaceModel::shipped(), 1, &mut say).unwrap();
+        hold("train/person", &lines);
     }
 
     fn learnt(head: &HeadAsset) -> Vec<u8> {
