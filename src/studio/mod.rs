@@ -53,4 +53,5 @@ pub mod units;
 #[path = "../../tests/common/data.rs"]
 pub(crate) mod data;
 #[cfg(test)]
+#[path = "../../tests/common/golden.rs"]
 pub(crate) mod golden;

@@ -49,9 +49,6 @@ fn scenes_of_heads_give_the_rows_they_gave() {
     let rows = rows.map(str::to_owned);
     let table = head_scenes::play(&data, &model, &settings, &short(2, 1.0), &rows)
         .expect("data are readable");
-    // The hand comes after seconds.
-    let mouth = ["mouth".to_owned()];
-    let mouth = head_scenes::play(&data, &model, &settings, &short(1, 6.0), &mouth).unwrap();
     let wild = head_scenes::wild::play(&data, &model, &settings, &short(4, 1.0)).unwrap();
-    hold("evaluate/scenes", &figures(&(table + &mouth + &wild)));
+    hold("evaluate/scenes", &figures(&(table + &wild)));
 }
