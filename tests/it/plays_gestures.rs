@@ -157,8 +157,7 @@ fn eyes_that_turn_are_read_where_they_look() {
     let Some(data) = common::data::data(&["faces_frl189", "ict_facekit"]) else {
         return;
     };
-    let mut heads = textured_heads(&data, |person| Split::of(person) == Split::Test).unwrap();
-    heads.truncate(2);
+    let heads = textured_heads(&data, |person| Split::of(person) == Split::Test, 2).unwrap();
     let model = FaceModel::shipped();
     const LOOKS: [(&str, [&str; 2]); 4] = [
         ("AU61", ["eyeLookOut_L", "eyeLookIn_R"]),
@@ -216,8 +215,7 @@ fn people_act_gestures() {
     let tunes = std::env::var("SPLIT").is_ok_and(|split| split == "dev");
     let split = if tunes { Split::Dev } else { Split::Test };
     let model = FaceModel::shipped();
-    let mut heads = textured_heads(Path::new(&data), |person| Split::of(person) == split).unwrap();
-    heads.truncate(6);
+    let heads = textured_heads(Path::new(&data), |person| Split::of(person) == split, 6).unwrap();
     let all: Vec<Gesture> = PRESETS
         .iter()
         .map(|preset| Gesture::named(preset.0))
