@@ -39,17 +39,26 @@ pub(crate) fn coloured<const COLUMNS: usize, const ROWS: usize>(picture: &RgbIma
     (0..3).flat_map(channel).collect()
 }
 
-/// Every line of a text with its numbers as words of their own and without their points: a number may differ by one in its
-/// last digit.
+/// Every line of a text with its numbers as words of their own, to two decimals and without their points: a number may
+/// differ by one in its last digit.
 pub(crate) fn figures(text: &str) -> Vec<String> {
     let figures = |line: &str| {
-        let mut out = String::new();
-        let mut before = ' ';
+        let (mut out, mut before) = (String::new(), ' ');
+        // Digits that are still taken.
+        let mut left = usize::MAX;
         for (k, this) in line.char_indices() {
             let next = line[k..].chars().nth(1).unwrap_or(' ');
             if this == '.' && before.is_ascii_digit() && next.is_ascii_digit() {
+                left = 2;
                 continue;
             }
+            if this.is_ascii_digit() && left == 0 {
+                continue;
+            }
+            left = match this.is_ascii_digit() {
+                true => left.saturating_sub(1),
+                false => usize::MAX,
+            };
             if this.is_ascii_digit() != before.is_ascii_digit() && before != '-' && before != '+' {
                 out.push(' ');
             }

@@ -45,7 +45,14 @@ fn a_small_training_learns_what_it_learnt() {
     // Where it was written, how large, and its sum.
     lines.pop();
     let offsets = std::fs::read_to_string(args.offsets.expect("given above")).unwrap();
-    lines.extend(figures(&offsets));
+    let ten_thousandths = |word: &str| word.parse().map(|x: f32| (x * 1e4).round().to_string());
+    lines.extend(offsets.lines().map(|line| {
+        let words = line.split(',').skip(1);
+        let words: Vec<_> = words
+            .map(|w| ten_thousandths(w).unwrap_or_default())
+            .collect();
+        words.join(" ")
+    }));
     let model = FaceModel::read(&std::fs::read(&args.out).unwrap()).expect("just written");
     lines.push(some("shape", &model.shape.deviations));
     lines.push(some(

@@ -245,7 +245,7 @@ fn a_short_practice_teaches_what_it_taught() {
     };
     let practice = Practice {
         people: 2,
-        seconds: 4.0,
+        seconds: 9.0,
         seed: 41,
         examples: None,
     };
