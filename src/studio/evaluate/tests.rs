@@ -6,8 +6,9 @@ use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::studio::golden::{figures, hold};
 
-fn data() -> Option<std::path::PathBuf> {
-    crate::studio::data::data(&["ict_facekit", "faces_frl189"])
+/// The heads, and what else a table has rows of.
+fn data(more: &[&str]) -> Option<std::path::PathBuf> {
+    crate::studio::data::data(&[&["ict_facekit", "faces_frl189"], more].concat())
 }
 
 fn short(people: usize, seconds: f64) -> Sessions {
@@ -20,7 +21,7 @@ fn short(people: usize, seconds: f64) -> Sessions {
 
 #[test]
 fn somebody_who_acts_gives_the_table_they_gave() {
-    let Some(data) = data() else { return };
+    let Some(data) = data(&[]) else { return };
     let (model, settings) = (FaceModel::shipped(), Settings::default());
     let table = table::play(&data, &model, &settings, &short(1, 20.0)).expect("data are readable");
     hold("evaluate/table", &figures(&table.to_string()));
@@ -28,7 +29,9 @@ fn somebody_who_acts_gives_the_table_they_gave() {
 
 #[test]
 fn landmarks_under_every_condition_err_as_they_did() {
-    let Some(data) = data() else { return };
+    let Some(data) = data(&["faces_ytfaces68", "video_talkingface"]) else {
+        return;
+    };
     let mut lines = Vec::new();
     let mut say = |line: &str| {
         // Neither times nor counts.
@@ -44,7 +47,9 @@ fn landmarks_under_every_condition_err_as_they_did() {
 
 #[test]
 fn scenes_of_heads_give_the_rows_they_gave() {
-    let Some(data) = data() else { return };
+    let Some(data) = data(&["kinect_v1_pcl"]) else {
+        return;
+    };
     let rows = ["acted", "wide", "first", "several", "known", "nobody"];
     let (model, settings) = (FaceModel::shipped(), Settings::default());
     let rows = rows.map(str::to_owned);
