@@ -6,12 +6,20 @@
 //! head rotation, which shows the eyes from the side. The person's own offset is removed by a learner, as with distances.
 //! Memory: 435 weights. Degenerate: closed eyes give nothing.
 
+use core::ops::Range;
+
 use serde::Deserialize;
 
 use crate::base::geometry::Rotation;
 use crate::base::geometry::Vector;
 use crate::base::prelude::*;
-use crate::landmarks::eyes::{CELLS, Eyes};
+use crate::landmarks::eyes::{ACROSS, CELLS, DOWN, Eyes};
+
+/// Rows and columns whose mean and deviation the cells are measured in, by map. How much an iris that moves changes depends on its
+/// contrast to the white around it, not on that of brows and lids.
+const AROUND: [[Range<usize>; 2]; 3] = [[3..6, 3..13], [2..7, 2..14], [0..DOWN, 0..ACROSS]];
+/// Least deviation that is divided by.
+const LEAST_DEVIATION: f32 = 0.15;
 
 /// Maps, as in `config/units.toml`: weights by cell, rows from above, temple to nose, then the head's turn. 1 is the eyes' full
 /// range, about 30°, or lids opened wide (AU5).
@@ -25,16 +33,33 @@ pub struct Gaze {
 
 impl Gaze {
     /// To the subject's left and up, and how far lids are lifted, plus constants of the person.
-    pub fn of(&self, [right, left]: &Eyes, sensor_from_head: &Rotation) -> [f32; 3] {
+    pub fn of(&self, eyes: &Eyes, sensor_from_head: &Rotation) -> [f32; 3] {
         let ahead = sensor_from_head * Vector::z();
-        let sum = |weights: &[f32], sign: f32, turn: f32| {
-            let eyes = left.iter().zip(right).zip(weights);
-            let cells: f32 = eyes.map(|((l, r), w)| w * (l + sign * r)).sum();
-            cells + weights[CELLS] * turn
+        let read = |axis, weights: &[f32]| -> f32 {
+            let row = row(eyes, [ahead.x, ahead.y], axis);
+            row.iter().zip(weights).map(|(value, w)| value * w).sum()
         };
-        let [up, lids] = [&self.up, &self.lids].map(|weights| sum(weights, 1.0, ahead.y));
-        [sum(&self.left, -1.0, ahead.x), up, lids]
+        [read(0, &self.left), read(1, &self.up), read(2, &self.lids)]
     }
+}
+
+/// What a map reads: left (0), up (1) or lids (2), given where the head looks, as sines to the right and down.
+pub fn row([right, left]: &Eyes, ahead: [f32; 2], axis: usize) -> [f32; CELLS + 1] {
+    let mut row = [0.0; CELLS + 1];
+    for (eye, sign) in [(left, 1.0), (right, if axis == 0 { -1.0 } else { 1.0 })] {
+        let [rows, columns] = &AROUND[axis];
+        let cells = |y: usize| &eye[y * ACROSS..][columns.clone()];
+        let around = || rows.clone().flat_map(cells);
+        let n = (rows.len() * columns.len()) as f32;
+        let mean = around().sum::<f32>() / n;
+        let variance = around().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n;
+        let scale = sign / variance.sqrt().max(LEAST_DEVIATION);
+        for (sum, cell) in row.iter_mut().zip(eye) {
+            *sum += scale * (cell - mean);
+        }
+    }
+    row[CELLS] = ahead[axis.min(1)];
+    row
 }
 
 #[cfg(test)]
@@ -73,7 +98,25 @@ mod tests {
         let [mirrored, same, as_open] = gaze.of(&[b, a], &straight);
         assert!(left.abs() > 0.01 && (left + mirrored).abs() < 1e-5);
         assert!((up - same).abs() < 1e-5 && (lids - as_open).abs() < 1e-5);
-        assert!((up + lids).abs() < 1e-5);
+    }
+
+    #[test]
+    fn how_dark_brows_and_lids_are_does_not_change_how_far_a_look_goes() {
+        let eye = |dark: f32, contrast: f32, seed: f32| -> [f32; CELLS] {
+            core::array::from_fn(|k| match k / ACROSS {
+                0..2 | 7.. => dark * (k % 3) as f32,
+                _ => contrast * (k as f32 * seed).sin(),
+            })
+        };
+        for axis in 0..2 {
+            let [bright, dark] = [(0.0, 1.0), (-4.0, 0.4)].map(|(dark, contrast)| {
+                let eyes = [0.37, 0.91].map(|seed| eye(dark, contrast, seed));
+                row(&eyes, [0.0; 2], axis)
+            });
+            let between = 2 * ACROSS..7 * ACROSS;
+            let apart = between.map(|k| (bright[k] - dark[k]).abs());
+            assert!(apart.fold(0.0, f32::max) < 1e-4);
+        }
     }
 
     #[test]

@@ -64,6 +64,9 @@ defaults! {
 
 /// Least confidence of a face that depth does not confirm.
 const SPOTTED: f32 = 0.8;
+/// From this confidence on it is searched again where the last search ended, at most so often in all.
+const PROMISING: f32 = 0.2;
+const SPOTTINGS: usize = 4;
 
 /// Decay per lost frame of the face's rotation and shift within the head.
 const FORGOTTEN: f32 = 0.5;
@@ -258,12 +261,20 @@ impl LandmarkFitter {
         camera: &Camera,
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
-        let placement = Placement::of_pose(camera, guess)?;
-        let (fit, belief) = self.run(luma, &placement, &placement.start);
-        let is_sure = belief.face >= SPOTTED;
-        // Nothing is known of how this face sits in its head: as usual.
-        let found = || *guess * Motion::<Head, Head>::of(moved(&placement.start, &fit.view));
-        is_sure.then(|| (belief.face, found()))
+        let mut pose = *guess;
+        for _ in 0..SPOTTINGS {
+            let placement = Placement::of_pose(camera, &pose)?;
+            let (fit, belief) = self.run(luma, &placement, &placement.start);
+            // Nothing is known of how this face sits in its head: as usual.
+            pose = pose * Motion::<Head, Head>::of(moved(&placement.start, &fit.view));
+            if belief.face >= SPOTTED {
+                return Some((belief.face, pose));
+            }
+            if belief.face < PROMISING {
+                break;
+            }
+        }
+        None
     }
 
     /// Pose of the last fit's face within the head seen by depth, if it is so far off that the depth pose must be wrong; the next

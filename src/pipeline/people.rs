@@ -49,6 +49,8 @@ pub(crate) const SECOND_LOOK: u64 = 5;
 pub(crate) const SECOND_LOOK_APART: f32 = 1.2;
 /// A head without a face is tried again after this many frames.
 const REFUSED_FRAMES: u64 = 4;
+/// ... but at once so often while nobody else is there: twice at each place where its face may be.
+const EAGER: u64 = 24;
 /// A refused head that has moved less than this is the same one, metres.
 const REFUSED_M: f32 = 0.06;
 /// A cut-out this near to a user's head is part of it, metres.
@@ -63,8 +65,8 @@ pub(super) struct People {
     pub(super) settings: users::Settings,
     pub(super) memory: Memory,
     pub(super) choice: Choice,
-    /// Heads without a face, and the frame from which they are tried again.
-    pub(super) refused: heapless::Deque<(Point, u64), HEADS>,
+    /// Heads without a face, the last first: where, the frame from which they are tried again, and how often they were.
+    pub(super) refused: heapless::Vec<(Point, u64, u64), HEADS>,
     /// Slots whose users were forgotten in this frame.
     pub(super) left: [bool; USERS],
     pub(super) frame: u64,
@@ -116,7 +118,7 @@ impl People {
             memory: Memory::default(),
             choice: Choice::new(settings.users.single),
             settings: settings.users.clone(),
-            refused: heapless::Deque::new(),
+            refused: heapless::Vec::new(),
             left: [false; USERS],
             frame: 0,
             count: 0,
@@ -133,9 +135,8 @@ impl People {
         self.memory
             .forget_older(frame.at, self.settings.remember_s.into());
         // With nobody to follow there is time for both halves of a search.
-        let busy = self.followers[..USERS]
-            .iter()
-            .any(|user| user.person.state.is_present());
+        let mut users = self.followers[..USERS].iter();
+        let busy = users.any(|user| user.person.state.is_present());
         now.searches = if busy { 1 } else { 2 };
         let free = self.follow_users(now, segmenter);
         self.follow_candidate(now, segmenter.heads(), &free);
@@ -243,12 +244,12 @@ impl People {
     /// Processes one unassigned head, which may become a user.
     fn follow_candidate(&mut self, now: &mut Now<'_>, heads: &[HeadCloud], free: &[usize]) {
         let present = (0..USERS).filter(|&slot| self.followers[slot].person.state.is_present());
-        if present.count() >= self.settings.most as usize {
+        let present = present.count();
+        if present >= self.settings.most as usize {
             self.followers[CANDIDATE].forget();
             return;
         }
-        let candidate = &mut self.followers[CANDIDATE];
-        let head = match &candidate.person.place {
+        let head = match &self.followers[CANDIDATE].person.place {
             Some(place) => {
                 let (place, reach) = place.expected(now.frame.at);
                 let apart = |head: usize| (heads[head].centre - place).norm();
@@ -256,17 +257,17 @@ impl People {
                 near.min_by(|&a, &b| apart(a).total_cmp(&apart(b)))
             }
             None => {
-                // Heads never refused come first: a static object is refused again and again.
+                // Heads never refused come first, then who has waited longest: a static object is refused again and again.
                 let refused = |head: usize| {
-                    let here = |place: &Point| (heads[head].centre - place).norm() < REFUSED_M;
-                    let until = self.refused.iter().filter(|(place, _)| here(place));
-                    until.map(|(_, until)| *until).max().unwrap_or(0)
+                    let at = self.refused_at(&heads[head].centre);
+                    at.map_or(0, |at| self.refused[at].1)
                 };
                 let free = free.iter().copied();
                 free.filter(|&head| refused(head) <= self.count)
-                    .min_by_key(|&head| refused(head) > 0)
+                    .min_by_key(|&head| refused(head))
             }
         };
+        let candidate = &mut self.followers[CANDIDATE];
         let Some(head) = head else {
             if candidate.person.place.is_some() {
                 candidate.forget();
@@ -283,18 +284,30 @@ impl People {
                 return;
             }
             candidate.forget();
-            if self.refused.is_full() {
-                self.refused.pop_front();
-            }
-            // Not full: checked above.
-            let _ = self
-                .refused
-                .push_back((heads[head].centre, self.count + REFUSED_FRAMES));
+            self.refuse(heads[head].centre, present > 0);
             return;
         }
         if candidate.is_somebody() {
             self.admit();
         }
+    }
+
+    fn refused_at(&self, place: &Point) -> Option<usize> {
+        let mut places = self.refused.iter().map(|refused| refused.0);
+        places.position(|other| (other - place).norm() < REFUSED_M)
+    }
+
+    /// A head without a face waits before it is tried again.
+    fn refuse(&mut self, place: Point, busy: bool) {
+        let before = self.refused_at(&place).map(|at| self.refused.remove(at));
+        // Another one, if nothing was there for a while.
+        let before = before.filter(|(_, until, _)| self.count < until + EAGER);
+        let times = before.map_or(1, |(.., times)| times + 1);
+        let eager = !busy && times <= EAGER;
+        let until = self.count + if eager { 1 } else { REFUSED_FRAMES };
+        self.refused.truncate(HEADS - 1);
+        // Not full.
+        let _ = self.refused.insert(0, (place, until, times));
     }
 
     /// Gives the candidate a slot, once identified.
@@ -413,5 +426,39 @@ impl People {
             }
         }
         self.choice.look(&there, self.at);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_head_without_a_face_is_tried_in_every_frame_for_a_while_then_in_every_fourth_and_anew_after_a_gap()
+     {
+        let mut people = People::new(&Settings::default(), &FaceModel::shipped()).expect("a model");
+        let mut waits = |frames: core::ops::Range<u64>, busy| -> Vec<u64> {
+            let tried = frames.map(|count| {
+                people.count = count;
+                people.refuse(Point::new(0.0, 0.001 * (count % 9) as f32, 0.8), busy);
+                people.refused[0].1 - count
+            });
+            tried.collect()
+        };
+        let all = waits(0..100, false);
+        assert!(all[..24].iter().all(|wait| *wait == 1) && all[24..].iter().all(|wait| *wait == 4));
+        assert_eq!(waits(200..202, false), [1, 1]);
+        // While others are followed, at once is too dear.
+        assert_eq!(waits(300..302, true), [4, 4]);
+        // Somewhere else is another head; of many, the last are known.
+        for head in 0..2 * HEADS {
+            people.refuse(Point::new(head as f32, 0.0, 2.0), false);
+        }
+        assert_eq!(people.refused.len(), HEADS);
+        assert_eq!(
+            people.refused_at(&Point::new(2.0 * HEADS as f32 - 1.0, 0.0, 2.0)),
+            Some(0)
+        );
+        assert_eq!(people.refused_at(&Point::new(0.0, 0.0, 2.0)), None);
     }
 }

@@ -41,8 +41,9 @@ pub(super) fn learn(examples: &mut [Example]) -> Learnt {
         let all = all.filter_map(|(at, e)| Some(e.glance.as_ref()?.seen(at, axis, lifted(e))));
         let mut seen: Vec<Seen> = all.collect();
         centre(&mut seen);
-        let weights = regress(&seen);
-        let read: Vec<f64> = seen.iter().map(|s| dot(&s.row, &weights)).collect();
+        let weights = regress(&seen, axis < 2);
+        let dot = |row: &[f64]| row.iter().zip(&weights).map(|(a, b)| a * b).sum();
+        let read: Vec<f64> = seen.iter().map(|s| dot(&s.row)).collect();
         let r = correlation(read.iter().zip(&seen).map(|(read, s)| [*read, s.looks]));
         let _ = write!(say, " {name} r {r:.3} of {}", seen.len());
         for (seen, read) in seen.iter().zip(&read) {
@@ -95,7 +96,8 @@ fn centre(seen: &mut [Seen]) {
     }
 }
 
-fn regress(seen: &[Seen]) -> Vec<f64> {
+/// Regression holds back where the eyes do not tell; `whole`: a full look reads as 1 all the same.
+fn regress(seen: &[Seen], whole: bool) -> Vec<f64> {
     let n = CELLS + 1;
     let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
     // The turn is a sine, of a few tenths: it is not to be held back.
@@ -106,12 +108,14 @@ fn regress(seen: &[Seen]) -> Vec<f64> {
         gram.ger(1.0, &row, &row, 1.0);
         right.axpy(one.looks, &row, 1.0);
     }
-    let solved = nalgebra::linalg::Cholesky::new(gram).map(|c| c.solve(&right));
-    solved.map_or(vec![0.0; n], |weights| weights.iter().copied().collect())
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    let Some(solver) = nalgebra::linalg::Cholesky::new(gram) else {
+        return vec![0.0; n];
+    };
+    let mut weights = solver.solve(&right);
+    if whole {
+        weights *= seen.iter().map(|s| s.looks * s.looks).sum::<f64>() / weights.dot(&right);
+    }
+    weights.iter().copied().collect()
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::base::geometry::{Rigid, Vector};
+use crate::expression::gaze;
 use crate::landmarks::eyes::{CELLS, Eyes};
 use crate::simulator::virtual_head::{HeadAsset, Truth};
 
@@ -46,15 +47,13 @@ impl Glance {
 
     /// Regression row and target for gaze across (0) or up (1), or for the lids (2, target `lifted`); `at` is the example's index.
     pub(super) fn seen(&self, at: usize, axis: usize, lifted: f64) -> Seen {
-        let sign = if axis == 0 { -1.0 } else { 1.0 };
-        let cells = self.left.iter().zip(&self.right).map(|(l, r)| l + sign * r);
+        let [right, left] = [&self.right, &self.left].map(|eye| core::array::from_fn(|k| eye[k]));
         Seen {
             at,
             who: self.who,
-            row: cells
-                .chain([self.ahead[axis.min(1)]])
+            row: gaze::row(&[right, left], self.ahead, axis)
                 .map(f64::from)
-                .collect(),
+                .to_vec(),
             looks: self.looks.get(axis).copied().unwrap_or(lifted),
         }
     }
