@@ -15,8 +15,8 @@ use crate::base::geometry::Vector;
 use crate::base::prelude::*;
 use crate::landmarks::eyes::{ACROSS, CELLS, DOWN, Eyes};
 
-/// Rows and columns whose mean and deviation the cells are measured in, by map. How much an iris that moves changes depends on its
-/// contrast to the white around it, not on that of brows and lids.
+/// By map, the rows and columns whose mean is subtracted and whose deviation is divided by: how much the picture of a moving iris
+/// changes depends on its contrast to the white, not on that of brows and lids.
 const AROUND: [[Range<usize>; 2]; 3] = [[3..6, 3..13], [2..7, 2..14], [0..DOWN, 0..ACROSS]];
 /// Least deviation that is divided by.
 const LEAST_DEVIATION: f32 = 0.15;

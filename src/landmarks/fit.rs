@@ -64,7 +64,7 @@ defaults! {
 
 /// Least confidence of a face that depth does not confirm.
 const SPOTTED: f32 = 0.8;
-/// From this confidence on it is searched again where the last search ended, at most so often in all.
+/// From this confidence on the search goes on where it ended, for at most this many rounds in all.
 const PROMISING: f32 = 0.2;
 const SPOTTINGS: usize = 4;
 

@@ -47,9 +47,9 @@ const STRANGER_APART: f32 = 1.6;
 pub(crate) const SECOND_LOOK: u64 = 5;
 /// with this distance: over ten frames, nine of ten returning people are nearer, and two of a hundred strangers.
 pub(crate) const SECOND_LOOK_APART: f32 = 1.2;
-/// A head without a face is tried again after this many frames.
+/// A head without a face is tried again after this many frames,
 const REFUSED_FRAMES: u64 = 4;
-/// ... but at once so often while nobody else is there: twice at each place where its face may be.
+/// but in the very next one for its first tries while nobody else is there: two for each place where its face may be.
 const EAGER: u64 = 24;
 /// A refused head that has moved less than this is the same one, metres.
 const REFUSED_M: f32 = 0.06;
