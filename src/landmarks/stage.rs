@@ -92,7 +92,8 @@ impl LandmarkStage {
         }
     }
 
-    fn cascade(&self) -> Option<&LandmarkFitter> {
+    /// The default method, which can search a picture for a face; none with the paper's.
+    pub(crate) fn cascade(&self) -> Option<&LandmarkFitter> {
         match self {
             Self::Cascade(fitter) => Some(fitter),
             Self::Paper(_) => None,

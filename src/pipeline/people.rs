@@ -49,7 +49,7 @@ pub(crate) const SECOND_LOOK: u64 = 5;
 pub(crate) const SECOND_LOOK_APART: f32 = 1.2;
 /// A head without a face is tried again after this many frames,
 const REFUSED_FRAMES: u64 = 4;
-/// but in the very next one for its first tries while nobody else is there: two for each place where its face may be.
+/// but in the very next one for its first tries, two for each place that is searched for its face, if nobody else is there.
 const EAGER: u64 = 24;
 /// A refused head that has moved less than this is the same one, metres.
 const REFUSED_M: f32 = 0.06;
@@ -284,7 +284,8 @@ impl People {
                 return;
             }
             candidate.forget();
-            self.refuse(heads[head].centre, present > 0);
+            let searches = present == 0 && candidate.landmarks.cascade().is_some();
+            self.refuse(heads[head].centre, searches);
             return;
         }
         if candidate.is_somebody() {
@@ -298,12 +299,12 @@ impl People {
     }
 
     /// A head without a face waits before it is tried again.
-    fn refuse(&mut self, place: Point, busy: bool) {
+    fn refuse(&mut self, place: Point, searches: bool) {
         let before = self.refused_at(&place).map(|at| self.refused.remove(at));
         // Another one, if nothing was there for a while.
         let before = before.filter(|(_, until, _)| self.count < until + EAGER);
         let times = before.map_or(1, |(.., times)| times + 1);
-        let eager = !busy && times <= EAGER;
+        let eager = searches && times <= EAGER;
         let until = self.count + if eager { 1 } else { REFUSED_FRAMES };
         self.refused.truncate(HEADS - 1);
         // Not full.
@@ -437,19 +438,19 @@ mod tests {
     fn a_head_without_a_face_is_tried_in_every_frame_for_a_while_then_in_every_fourth_and_anew_after_a_gap()
      {
         let mut people = People::new(&Settings::default(), &FaceModel::shipped()).expect("a model");
-        let mut waits = |frames: core::ops::Range<u64>, busy| -> Vec<u64> {
+        let mut waits = |frames: core::ops::Range<u64>, searches| -> Vec<u64> {
             let tried = frames.map(|count| {
                 people.count = count;
-                people.refuse(Point::new(0.0, 0.001 * (count % 9) as f32, 0.8), busy);
+                people.refuse(Point::new(0.0, 0.001 * (count % 9) as f32, 0.8), searches);
                 people.refused[0].1 - count
             });
             tried.collect()
         };
-        let all = waits(0..100, false);
+        let all = waits(0..100, true);
         assert!(all[..24].iter().all(|wait| *wait == 1) && all[24..].iter().all(|wait| *wait == 4));
-        assert_eq!(waits(200..202, false), [1, 1]);
-        // While others are followed, at once is too dear.
-        assert_eq!(waits(300..302, true), [4, 4]);
+        assert_eq!(waits(200..202, true), [1, 1]);
+        // While others are followed, at once is too dear; without a search, there is nothing to gain.
+        assert_eq!(waits(300..302, false), [4, 4]);
         // Somewhere else is another head; of many, the last are known.
         for head in 0..2 * HEADS {
             people.refuse(Point::new(head as f32, 0.0, 2.0), false);
