@@ -72,7 +72,7 @@ defaults! {
         pub pause_s: f32 = 0.3,
         /// Whose.
         pub person: Person = Person::default(),
-        /// Whether it may go on while the person speaks.
+        /// Whether it may go on while the person speaks; if not, only at [`SURE`] times its level.
         pub speaking: bool = false,
         /// Largest angle between face and line of sight, sideways, degrees; up and down it is [`NODDED_DEG`].
         pub turned_deg: f32 = 30.0,

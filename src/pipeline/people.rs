@@ -4,8 +4,9 @@
 //! ([`super::follower`]). An unassigned head goes to the candidate's follower, one at a time: it becomes a user once a face
 //! is found on it (or, without colour, once depth has tracked it for a while) and, if there are people who left, after a few
 //! more frames that show whether it is one of them ([`crate::users::memory`]). A head without a face is ignored for a few
-//! frames. While everybody is followed where expected, the picture is segmented for others in every third frame only.
-//! A frame does at most half of a search for an initial pose, so that no frame costs much more than tracking.
+//! frames, but while nobody else is there only after its first tries. While everybody is followed where expected, the picture is
+//! segmented for others in every third frame only. A frame does at most half of a search for an initial pose, so that none
+//! costs much more than tracking.
 //!
 //! When all slots are in use, a newcomer has to wait until a user is forgotten.
 
@@ -284,8 +285,8 @@ impl People {
                 return;
             }
             candidate.forget();
-            let searches = present == 0 && candidate.landmarks.cascade().is_some();
-            self.refuse(heads[head].centre, searches);
+            let at_once = present == 0 && candidate.landmarks.cascade().is_some();
+            self.refuse(heads[head].centre, at_once);
             return;
         }
         if candidate.is_somebody() {
@@ -298,13 +299,13 @@ impl People {
         places.position(|other| (other - place).norm() < REFUSED_M)
     }
 
-    /// A head without a face waits before it is tried again.
-    fn refuse(&mut self, place: Point, searches: bool) {
+    /// A head without a face waits before it is tried again; with `at_once` its first tries follow each other.
+    fn refuse(&mut self, place: Point, at_once: bool) {
         let before = self.refused_at(&place).map(|at| self.refused.remove(at));
         // Another one, if nothing was there for a while.
         let before = before.filter(|(_, until, _)| self.count < until + EAGER);
         let times = before.map_or(1, |(.., times)| times + 1);
-        let eager = searches && times <= EAGER;
+        let eager = at_once && times <= EAGER;
         let until = self.count + if eager { 1 } else { REFUSED_FRAMES };
         self.refused.truncate(HEADS - 1);
         // Not full.
@@ -438,10 +439,10 @@ mod tests {
     fn a_head_without_a_face_is_tried_in_every_frame_for_a_while_then_in_every_fourth_and_anew_after_a_gap()
      {
         let mut people = People::new(&Settings::default(), &FaceModel::shipped()).expect("a model");
-        let mut waits = |frames: core::ops::Range<u64>, searches| -> Vec<u64> {
+        let mut waits = |frames: core::ops::Range<u64>, at_once| -> Vec<u64> {
             let tried = frames.map(|count| {
                 people.count = count;
-                people.refuse(Point::new(0.0, 0.001 * (count % 9) as f32, 0.8), searches);
+                people.refuse(Point::new(0.0, 0.001 * (count % 9) as f32, 0.8), at_once);
                 people.refused[0].1 - count
             });
             tried.collect()

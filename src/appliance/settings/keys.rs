@@ -348,7 +348,7 @@ sections! { s
         pause_s: "Least time from going off to going on again." => seconds(&mut s.gesture().pause_s);
         person: "Whose: of the person that single-person outputs show, of anybody, or of each by themselves." =>
             choice(&mut s.gesture().person, &[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]);
-        speaking: "Whether it may go on while they speak." => Kind::Bool(&mut s.gesture().speaking);
+        speaking: "Whether it may go on while they speak; if not, only at twice its level." => Kind::Bool(&mut s.gesture().speaking);
         turned_deg: "Largest angle between face and line of sight, sideways." => float(&mut s.gesture().turned_deg, 1.0, 90.0, "degrees");
         key: "What it presses; empty = nothing." =>
             Kind::Text(&mut s.gesture().key, "a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", gestures::is_key);
