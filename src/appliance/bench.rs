@@ -4,7 +4,8 @@
 //! Each frame is split into the packets a sensor on USB would have sent (not timed) and then runs through everything: packets to
 //! pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets are interleaved
 //! and read from freshly written memory, so that inputs are not unrealistically warm in the cache. Times are wall-clock:
-//! on a busy machine the median is more meaningful than the mean. Memory is that of the whole process, including the
+//! on a busy machine the median is more meaningful than the mean. A stage's time is that of the first thread: with people
+//! on a second core, `frame` alone is all of it. Memory is that of the whole process, including the
 //! simulated sensor if that is the source (about 15 MB).
 
 use std::io::{self, Write};
@@ -25,7 +26,7 @@ const FRAMES: u64 = 300;
 /// Warm-up frames, in which memory is allocated and caches fill.
 const WARM_UP: u64 = 5;
 
-/// The steps timed, in order; sums come after their parts.
+/// The steps timed, in order: `sensor` is the sum of those before it, `frame` the time from first to last.
 const STEPS: &str = "packets unpack luma sensor segment pose landmarks expression frame";
 const PACKETS: usize = 0;
 const UNPACK: usize = 1;
@@ -55,9 +56,7 @@ impl Times {
     }
 
     fn end_frame(&mut self, counts: bool) {
-        let sum = |of: &[Option<f32>]| of.iter().flatten().sum();
-        self.now[SENSOR] = Some(sum(&self.now[..SENSOR]));
-        self.now[FRAME] = Some(sum(&self.now[SENSOR..FRAME]));
+        self.now[SENSOR] = Some(self.now[..SENSOR].iter().flatten().sum());
         for (all, now) in self.of.iter_mut().zip(&mut self.now) {
             all.extend(now.take().filter(|_| counts));
         }
@@ -153,7 +152,8 @@ fn time(
         }
         resent.cut();
         let before = allocations();
-        let mut last = Instant::now();
+        let began = Instant::now();
+        let mut last = began;
         let mut lap = |step: usize, times: &mut Times| {
             let now = Instant::now();
             // A stage that runs for several users counts as one.
@@ -170,6 +170,7 @@ fn time(
         (frame.index, frame.at) = (resent.sent().index, resent.sent().at);
         frame.has_colour = resent.sent().has_colour;
         pipeline.follow_by_stage(&frame, |stage| lap(STAGES + stage as usize, &mut times));
+        times.now[FRAME] = Some(began.elapsed().as_secs_f32() * 1e3);
         let counts = number >= WARM_UP;
         if counts {
             allocated += allocations() - before;
@@ -235,6 +236,7 @@ mod tests {
         for number in 0..=200u8 {
             times.now[PACKETS] = Some(f32::from(number));
             times.now[UNPACK] = Some(1.0);
+            times.now[FRAME] = Some(f32::from(number) + 1.0);
             times.end_frame(number > 0);
         }
         let mut out = Vec::new();

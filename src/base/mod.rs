@@ -12,7 +12,7 @@ pub(crate) mod json;
 pub(crate) mod nearest_word;
 pub mod one_euro;
 pub(crate) mod prelude;
-pub mod shared_cell;
+pub(crate) mod second_core;
 pub mod time;
 pub mod vectors;
 

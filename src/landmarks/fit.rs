@@ -5,9 +5,8 @@
 //! are averaged slowly: the size of the face relative to the mean, so that it adds no jitter to the points, and the pose of
 //! the face within the head that depth sees (rotation and shift), from which the next fit starts.
 //! Shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see [`super::cascade`].
-//! Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (60 kB per person and 1 MB of
-//! [`Scratch`] shared by the fitters of one pipeline). Degenerate: a head outside the picture, or a low-confidence result,
-//! gives `None`.
+//! Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (60 kB per person; 1 MB of
+//! [`Scratch`] is lent to each fit). Degenerate: a head outside the picture, or a low-confidence result, gives `None`.
 //! One file: the state of one face, and how a frame changes it.
 
 use alloc::sync::Arc;
@@ -28,7 +27,6 @@ use crate::base::geometry::{Rigid, Rotation, Vector};
 use crate::base::one_euro::Cutoffs;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::shared_cell::Shared;
 use crate::base::time::Timestamp;
 use crate::face_model::refinement::{Inputs, Refinement};
 use crate::face_model::scheme::MOUTH;
@@ -72,7 +70,7 @@ const SPOTTINGS: usize = 4;
 const FORGOTTEN: f32 = 0.5;
 
 defaults! {
-    /// Scratch of a fit, stateless between fits; large, so it is shared by all people, who are fitted one after the other.
+    /// Scratch of a fit, stateless between fits; large, so one serves all people who are fitted one after the other.
     pub struct Scratch {
         window: Vec<f32> = vec![0.0; WINDOW * WINDOW],
         maps: OrientationMaps = OrientationMaps::default(),
@@ -128,7 +126,6 @@ pub struct LandmarkFitter {
     inputs: Inputs,
     /// Mean correction of this person, and the seconds averaged.
     usual: ([f32; MAX_MODES], f32),
-    scratch: Shared<Scratch>,
     /// Filters of the shape as fitted to the image, and as corrected by depth.
     filters: [ShapeFilter; 2],
     last_at: Option<Timestamp>,
@@ -148,9 +145,8 @@ pub struct LandmarkFitter {
 }
 
 impl LandmarkFitter {
-    /// Creates a fitter without history; all memory is allocated here. The scratch may be shared with other fitters, none of which
-    /// may run at the same time.
-    pub fn new(settings: Settings, model: &FaceModel, scratch: Shared<Scratch>) -> Self {
+    /// Creates a fitter without history; all memory is allocated here.
+    pub fn new(settings: Settings, model: &FaceModel) -> Self {
         Self {
             settings,
             shape: model.shape.clone(),
@@ -160,7 +156,6 @@ impl LandmarkFitter {
             refinement: model.refinement.clone(),
             inputs: Inputs::new(),
             usual: ([0.0; MAX_MODES], 0.0),
-            scratch,
             filters: [(); 2].map(|()| ShapeFilter::new(settings.steadiness)),
             last_at: None,
             log_size: None,
@@ -186,6 +181,7 @@ impl LandmarkFitter {
     /// Fits one frame; `None` if there is no face to be found at the pose.
     pub fn fit(
         &mut self,
+        scratch: &mut Scratch,
         luma: &[u8; PIXELS],
         depth: &[u16; PIXELS],
         camera: &Camera,
@@ -196,12 +192,12 @@ impl LandmarkFitter {
             at.seconds_since(last).clamp(0.0, 1.0) as f32
         });
         let is_new = self.log_size.is_none();
-        let mut found = self.look(luma, camera, pose);
+        let mut found = self.look(scratch, luma, camera, pose);
         if found.is_none() && is_new {
             // Hair leans a head that is only just found; most people sit upright.
             (self.turn, self.shift) = upright(&pose.sensor_from_head.rotation, self.tries);
             self.tries = (self.tries + 1) % BESIDE.len();
-            found = self.look(luma, camera, pose);
+            found = self.look(scratch, luma, camera, pose);
         }
         let Some((placement, fit, belief)) = found else {
             self.lose();
@@ -222,6 +218,7 @@ impl LandmarkFitter {
     /// The fit at the expected pose, if confident.
     fn look(
         &mut self,
+        scratch: &mut Scratch,
         luma: &[u8; PIXELS],
         camera: &Camera,
         pose: &HeadPose,
@@ -230,7 +227,7 @@ impl LandmarkFitter {
             Placement::of_pose(camera, &(pose.sensor_from_head * self.head_from_face()))?;
         let mut start = placement.start;
         start.log_scale += self.log_size.map_or(0.0, |(mean, _)| mean);
-        let (fit, belief) = self.run(luma, &placement, &start);
+        let (fit, belief) = self.run(scratch, luma, &placement, &start);
         // What was a face in the frame before is one on less.
         let share = self.last_at.map_or(1.0, |_| FOLLOWED_SHARE);
         (belief.face >= self.settings.min_confidence * share).then_some((placement, fit, belief))
@@ -257,6 +254,7 @@ impl LandmarkFitter {
     /// Looks for any face near a guessed pose: its confidence and the head pose. Nothing is learned from it.
     pub fn spot(
         &self,
+        scratch: &mut Scratch,
         luma: &[u8; PIXELS],
         camera: &Camera,
         guess: &SensorFromHead,
@@ -264,7 +262,7 @@ impl LandmarkFitter {
         let mut pose = *guess;
         for _ in 0..SPOTTINGS {
             let placement = Placement::of_pose(camera, &pose)?;
-            let (fit, belief) = self.run(luma, &placement, &placement.start);
+            let (fit, belief) = self.run(scratch, luma, &placement, &placement.start);
             // Nothing is known of how this face sits in its head: as usual.
             pose = pose * Motion::<Head, Head>::of(moved(&placement.start, &fit.view));
             if belief.face >= SPOTTED {
@@ -299,13 +297,18 @@ impl LandmarkFitter {
     }
 
     /// Starts from the mean shape at the pose: continuing from the last frame's shape lags behind blinks and brows.
-    fn run(&self, luma: &[u8; PIXELS], placement: &Placement, depth: &View) -> (FaceFit, Belief) {
-        let mut scratch = self.scratch.borrow();
+    fn run(
+        &self,
+        scratch: &mut Scratch,
+        luma: &[u8; PIXELS],
+        placement: &Placement,
+        depth: &View,
+    ) -> (FaceFit, Belief) {
         let Scratch {
             window,
             maps,
             solver,
-        } = &mut *scratch;
+        } = scratch;
         let start = FaceFit {
             view: *depth,
             shape: [0.0; MAX_MODES],
@@ -424,11 +427,7 @@ mod tests {
     use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 
     fn fitter() -> LandmarkFitter {
-        LandmarkFitter::new(
-            Settings::default(),
-            &FaceModel::shipped(),
-            Shared::default(),
-        )
+        LandmarkFitter::new(Settings::default(), &FaceModel::shipped())
     }
 
     fn placement() -> Placement {

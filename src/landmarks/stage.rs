@@ -7,7 +7,6 @@ use crate::base::capacity::PIXELS;
 use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromHead};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::shared_cell::Shared;
 use crate::base::time::Timestamp;
 use crate::face_model::FaceModel;
 use crate::pose::HeadPose;
@@ -54,20 +53,15 @@ pub enum LandmarkStage {
 }
 
 impl LandmarkStage {
-    /// Prepares the chosen method; all memory is allocated here. `scratch` is shared by the stages of one pipeline.
+    /// Prepares the chosen method; all memory is allocated here.
     ///
     /// # Errors
     /// If the model lacks what the method needs.
-    pub fn new(
-        settings: StageSettings,
-        model: &FaceModel,
-        scratch: &Shared<Scratch>,
-    ) -> Result<Self, LandmarkError> {
+    pub fn new(settings: StageSettings, model: &FaceModel) -> Result<Self, LandmarkError> {
         match settings.method {
             Method::Cascade => Ok(Self::Cascade(Box::new(LandmarkFitter::new(
                 settings.cascade,
                 model,
-                scratch.clone(),
             )))),
             Method::Paper if model.paper_aam.is_empty() => Err(LandmarkError::NoPaperModel),
             Method::Paper => {
@@ -80,6 +74,7 @@ impl LandmarkStage {
     /// Fits one frame; `None` if there is no face to be found at the pose.
     pub fn fit(
         &mut self,
+        scratch: &mut Scratch,
         luma: &[u8; PIXELS],
         depth: &[u16; PIXELS],
         camera: &Camera,
@@ -87,7 +82,7 @@ impl LandmarkStage {
         at: Timestamp,
     ) -> Option<&Landmarks> {
         match self {
-            Self::Cascade(fitter) => fitter.fit(luma, depth, camera, pose, at),
+            Self::Cascade(fitter) => fitter.fit(scratch, luma, depth, camera, pose, at),
             Self::Paper(fitter) => fitter.fit(luma, depth, camera, pose),
         }
     }
@@ -114,11 +109,12 @@ impl LandmarkStage {
     /// See [`LandmarkFitter::spot`]; `None` with the paper's method.
     pub fn spot(
         &self,
+        scratch: &mut Scratch,
         luma: &[u8; PIXELS],
         camera: &Camera,
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
-        self.cascade()?.spot(luma, camera, guess)
+        self.cascade()?.spot(scratch, luma, camera, guess)
     }
 
     /// See [`LandmarkFitter::straighten`]; nothing with the paper's method.

@@ -11,7 +11,7 @@ use crate::expression::{Expression, UnitRange};
 use crate::landmarks::{LandmarkStage, Landmarks};
 use crate::output::Report;
 use crate::pose::{HeadPose, PoseTracker, Sighting, guess};
-use crate::segment::{HeadCloud, PixelRect, Segmenter};
+use crate::segment::{HeadCloud, PixelRect, around};
 use crate::sensor::camera::Camera;
 use crate::users::likeness::{FaceLengths, Likeness};
 use crate::users::matching::Place;
@@ -131,32 +131,20 @@ impl Follower {
         self.person.frames + self.person.posed
     }
 
-    /// The stages of a user, where their head is expected, or else in the cut-out of it that `head` numbers. Whether they
-    /// were found.
-    pub(crate) fn follow(
-        &mut self,
-        now: &mut Now<'_>,
-        segmenter: &mut Segmenter,
-        head: Option<usize>,
-    ) -> bool {
-        let middle = head.map(|head| segmenter.heads()[head].centre);
-        self.follow_expected(now, segmenter, middle)
-            .unwrap_or_else(|| {
-                head.is_some_and(|head| self.follow_in(now, &segmenter.heads()[head]))
-            })
-    }
-
-    /// The stages where the head is expected, whose cut-out is centred on `middle`; `None` if it is not there.
+    /// The stages where the head is expected, whose cut-out is centred on `middle`; `None` if it is not there. Whether they
+    /// found it. `cloud` is filled with its points.
     pub(crate) fn follow_expected(
         &mut self,
         now: &mut Now<'_>,
-        segmenter: &mut Segmenter,
+        cloud: &mut HeadCloud,
         middle: Option<Point>,
     ) -> Option<bool> {
         self.person.rect = None;
         let at = now.frame.at;
-        let place = self.pose.expected(at, middle)?;
-        let cloud = segmenter.around(now.frame, now.camera, place)?;
+        let (place, scale) = self.pose.expected(at, middle)?;
+        if !around(&now.frame.depth, now.camera, &place, scale, cloud) {
+            return None;
+        }
         let pose = self.pose.follow(cloud, at);
         (now.after)(Stage::Pose);
         Some(self.look(now, cloud, &pose?))
@@ -200,9 +188,14 @@ impl Follower {
             return None;
         }
         self.person.posed = 0;
-        let fitted = self
-            .landmarks
-            .fit(&frame.luma, &frame.depth, now.camera, pose, frame.at);
+        let fitted = self.landmarks.fit(
+            now.scratch,
+            &frame.luma,
+            &frame.depth,
+            now.camera,
+            pose,
+            frame.at,
+        );
         (now.after)(Stage::Landmarks);
         fitted.cloned()
     }
@@ -287,13 +280,14 @@ impl Follower {
     }
 
     /// Searches the colour picture for a face that depth does not show: one place per frame.
-    fn spot(&mut self, now: &Now<'_>, cloud: &HeadCloud) {
+    fn spot(&mut self, now: &mut Now<'_>, cloud: &HeadCloud) {
         if !now.frame.has_picture() {
             return;
         }
         let guesses = guess::guesses(&cloud.points, self.guesses);
         self.guesses += 1;
-        let spot = |guess| self.landmarks.spot(&now.frame.luma, now.camera, &guess);
+        let (luma, camera) = (&now.frame.luma, now.camera);
+        let spot = |guess| self.landmarks.spot(now.scratch, luma, camera, &guess);
         let found = guesses.into_iter().flatten().filter_map(spot);
         if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
             self.pose.see(Sighting::Elsewhere(head, now.frame.at));
@@ -452,10 +446,11 @@ mod tests {
     use super::*;
     use crate::base::geometry::Rigid;
     use crate::base::geometry::Rotation;
-    use crate::base::shared_cell::Shared;
     use crate::expression::Units;
     use crate::face_model::FaceModel;
+    use crate::landmarks::Scratch;
     use crate::pipeline::Settings;
+    use crate::segment::Segmenter;
     use crate::sensor::Frame;
     use crate::simulator::simulated::Simulated;
 
@@ -463,7 +458,7 @@ mod tests {
         let (settings, model) = (Settings::default(), FaceModel::shipped());
         Follower::new(
             PoseTracker::new(settings.pose, &model.standard_head).expect("a head"),
-            LandmarkStage::new(settings.landmarks, &model, &Shared::default()).expect("a model"),
+            LandmarkStage::new(settings.landmarks, &model).expect("a model"),
             Expression::new(settings.learning, Units::shipped()),
             Presence::new(settings.users.hold_s, settings.users.forget_s),
         )
@@ -504,6 +499,7 @@ mod tests {
         let mut now = Now {
             frame,
             camera,
+            scratch: &mut Scratch::default(),
             searches: 0,
             after: &mut |stage| done.push(stage),
         };
@@ -534,13 +530,14 @@ mod tests {
     }
 
     fn spot(follower: &mut Follower, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
-        let now = Now {
+        let mut now = Now {
             frame,
             camera,
+            scratch: &mut Scratch::default(),
             searches: 0,
             after: &mut |_| {},
         };
-        follower.spot(&now, cloud);
+        follower.spot(&mut now, cloud);
     }
 
     #[test]

@@ -17,12 +17,12 @@ use super::settings::Settings;
 use super::stage::{Now, Stage};
 use crate::base::capacity::{HEADS, USERS};
 use crate::base::geometry::Point;
-use crate::base::shared_cell::Shared;
+use crate::base::second_core::SecondCore;
 use crate::base::time::Timestamp;
 use crate::expression::Expression;
 use crate::expression::units::Units;
 use crate::face_model::FaceModel;
-use crate::landmarks::LandmarkStage;
+use crate::landmarks::{LandmarkStage, Scratch};
 use crate::pose::{PoseError, PoseTracker};
 use crate::segment::{HeadCloud, Segmenter};
 use crate::users::choice::{Candidate, Choice};
@@ -74,7 +74,13 @@ pub(super) struct People {
     /// Frames processed so far.
     count: u64,
     pub(super) at: Timestamp,
+    /// Of the head that is followed, one for each thread.
+    clouds: [Box<HeadCloud>; 2],
+    second: Option<(SecondCore, Scratch)>,
 }
+
+/// One person to follow: their follower, the middle of their cut-out head, and whether they were found.
+type Task<'a> = (&'a mut Follower, Option<Point>, &'a mut Option<bool>);
 
 /// The follower of the candidate, who may become a user.
 pub(super) const CANDIDATE: usize = USERS;
@@ -90,6 +96,13 @@ pub enum PipelineError {
     Landmarks(#[from] crate::landmarks::LandmarkError),
 }
 
+/// Runs the stages of each where their heads are expected.
+fn each_expected(tasks: &mut [Task<'_>], now: &mut Now<'_>, cloud: &mut HeadCloud) {
+    for (user, middle, found) in tasks {
+        **found = user.follow_expected(now, cloud, *middle);
+    }
+}
+
 /// Whether a user is compared again after this many frames of learning their head.
 fn is_looked_at(learned: u64) -> bool {
     learned > SECOND_LOOK && learned <= LAST_LOOK && learned.is_multiple_of(LOOK_STEP)
@@ -102,12 +115,11 @@ impl People {
     /// If the model lacks what a stage or the chosen method needs.
     pub(super) fn new(settings: &Settings, model: &FaceModel) -> Result<Self, PipelineError> {
         let pose = PoseTracker::new(settings.pose, &model.standard_head)?;
-        let scratch = Shared::default();
         let units = Arc::new(Units::shipped());
         let follower = |_| {
             Ok(Follower::new(
                 pose.another(),
-                LandmarkStage::new(settings.landmarks, model, &scratch)?,
+                LandmarkStage::new(settings.landmarks, model)?,
                 Expression::new(settings.learning, units.clone()),
                 Presence::new(settings.users.hold_s, settings.users.forget_s),
             ))
@@ -124,6 +136,11 @@ impl People {
             frame: 0,
             count: 0,
             at: Timestamp::default(),
+            clouds: Default::default(),
+            second: (settings.second_core && settings.users.most > 1)
+                .then(SecondCore::start)
+                .flatten()
+                .map(|core| (core, Scratch::default())),
         })
     }
 
@@ -153,8 +170,8 @@ impl People {
         let at = now.frame.at;
         let mut found = [None; USERS];
         let mut heads: &[HeadCloud] = &[];
-        if self.count.is_multiple_of(WATCH_STEP) || !self.follow_settled(now, segmenter, &mut found)
-        {
+        let settled = !self.count.is_multiple_of(WATCH_STEP) && self.all_settled();
+        if !settled || !self.follow_expected(now, [None; USERS], &mut found) {
             segmenter.segment(now.frame, now.camera);
             (now.after)(Stage::Segment);
             heads = segmenter.heads();
@@ -167,6 +184,8 @@ impl People {
             place.map(|place| place.expected(at))
         });
         let theirs = matching::assign(&expected, &centres);
+        let middles = theirs.map(|head| head.map(|head| centres[head]));
+        self.follow_expected(now, middles, &mut found);
         // Who is served first when several are lost changes from frame to frame.
         for k in 0..USERS as u64 {
             let slot = ((k + self.count) % USERS as u64) as usize;
@@ -174,7 +193,9 @@ impl People {
             if !user.is_taken() {
                 continue;
             }
-            let found = found[slot].unwrap_or_else(|| user.follow(now, segmenter, theirs[slot]));
+            let found = found[slot].unwrap_or_else(|| {
+                theirs[slot].is_some_and(|head| user.follow_in(now, &segmenter.heads()[head]))
+            });
             if !found {
                 let before = user.person.state;
                 user.miss(at);
@@ -193,6 +214,12 @@ impl People {
         };
         let heads = 0..centres.len();
         let free: heapless::Vec<usize, HEADS> = heads.filter(|head| !taken(head)).collect();
+        self.part();
+        free
+    }
+
+    /// Forgets who left in this frame, and compares newcomers again with people who left before.
+    fn part(&mut self) {
         for slot in 0..USERS {
             if self.left[slot] {
                 self.remember(slot);
@@ -203,35 +230,49 @@ impl People {
                 self.look_again(slot);
             }
         }
-        free
     }
 
-    /// Runs the users' stages where their heads are expected, if all are settled and nobody else is being looked at. Whether
-    /// that served everybody, so that no head has to be cut out; whoever has an entry in `found` is not tried again.
-    fn follow_settled(
-        &mut self,
-        now: &mut Now<'_>,
-        segmenter: &mut Segmenter,
-        found: &mut [Option<bool>; USERS],
-    ) -> bool {
+    /// Whether all who are there are followed without interruption and nobody else is being looked at.
+    fn all_settled(&self) -> bool {
         let users = self.followers[..USERS].iter();
         let mut users = users.filter(|user| user.is_taken()).peekable();
-        let nobody = users.peek().is_none();
-        if nobody
-            || self.followers[CANDIDATE].person.place.is_some()
-            || !users.all(Follower::is_settled)
-        {
-            return false;
-        }
-        for (user, found) in self.followers.iter_mut().zip(found) {
-            if user.is_taken() {
-                *found = user.follow_expected(now, segmenter, None);
-                if found.is_none() {
-                    return false;
-                }
+        users.peek().is_some()
+            && self.followers[CANDIDATE].person.place.is_none()
+            && users.all(Follower::is_settled)
+    }
+
+    /// Runs the stages of all users not yet in `found` where their heads are expected, half of them on the second core if
+    /// there is one. Whether all are where they were expected.
+    fn follow_expected(
+        &mut self,
+        now: &mut Now<'_>,
+        middles: [Option<Point>; USERS],
+        found: &mut [Option<bool>; USERS],
+    ) -> bool {
+        let tasks = self.followers.iter_mut().zip(middles).zip(&mut *found);
+        let tasks = tasks.map(|((user, middle), found)| (user, middle, found));
+        let tasks = tasks.filter(|(user, _, found)| user.is_taken() && found.is_none());
+        let mut tasks: heapless::Vec<Task<'_>, USERS> = tasks.collect();
+        let [cloud, other] = &mut self.clouds;
+        match &mut self.second {
+            Some((core, scratch)) if tasks.len() > 1 => {
+                let (frame, camera) = (now.frame, now.camera);
+                let half = tasks.len() / 2;
+                let (theirs, mine) = tasks.split_at_mut(half);
+                core.both(|| each_expected(mine, now, cloud), &mut || {
+                    let mut now = Now {
+                        frame,
+                        camera,
+                        scratch,
+                        searches: 0,
+                        after: &mut |_| {},
+                    };
+                    each_expected(theirs, &mut now, other);
+                });
             }
+            _ => each_expected(&mut tasks, now, cloud),
         }
-        true
+        tasks.iter().all(|(.., found)| found.is_some())
     }
 
     /// Remembers the user of a slot.

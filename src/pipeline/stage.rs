@@ -1,5 +1,6 @@
 //! The stages by name, and what they share of a frame.
 
+use crate::landmarks::Scratch;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 
@@ -20,6 +21,7 @@ pub enum Stage {
 pub(super) struct Now<'a> {
     pub(super) frame: &'a Frame,
     pub(super) camera: &'a Camera,
+    pub(super) scratch: &'a mut Scratch,
     /// Halves of a search that this frame has time for.
     pub(super) searches: u32,
     /// Called at the end of each stage reached.

@@ -14,6 +14,7 @@ use crate::base::time::Timestamp;
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
 use crate::face_model::FaceModel;
+use crate::landmarks::Scratch;
 use crate::output::{Command, Report};
 use crate::segment::Segmenter;
 use crate::sensor::Frame;
@@ -28,6 +29,7 @@ pub struct Pipeline {
     camera: Camera,
     segmenter: Segmenter,
     people: People,
+    scratch: Scratch,
 }
 
 impl Pipeline {
@@ -44,6 +46,7 @@ impl Pipeline {
             camera: camera.clone(),
             segmenter: Segmenter::new(settings.segment),
             people: People::new(settings, model)?,
+            scratch: Scratch::default(),
         })
     }
 
@@ -57,6 +60,7 @@ impl Pipeline {
         let mut now = Now {
             frame,
             camera: &self.camera,
+            scratch: &mut self.scratch,
             searches: 0,
             after: &mut after,
         };
@@ -234,6 +238,28 @@ mod tests {
             });
         }
         assert_eq!(searched, 6);
+    }
+
+    #[test]
+    fn two_threads_report_what_one_does() {
+        let mut sensor = Simulated::new(Some("four")).expect("a scene");
+        let mut pipelines = [false, true].map(|second_core| {
+            let settings = Settings {
+                second_core,
+                ..Settings::default()
+            };
+            Pipeline::new(&settings, sensor.camera(), &FaceModel::shipped()).expect("a pipeline")
+        });
+        let mut frame = Frame::default();
+        let mut most = 0;
+        for _ in 0..60 {
+            sensor.next_frame(&mut frame);
+            pipelines.iter_mut().for_each(|one| one.follow(&frame));
+            let [one, two] = [0, 1].map(|k| format!("{:?}", pipelines[k].reports()));
+            assert_eq!(one, two);
+            most = most.max(pipelines[0].reports().len());
+        }
+        assert_eq!(most, 4);
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //!    or shoulders.
 //! 4. [`cloud`]: its pixels become points, averaged in blocks so that at most [`crate::base::capacity::HEAD_POINTS`] remain.
 //!
-//! A tracked head needs no cut: its points are those around its predicted position ([`Segmenter::around`]).
+//! A tracked head needs no cut: its points are those around its predicted position ([`around`]).
 //!
 //! Sensor frame, metres. Memory: 0.3 MB, at construction. Cost: one pass over a quarter of the pixels, one over 19,200 cells,
 //! one over the head's pixels. Degenerate: no depth, or nothing like a head, gives no cloud. Limitations: a head touching
@@ -21,12 +21,12 @@ mod regions;
 
 use crate::base::capacity::{HEADS, RAW_DEPTH_VALUES};
 use crate::base::defaults;
-use crate::base::frames::SensorFromHead;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
+pub(crate) use cloud::around;
 use kmeans::DepthKMeans;
 use regions::Regions;
 pub use regions::{HeadCloud, PixelRect};
@@ -54,8 +54,6 @@ pub struct Segmenter {
     /// Clouds made at construction; the first `count` are this frame's.
     heads: Vec<HeadCloud>,
     count: usize,
-    /// Of one that is expected somewhere.
-    expected: Box<HeadCloud>,
     /// Where the last frame's heads were, in their order.
     last: heapless::Vec<(PixelRect, Point), HEADS>,
 }
@@ -70,7 +68,6 @@ impl Segmenter {
             regions: Regions::default(),
             heads: vec![HeadCloud::default(); HEADS],
             count: 0,
-            expected: Box::default(),
             last: heapless::Vec::new(),
         }
     }
@@ -109,19 +106,6 @@ impl Segmenter {
         let heads = &self.heads[..self.count];
         self.last = heads.iter().map(|head| (head.rect, head.centre)).collect();
         heads.first()
-    }
-
-    /// The points of a head that is expected at `sensor_from_head`, of a size against the standard head, whatever hangs
-    /// together with it; `None` if they are too few. Valid until the next call.
-    pub fn around(
-        &mut self,
-        frame: &Frame,
-        camera: &Camera,
-        (sensor_from_head, scale): (SensorFromHead, f32),
-    ) -> Option<&HeadCloud> {
-        let into = &mut self.expected;
-        let enough = cloud::around(&frame.depth, camera, &sensor_from_head, scale, into);
-        enough.then_some(into)
     }
 
     /// All heads of the last frame, those seen before first, in the same order.

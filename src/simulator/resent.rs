@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use super::virtual_kinect::{PERIOD, Player, STEP, View};
+use crate::base::defaults;
 use crate::sensor::Frame;
 use crate::sensor::kinect::device::Stream;
 use crate::sensor::kinect::driver::{develop_colour, develop_depth};
@@ -11,15 +12,17 @@ use crate::sensor::kinect::packet::LONGEST;
 use crate::sensor::kinect::pairing::{Pairing, RawPair};
 use crate::sensor::kinect::stream::Assembler;
 
-/// A frame and its packets, as both streams send them, and where they become pictures again.
-pub struct Resent {
-    player: Player<Drawn>,
-    now: Duration,
-    /// Stream, length and bytes of each packet, in order of time.
-    cut: Vec<(Stream, usize, [u8; LONGEST])>,
-    assemblers: [Assembler; 2],
-    pairing: Pairing,
-    pair: RawPair,
+defaults! {
+    /// A frame and its packets, as both streams send them, and where they become pictures again.
+    pub struct Resent {
+        player: Player<Drawn> = Player::new(Drawn(KinectFrame::default()), PERIOD),
+        now: Duration = Duration::ZERO,
+        /// Stream, length and bytes of each packet, in order of time.
+        cut: Vec<(Stream, usize, [u8; LONGEST])> = Vec::new(),
+        assemblers: [Assembler; 2] = Stream::BOTH.map(Assembler::new),
+        pairing: Pairing = Pairing::default(),
+        pair: RawPair = RawPair::default(),
+    }
 }
 
 /// What the player sends next.
@@ -33,19 +36,6 @@ impl View for Drawn {
             frame.original.colour_ticks = frame.original.ticks;
         }
         true
-    }
-}
-
-impl Default for Resent {
-    fn default() -> Self {
-        Self {
-            player: Player::new(Drawn(KinectFrame::default()), PERIOD),
-            now: Duration::ZERO,
-            cut: Vec::new(),
-            assemblers: Stream::BOTH.map(Assembler::new),
-            pairing: Pairing::default(),
-            pair: RawPair::default(),
-        }
     }
 }
 

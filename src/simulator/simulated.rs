@@ -117,11 +117,9 @@ impl From<Simulator> for Simulated {
             frames: 0,
         };
         let device = VirtualKinect::new(Model::Xbox1414, SERIAL, drawn);
-        let mut kinect = Kinect::open(device, Settings::default())
-            .expect("the virtual Kinect answers every command");
-        kinect
-            .start()
-            .expect("the virtual Kinect answers every command");
+        let answers = "the virtual Kinect answers every command";
+        let mut kinect = Kinect::open(device, Settings::default()).expect(answers);
+        kinect.start().expect(answers);
         Self {
             kinect,
             pair: RawPair::default(),

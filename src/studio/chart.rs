@@ -65,22 +65,15 @@ pub fn text(picture: &mut RgbImage, [x, y]: [u32; 2], size: u32, words: &str, co
     let [r, g, b] = colour;
     let pixels = picture.dimensions();
     let mut backend = BitMapBackend::with_buffer(picture, pixels);
-    backend
-        .draw_text(
-            words,
-            &letters(size, RGBColor(r, g, b)),
-            (x as i32, y as i32),
-        )
-        .expect("memory takes every pixel");
+    let style = letters(size, RGBColor(r, g, b));
+    let drawn = backend.draw_text(words, &style, (x as i32, y as i32));
+    drawn.expect("memory takes every pixel");
 }
 
 /// Width of a line of text, pixels.
 pub fn text_width(size: u32, words: &str) -> u32 {
-    let (width, _) = letters(size, BLACK)
-        .font
-        .box_size(words)
-        .expect("the font is compiled in");
-    width
+    let measured = letters(size, BLACK).font.box_size(words);
+    measured.expect("the font is compiled in").0
 }
 
 /// Lowest and highest of finite values.

@@ -288,13 +288,9 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
             nrsfm::run(&args)
         }
         Command::Bake(request) => bake::command::run(&request).map(drop),
-        Command::Place(words) => place::run(
-            &words.mesh,
-            &words.landmarks,
-            words.out,
-            words.port,
-            &mut say,
-        ),
+        Command::Place(args) => {
+            place::run(&args.mesh, &args.landmarks, args.out, args.port, &mut say)
+        }
         Command::Head { out, make, data } => {
             if let Some(out) = make {
                 let bytes = hero::make::make(&data.data, &out)?;

@@ -33,22 +33,16 @@ impl Goes {
 
     /// What is kept of it now, if it was of this version when the work began.
     fn kept(&self, before: Version) -> String {
-        match self {
-            Self::Printed => "nothing was written".into(),
-            Self::File(path) if self.version() != before => {
-                format!(
-                    "{} was written, without what the remaining steps add",
-                    path.display()
-                )
+        let Self::File(path) = self else {
+            return "nothing was written".into();
+        };
+        let path = path.display();
+        match before {
+            _ if self.version() != before => {
+                format!("{path} was written, without what the remaining steps add")
             }
-            Self::File(path) => {
-                let same = if before.is_some() {
-                    ", which is as it was"
-                } else {
-                    ""
-                };
-                format!("nothing was written to {}{same}", path.display())
-            }
+            Some(_) => format!("nothing was written to {path}, which is as it was"),
+            None => format!("nothing was written to {path}"),
         }
     }
 }

@@ -42,7 +42,7 @@ impl Part {
 }
 
 /// Differences to the neutral of the vertices that an expression moves.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expression {
     /// Name, ARKit-like with `_L` and `_R`, for example `eyeBlink_L`.
     pub name: String,

@@ -51,13 +51,10 @@ impl Shape {
             // Whole tenths of a millimetre, so that the last digit of a sine cannot show in a picture.
             let place = [0, 1, 2].map(|k| ((centre[k] + radii[k] * unit[k]) * 1e4).round() * 1e-4);
             let normal = Vector::from([0, 1, 2].map(|k| unit[k] / radii[k])).normalize();
+            let normal = normal.map(|c| (c * 1e3).round() * 1e-3);
             // Stripes give the clothes an edge here and there.
             let shade = if ring % 4 == 0 { 0.8 } else { 1.0 };
-            (
-                place.into(),
-                normal.map(|c| (c * 1e3).round() * 1e-3),
-                colour.map(|c| c * shade),
-            )
+            (place.into(), normal, colour.map(|c| c * shade))
         });
     }
 
@@ -118,11 +115,7 @@ impl Shape {
         let stand = [90.0, 90.0, 95.0];
         self.ellipsoid([-0.42, 0.05, 1.3], [0.105; 3], [90.0, 120.0, 160.0]);
         self.ellipsoid([-0.42, 0.31, 1.32], [0.02, 0.16, 0.02], stand);
-        self.ellipsoid(
-            [0.45, -0.12, 1.5],
-            [0.13, 0.10, 0.13],
-            [220.0, 210.0, 180.0],
-        );
+        self.ellipsoid([0.45, -0.12, 1.5], [0.13, 0.1, 0.13], [220.0, 210.0, 180.0]);
         self.ellipsoid([0.45, 0.33, 1.5], [0.015, 0.36, 0.015], stand);
         self.ellipsoid([0.02, 0.0, 1.05], [0.13, 0.085, 0.035], [60.0, 55.0, 60.0]);
         self.ellipsoid([0.02, 0.2, 1.1], [0.025, 0.14, 0.02], stand);

@@ -88,17 +88,14 @@ const NECK_M: [f32; 2] = [0.125, 0.21];
 impl HeadPainter {
     pub(crate) fn new(asset: &HeadAsset) -> Self {
         let n = asset.neutral.len();
+        let stays = |p: &Point| ((p.y - NECK_M[0]) / (NECK_M[1] - NECK_M[0])).clamp(0.0, 1.0);
         Self {
             deformed: asset.neutral.clone(),
             placed: asset.neutral.clone(),
             normals: vec![Vector::zeros(); n],
             bright: vec![0.0; n],
             corners: vec![Corner::default(); n],
-            neck: asset
-                .neutral
-                .iter()
-                .map(|p| ((p.y - NECK_M[0]) / (NECK_M[1] - NECK_M[0])).clamp(0.0, 1.0))
-                .collect(),
+            neck: asset.neutral.iter().map(stays).collect(),
             mirrored: false,
         }
     }

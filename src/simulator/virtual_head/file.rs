@@ -76,9 +76,8 @@ impl Coder<'_> {
     }
 
     fn vertex(&mut self, context: usize, vertex: &mut u32, before: i32) {
-        *vertex = self
-            .next(context, vertex.cast_signed(), before)
-            .cast_unsigned();
+        let next = self.next(context, vertex.cast_signed(), before);
+        *vertex = next.cast_unsigned();
     }
 
     fn byte(&mut self, byte: &mut u8) {
@@ -166,12 +165,7 @@ impl Coder<'_> {
 
     fn expressions(&mut self, asset: &mut HeadAsset) {
         let mut expressions = asset.expressions.to_vec();
-        let none = || Expression {
-            name: String::new(),
-            vertices: Vec::new(),
-            offsets: Vec::new(),
-        };
-        expressions.resize_with(self.count(expressions.len()), none);
+        expressions.resize_with(self.count(expressions.len()), Expression::default);
         for expression in &mut expressions {
             self.expression(expression);
         }

@@ -319,18 +319,13 @@ impl Simulator {
             self.hand.draw_depth(depth_pixel, &mut self.depth);
         }
         let seed = random::hash(self.seed, at.as_us());
-        let (reading, seen) = (&self.reading, &self.depth.inverse);
+        let (reading, seen, depth) = (&self.reading, &self.depth.inverse, &mut frame.depth);
+        let (faults, stuff, tiles) = (self.sensor.faults, &self.stuff, &self.tiles);
         match &mut self.real {
-            Some(real) if self.sensor.faults > 0.0 => real.read(
-                reading,
-                self.sensor.faults,
-                seen,
-                &self.stuff,
-                &self.tiles,
-                seed,
-                &mut frame.depth,
-            ),
-            _ => reading.read(seen, &self.tiles, seed, &mut frame.depth),
+            Some(real) if faults > 0.0 => {
+                real.read(reading, faults, seen, stuff, tiles, seed, depth);
+            }
+            _ => reading.read(seen, tiles, seed, depth),
         }
     }
 
@@ -353,14 +348,9 @@ impl Simulator {
         }
         blur(&mut self.canvas.rgb, window, &mut self.blurred);
         let seed = random::hash(self.seed, at.as_us());
-        noise::expose(
-            &self.canvas.rgb,
-            sensor.balance.map(|gain| gain * self.exposure),
-            sensor.colour_sigma,
-            &self.tiles,
-            seed,
-            &mut self.bayer,
-        );
+        let exposure = sensor.balance.map(|gain| gain * self.exposure);
+        let (rgb, sigma, bayer) = (&self.canvas.rgb, sensor.colour_sigma, &mut self.bayer);
+        noise::expose(rgb, exposure, sigma, &self.tiles, seed, bayer);
         colour::luma_from_bayer(&self.bayer, &mut frame.luma);
         frame.index = self.drawn;
         frame.at = at;

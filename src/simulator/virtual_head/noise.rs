@@ -54,10 +54,8 @@ impl Tiles {
     }
 
     fn row(tile: &[f32], row: usize) -> &[f32; SIDE] {
-        let start = (row % SIDE) * SIDE;
-        tile[start..start + SIDE]
-            .first_chunk()
-            .expect("a row is SIDE long")
+        let rest = &tile[(row % SIDE) * SIDE..];
+        rest.first_chunk().expect("a row is SIDE long")
     }
 }
 

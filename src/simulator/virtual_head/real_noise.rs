@@ -129,11 +129,8 @@ impl RealReading {
         };
         for (here, out) in depth.iter_mut().enumerate() {
             (seen.row, seen.col) = (here / WIDTH, here % WIDTH);
-            *out = if seen.col < WIDTH - BLANK_COLUMNS {
-                seen.raw().unwrap_or(NO_DEPTH)
-            } else {
-                NO_DEPTH
-            };
+            let sees = seen.col < WIDTH - BLANK_COLUMNS;
+            *out = sees.then(|| seen.raw()).flatten().unwrap_or(NO_DEPTH);
         }
     }
 

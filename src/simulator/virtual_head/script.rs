@@ -244,15 +244,9 @@ impl Scene {
             Self::Behind => [180.0 + wandering[0], wandering[1], wandering[2]],
             _ => wandering,
         };
-        let sways = [
-            walk(4, 3.7, sway[0]),
-            walk(5, 4.1, sway[1]),
-            walk(6, 4.7, sway[2]),
-        ];
-        Some(placed(
-            angles,
-            [x + sways[0] + aside, y + sways[1], z + sways[2]],
-        ))
+        let sways = [(4, 3.7, sway[0]), (5, 4.1, sway[1]), (6, 4.7, sway[2])];
+        let [dx, dy, dz] = sways.map(|(channel, period, range)| walk(channel, period, range));
+        Some(placed(angles, [x + dx + aside, y + dy, z + dz]))
     }
 
     fn seat(self, person: usize) -> Option<Seat> {
@@ -291,21 +285,16 @@ impl Scene {
     /// How far somebody is beside their seat, metres; `None`: out of the picture.
     fn aside(self, person: usize, t: f32) -> Option<f32> {
         let phase = t % 20.0;
+        let step = |from: f32, to: f32| smoothstep(from, to, phase);
         Some(match self {
             Self::Leaving if (8.0..13.0).contains(&phase) => return None,
-            Self::Leaving => (smoothstep(6.0, 8.0, phase) - smoothstep(13.0, 15.0, phase)) * 1.1,
+            Self::Leaving => (step(6.0, 8.0) - step(13.0, 15.0)) * 1.1,
             Self::Hand => 0.01 * swing(t, 6.1),
             Self::Crossing => [0.33, -0.40][person % 2] * swing(t, 10.0),
             Self::Swap => {
                 let (side, away) = match person {
-                    0 => (
-                        -1.0,
-                        smoothstep(4.5, 6.0, phase) - smoothstep(14.0, 15.5, phase),
-                    ),
-                    _ => (
-                        1.0,
-                        1.0 - smoothstep(7.0, 8.5, phase) + smoothstep(11.5, 13.0, phase),
-                    ),
+                    0 => (-1.0, step(4.5, 6.0) - step(14.0, 15.5)),
+                    _ => (1.0, 1.0 - step(7.0, 8.5) + step(11.5, 13.0)),
                 };
                 return (away < 1.0).then_some(side * away);
             }

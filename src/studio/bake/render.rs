@@ -54,17 +54,8 @@ impl<'a> Outside<'a> {
         let [brow, chin, root] = [24, 8, 27].map(|k| to_face * head.point(k));
         let tall = brow.y - chin.y;
         let middle = turn * Vec3::new(root.x, chin.y + 0.52 * tall, root.z);
-        let surfaces = Some(&self.surfaces);
-        paint(
-            self.mesh,
-            &seen,
-            &middle,
-            1.5 * tall,
-            pixels,
-            surfaces,
-            tint,
-        )
-        .image
+        let (mesh, surfaces) = (self.mesh, Some(&self.surfaces));
+        paint(mesh, &seen, &middle, 1.5 * tall, pixels, surfaces, tint).image
     }
 }
 

@@ -304,7 +304,9 @@ fn landmarks_alone(head: &Head, target: &Target) -> Target {
 
 /// Influence per shape: the screened field of its landmarks.
 fn fields(head: &Head, targets: &[Target]) -> Result<Vec<Vec<f64>>, Fault> {
-    let w = head.eye_distance;
+    let (operator, rings) = (&head.operator, &head.rings);
+    let (positions, skin) = (&head.mesh.positions, &head.skin);
+    let [reach, radius] = [REACH, DISC].map(|far| far * head.eye_distance);
     // One field per set of control vertices; a recipe has one set, a table of controls may have several.
     let mut sets: BTreeMap<BTreeSet<u32>, Vec<usize>> = BTreeMap::new();
     for (k, target) in targets.iter().enumerate() {
@@ -315,15 +317,7 @@ fn fields(head: &Head, targets: &[Target]) -> Result<Vec<Vec<f64>>, Fault> {
     let mut influence: Vec<Vec<f64>> = vec![Vec::new(); targets.len()];
     for (vertices, members) in sets {
         let vertices = Vec::from_iter(vertices);
-        let field = Field::new(
-            &head.operator,
-            &head.rings,
-            &head.mesh.positions,
-            &head.skin,
-            &vertices,
-            REACH * w,
-            DISC * w,
-        )?;
+        let field = Field::new(operator, rings, positions, skin, &vertices, reach, radius)?;
         let lengths = members.iter().map(|&k| {
             let goal = goals(head, &targets[k]);
             vertices.iter().map(|v| goal[v].norm()).collect()

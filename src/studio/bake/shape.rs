@@ -147,26 +147,20 @@ impl Promise {
         let moves = |some: &[u32]| (middle(some, at) - middle(some, &neutral)).norm();
         let apart =
             |p: &dyn Fn(u32) -> Vec3| (middle(&self.one, p) - middle(&self.other, p)).norm() / w;
-        let (found, kept) = match &self.deed {
-            Deed::Part => (apart(at), apart(at) >= self.bound),
-            Deed::Meet => {
-                let further = apart(at) - apart(&neutral);
-                (further, further <= self.bound)
-            }
-            Deed::Less => {
-                let share = moves(&self.one) / moves(&self.other).max(f64::MIN_POSITIVE);
-                (share, share <= self.bound)
-            }
-            Deed::Lids(side) => {
-                let gap = head.lid_gap(*side, at) / w;
-                (gap, gap <= self.bound)
-            }
+        let found = match &self.deed {
+            Deed::Part => apart(at),
+            Deed::Meet => apart(at) - apart(&neutral),
+            Deed::Less => moves(&self.one) / moves(&self.other).max(f64::MIN_POSITIVE),
+            Deed::Lids(side) => head.lid_gap(*side, at) / w,
             Deed::Move(ways) => {
                 let along = self.one.iter().zip(ways);
                 let along = along.map(|(&v, way)| (at(v) - neutral(v)).dot(way));
-                let mean = along.sum::<f64>() / self.one.len().max(1) as f64 / w;
-                (mean, mean >= self.bound)
+                along.sum::<f64>() / self.one.len().max(1) as f64 / w
             }
+        };
+        let kept = match self.deed {
+            Deed::Part | Deed::Move(_) => found >= self.bound,
+            _ => found <= self.bound,
         };
         (!kept).then(|| format!("{}: {found:.2} instead of {:.2}", self.words, self.bound))
     }

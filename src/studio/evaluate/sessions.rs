@@ -6,6 +6,7 @@ use std::path::Path;
 use nalgebra::{Quaternion, UnitQuaternion, Vector4};
 
 use crate::base::capacity::LANDMARKS;
+use crate::base::defaults;
 use crate::base::geometry::{Rigid, Vector};
 use crate::simulator::virtual_head::{Light, Truth};
 use crate::studio::fault::Fault;
@@ -21,26 +22,17 @@ pub(in crate::studio) fn nobody(data: &Path) -> Fault {
     ))
 }
 
-/// How much is played.
-pub struct Sessions {
-    /// Held-out people, at most.
-    pub people: usize,
-    /// Length of each session.
-    pub seconds: f64,
-    /// Which people.
-    pub split: Split,
-    /// Seed of movements, lights and noise.
-    pub seed: u64,
-}
-
-impl Default for Sessions {
-    fn default() -> Self {
-        Self {
-            people: usize::MAX,
-            seconds: 45.0,
-            split: Split::Test,
-            seed: 77,
-        }
+defaults! {
+    /// How much is played.
+    pub struct Sessions {
+        /// Held-out people, at most.
+        pub people: usize = usize::MAX,
+        /// Length of each session.
+        pub seconds: f64 = 45.0,
+        /// Which people.
+        pub split: Split = Split::Test,
+        /// Seed of movements, lights and noise.
+        pub seed: u64 = 77,
     }
 }
 

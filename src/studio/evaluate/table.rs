@@ -126,7 +126,7 @@ fn table(played: &[Played]) -> Table {
     let frames: usize = played.iter().map(|one| one.frames).sum();
     let seen: usize = played.iter().map(|one| one.seen.len()).sum();
     let all = |value: &dyn Fn(&Seen) -> f64| Spread::of(frames_seen(played).map(value).collect());
-    let (rotations, translations, turned_deg, people) = poses(played);
+    let ([rotations, translations], turned_deg, people) = poses(played);
     let turned = frames_seen(played).filter(|seen| is_turned(seen));
     let turned_points = turned.map(|seen| seen.error[0]).collect();
     let resting = frames_seen(played).filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
@@ -154,12 +154,7 @@ fn table(played: &[Played]) -> Table {
 
 /// Errors of the pose over all frames, as they are and with one offset per person taken out: rotations, translations, and
 /// the second kind of rotations of heads near an end of their range; means of each person, in the order of [`Table::worst`].
-type Poses = (
-    [Vec<f64>; 2],
-    [Vec<f64>; 2],
-    Vec<f64>,
-    Vec<(usize, [f64; 7])>,
-);
+type Poses = ([[Vec<f64>; 2]; 2], Vec<f64>, Vec<(usize, [f64; 7])>);
 
 fn poses(played: &[Played]) -> Poses {
     let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
@@ -189,7 +184,7 @@ fn poses(played: &[Played]) -> Poses {
         let means = [lost, turn, turn_rest, shift, shift_rest, points, inner];
         people.push((one.person, means));
     }
-    (rotations, translations, turned_deg, people)
+    ([rotations, translations], turned_deg, people)
 }
 
 /// How each unit's weight follows what is acted.

@@ -135,11 +135,8 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
         None => args.face_box,
     };
     // With boxes given, pictures outside the table are not asked for; without, only annotated ones can be fitted.
-    let wanted: Vec<Numbered> = entries
-        .iter()
-        .enumerate()
-        .filter(|(_, e)| given(e).is_some() || boxes.is_none() && e.points.is_some())
-        .collect();
+    let has_box = |(_, e): &Numbered| given(e).is_some() || boxes.is_none() && e.points.is_some();
+    let wanted: Vec<Numbered> = entries.iter().enumerate().filter(has_box).collect();
     if wanted.is_empty() {
         return Err(no_box(entries.first().map_or("", |e| &e.file)));
     }

@@ -26,12 +26,9 @@ pub(crate) fn rotation_onto(from: &[Vector3<f64>], onto: &[Vector3<f64>]) -> Mat
 
 /// The mean of points, and where they are about it.
 pub(crate) fn centred(points: &[[f64; 3]]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
-    let mean = points
-        .iter()
-        .fold(Vector3::zeros(), |sum, p| sum + Vector3::from(*p))
-        / points.len().max(1) as f64;
-    let about = points.iter().map(|p| Vector3::from(*p) - mean);
-    (mean, about.collect())
+    let all = || points.iter().map(|p| Vector3::<f64>::from(*p));
+    let mean = all().sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    (mean, all().map(|p| p - mean).collect())
 }
 
 /// Mean relative error over the frames, each rigidly aligned, global reflection free; see the module header.
@@ -49,17 +46,11 @@ pub fn shape_error(recovered: &Shapes, truth: &Shapes) -> Option<f64> {
                 let (_, mut have) = centred(recovered.frame(t));
                 have.iter_mut().for_each(|p| p.z *= mirror);
                 let r = rotation_onto(&have, &want);
-                let wrong: f64 = have
-                    .iter()
-                    .zip(&want)
-                    .map(|(h, w)| (r * h - w).norm_squared())
-                    .sum();
+                let pairs = have.iter().zip(&want);
+                let wrong: f64 = pairs.map(|(h, w)| (r * h - w).norm_squared()).sum();
                 let size: f64 = want.iter().map(Vector3::norm_squared).sum();
-                if size > 0.0 {
-                    (wrong / size).sqrt()
-                } else {
-                    0.0
-                }
+                let share = wrong / size;
+                if size > 0.0 { share.sqrt() } else { 0.0 }
             })
             .sum();
         sum / truth.frames() as f64

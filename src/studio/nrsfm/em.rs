@@ -106,10 +106,8 @@ impl Model {
         self.mode_variance =
             (lifted.norm_squared() / (2.0 * (points * frames * rank) as f64)).max(1e-12);
         self.rank += more;
-        self.basis = self
-            .basis
-            .clone()
-            .resize_vertically(3 * (self.rank + 1), 0.0);
+        let basis = self.basis.clone();
+        self.basis = basis.resize_vertically(3 * (self.rank + 1), 0.0);
         for (m, direction) in directions.column_iter().enumerate() {
             let size = 1.0 / (frames as f64).sqrt();
             let jitter = 0.05 * direction.norm() / (3.0 * points as f64).sqrt();
@@ -132,10 +130,8 @@ impl Model {
     /// Point j of frame t in the object frame, posterior mean.
     pub(crate) fn point(&self, t: usize, j: usize) -> Vector3<f64> {
         let (mean, modes) = self.block(j);
-        modes
-            .iter()
-            .zip(&self.mean[t])
-            .fold(Vector3::from(*mean), |p, (b, z)| p + Vector3::from(*b) * *z)
+        let parts = modes.iter().zip(&self.mean[t]);
+        parts.fold(Vector3::from(*mean), |p, (b, z)| p + Vector3::from(*b) * *z)
     }
 
     /// One EM sweep; `floor` is the least noise variance allowed in it.
@@ -173,11 +169,8 @@ impl Model {
             for (shown, b) in shown[1..].iter_mut().zip(modes) {
                 *shown = [along(&across, b), along(&down, b)];
             }
-            for (k, (sum, column)) in sums
-                .iter_mut()
-                .zip(gram.as_mut_slice().chunks_exact_mut(n))
-                .enumerate()
-            {
+            let columns = gram.as_mut_slice().chunks_exact_mut(n);
+            for (k, (sum, column)) in sums.iter_mut().zip(columns).enumerate() {
                 let here = shown[k];
                 sum[0] += here[0];
                 sum[1] += here[1];
@@ -346,13 +339,10 @@ impl Model {
                 shape += x * x.transpose();
                 let (_, modes) = self.block(j);
                 for (m, sum) in sums.iter_mut().enumerate() {
-                    let mode = modes
-                        .iter()
-                        .enumerate()
-                        .skip(m)
-                        .fold(Vector3::zeros(), |y, (k, b)| {
-                            y + Vector3::from(*b) * factor[(k, m)]
-                        });
+                    let lower = modes.iter().enumerate().skip(m);
+                    let mode = lower.fold(Vector3::zeros(), |y, (k, b)| {
+                        y + Vector3::from(*b) * factor[(k, m)]
+                    });
                     *sum += mode;
                     vague += mode * mode.transpose();
                 }

@@ -14,27 +14,20 @@
 use super::cameras;
 use super::em::Model;
 use super::tracks::{Shapes, Tracks, mean_positions};
+use crate::base::defaults;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// What the caller chooses.
-pub struct Settings {
-    /// Number of shape modes; none chooses it from the tracks.
-    pub rank: Option<usize>,
-    /// Most sweeps of the final EM; at least those of a trial are made.
-    pub sweeps: usize,
-    /// Seed of the disturbed starts.
-    pub seed: u64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            rank: None,
-            sweeps: 150,
-            seed: 1,
-        }
+defaults! {
+    /// What the caller chooses.
+    pub struct Settings {
+        /// Number of shape modes; none chooses it from the tracks.
+        pub rank: Option<usize> = None,
+        /// Most sweeps of the final EM; at least those of a trial are made.
+        pub sweeps: usize = 150,
+        /// Seed of the disturbed starts.
+        pub seed: u64 = 1,
     }
 }
 

@@ -38,13 +38,9 @@ pub fn run(args: &Args) -> Result<(), Fault> {
     let tracks = Tracks::read(&args.tracks)?;
     let truth = args.truth.as_deref();
     let truth = truth.map(|path| truth_for(&tracks, path)).transpose()?;
-    let gaps = 1.0 - tracks.sightings() as f64 / (tracks.frames() * tracks.points()) as f64;
-    println!(
-        "tracks: {} frames, {} points, {:.1} % missing",
-        tracks.frames(),
-        tracks.points(),
-        100.0 * gaps
-    );
+    let (frames, points) = (tracks.frames(), tracks.points());
+    let gaps = 100.0 * (1.0 - tracks.sightings() as f64 / (frames * points) as f64);
+    println!("tracks: {frames} frames, {points} points, {gaps:.1} % missing");
     let start = Instant::now();
     let recovered = nrsfm(&tracks, &settings);
     println!(

@@ -35,12 +35,8 @@ impl Tracks {
         let positions = positions.into_iter().map(|p| Some(p).filter(seen));
         let positions: Vec<_> = positions.collect();
         for point in 0..points {
-            let sightings = positions
-                .iter()
-                .skip(point)
-                .step_by(points)
-                .flatten()
-                .count();
+            let of_point = positions.iter().skip(point).step_by(points);
+            let sightings = of_point.flatten().count();
             if sightings < Self::LEAST_SIGHTINGS {
                 return Err(Fault::new(format!(
                     "column {}: expected the point in at least 3 frames, found it in {sightings}; leave the column out",

@@ -78,11 +78,8 @@ pub(super) fn fits(
         let errors = [&started, &fit.shape].map(off);
         Ended { fit, errors }
     };
-    pictures
-        .par_iter()
-        .enumerate()
-        .map_init(|| Solver::new(model.clone()), one)
-        .collect()
+    let all = pictures.par_iter().enumerate();
+    all.map_init(|| Solver::new(model.clone()), one).collect()
 }
 
 /// Where half a fit is believed, and how fast belief falls.

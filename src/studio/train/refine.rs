@@ -12,10 +12,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::shape::{Face, aligned};
 use crate::appliance::settings::Settings;
-use crate::base::shared_cell::Shared;
 use crate::face_model::FaceModel;
 use crate::face_model::refinement::{Inputs, PUFFS, Refinement};
-use crate::landmarks::LandmarkFitter;
+use crate::landmarks::{LandmarkFitter, Scratch};
 use crate::pose::PoseTracker;
 use crate::segment::Segmenter;
 use crate::sensor::Frame;
@@ -81,8 +80,8 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
     let Ok(mut pose) = PoseTracker::new(settings.stages.pose, &model.standard_head) else {
         return Session::default();
     };
-    let mut fitter =
-        LandmarkFitter::new(settings.stages.landmarks.cascade, model, Shared::default());
+    let mut fitter = LandmarkFitter::new(settings.stages.landmarks.cascade, model);
+    let mut scratch = Scratch::default();
     let mean: Face = std::array::from_fn(|i| model.shape.mean[i]);
     let mut frame = Frame::default();
     let mut examples = Vec::new();
@@ -93,7 +92,8 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
         let Some(head) = cloud.and_then(|cloud| pose.track(cloud, at)) else {
             continue;
         };
-        let fit = fitter.fit(&frame.luma, &frame.depth, &camera, &head, at);
+        let (luma, depth) = (&frame.luma, &frame.depth);
+        let fit = fitter.fit(&mut scratch, luma, depth, &camera, &head, at);
         let teaches = fit.is_some() && index >= SETTLE_FRAMES;
         if let Some(truth) = truth.filter(|_| teaches) {
             let inputs = fitter.refined_from();

@@ -309,12 +309,8 @@ fn pose(rng: &mut Rng) -> Rigid {
 }
 
 fn light(rng: &mut Rng) -> Light {
-    let towards = Vector3::new(
-        either(rng),
-        0.9 * rng.f32() * either(rng) - 0.3,
-        -0.25 - rng.f32(),
-    )
-    .normalize();
+    let (x, y) = (either(rng), 0.9 * rng.f32() * either(rng) - 0.3);
+    let towards = Vector3::new(x, y, -0.25 - rng.f32()).normalize();
     let warm = 0.15 * normal(rng);
     let mut parts = [1.0; Part::COUNT];
     parts[Part::MouthSocket as usize] = 0.15 + 1.2 * rng.f32();

@@ -6,6 +6,7 @@
 use rayon::prelude::*;
 
 use crate::base::capacity::LANDMARKS;
+use crate::base::defaults;
 use crate::base::geometry::{Point, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::{MAX_MODES, ShapeModel, scheme};
 use crate::landmarks::cascade::FaceFit;
@@ -191,19 +192,12 @@ pub struct Sample {
     pub visible: [bool; LANDMARKS],
 }
 
-/// Work space to look at samples.
-pub struct Eye {
-    window: Vec<f32>,
-    /// Maps of the sample looked at last.
-    pub maps: OrientationMaps,
-}
-
-impl Default for Eye {
-    fn default() -> Self {
-        Self {
-            window: vec![0.0; WINDOW * WINDOW],
-            maps: OrientationMaps::default(),
-        }
+defaults! {
+    /// Work space to look at samples.
+    pub struct Eye {
+        window: Vec<f32> = vec![0.0; WINDOW * WINDOW],
+        /// Maps of the sample looked at last.
+        pub maps: OrientationMaps = OrientationMaps::default(),
     }
 }
 

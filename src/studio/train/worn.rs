@@ -36,22 +36,17 @@ pub(super) fn wear(rng: &mut Rng, picture: &mut Picture) {
 /// Something in front of the face: a hand's or a cup's worth of flat or noisy grey.
 fn block(rng: &mut Rng, picture: &mut Picture) {
     let points = picture.points;
-    let face = (points[16][0] - points[0][0])
-        .abs()
-        .max((points[8][1] - points[27][1]).abs())
-        .max(8.0);
+    let wide = (points[16][0] - points[0][0]).abs();
+    let face = wide.max((points[8][1] - points[27][1]).abs()).max(8.0);
     let at = points[rng.usize(..LANDMARKS)];
     let half = [0, 1].map(|_| face * (0.08 + 0.22 * rng.f32()));
     let (round, base) = (rng.bool(), 20.0 + 210.0 * rng.f32());
     let rough = 40.0 * rng.f32() * rng.f32();
     picture.paint(|x, y| {
         let (u, v) = ((x - at[0]) / half[0], (y - at[1]) / half[1]);
-        let covers = if round {
-            u.hypot(v)
-        } else {
-            u.abs().max(v.abs())
-        } < 1.0;
-        covers.then(|| base + rough * either(rng))
+        let square = u.abs().max(v.abs());
+        let far = if round { u.hypot(v) } else { square };
+        (far < 1.0).then(|| base + rough * either(rng))
     });
 }
 

@@ -112,11 +112,8 @@ pub fn learn(
     let gaze = gaze::learn(&mut examples);
     say(&gaze.say);
     let smiles = super::smiles::departures(&data.join("faces_frl189"), model)?;
-    say(&format!(
-        "{} examples, {} real smiles",
-        examples.len(),
-        smiles.len()
-    ));
+    let (acted, smiling) = (examples.len(), smiles.len());
+    say(&format!("{acted} examples, {smiling} real smiles"));
     let mirrored: Vec<Example> = examples.iter().map(Example::mirrored).collect();
     examples.extend(mirrored);
     let smiles = smiles.into_iter().flat_map(|departures| {
@@ -135,14 +132,10 @@ pub fn learn(
         .collect();
     let measured = Units::shipped().by_measure().columns(false);
     for ((unit, _), (shares, r, line)) in UNITS.iter().zip(learnt) {
-        let further = !measured.iter().any(|name| name == unit);
-        let left_out = if further && r < LEAST_R {
-            ", left out"
-        } else {
-            ""
-        };
+        let weak = r < LEAST_R && !measured.iter().any(|name| name == unit);
+        let left_out = if weak { ", left out" } else { "" };
         say(&format!("{unit:6} r {r:.3}, {line}{left_out}"));
-        if left_out.is_empty() {
+        if !weak {
             write_reading(&mut text, unit, &shares);
         }
     }
@@ -346,10 +339,8 @@ fn feature_priors(heads: &[PersonHead]) -> String {
         let lengths = |acted: Option<usize>| -> Vec<f64> {
             let points = asset.acting(acted, 1.0);
             let w = nalgebra::distance(&points[39], &points[42]);
-            features::ALL
-                .iter()
-                .map(|f| f64::from(f.raw(&points) / w))
-                .collect()
+            let all = features::ALL.iter();
+            all.map(|f| f64::from(f.raw(&points) / w)).collect()
         };
         let neutral = lengths(None);
         for (rests, &rest) in rests.iter_mut().zip(&neutral) {

@@ -98,11 +98,8 @@ impl Outfit {
     fn phone(&mut self, side: f32) {
         let case = Cloth::new(Stuff::Gloss, [24.0, 24.0, 28.0], 0.0);
         self.sheet([4, 4], &case, |u, v| {
-            Point::new(
-                side * (0.088 + 0.004 * u),
-                0.05 - 0.13 * v,
-                0.005 + 0.07 * u,
-            )
+            let aside = side * (0.088 + 0.004 * u);
+            Point::new(aside, 0.05 - 0.13 * v, 0.005 + 0.07 * u)
         });
     }
 

@@ -97,7 +97,10 @@ impl Outfit {
     /// Rims around both eyes, a bridge, temples to the ears, glass.
     fn glasses(&mut self, asset: &HeadAsset, look: &Look) {
         let glasses = Glasses::of(asset, look);
-        let [right, left] = [36, 42].map(|from| eye_middle(asset, from));
+        let [right, left] = [36..42, 42..48].map(|eye| {
+            let outline = eye.map(|k: usize| asset.landmarks[k].on(&asset.neutral).coords);
+            outline.sum::<Vector>() / 6.0
+        });
         for eye in [right, left] {
             let path: Vec<Point> = (0..=24).map(|k| glasses.round(&eye, k, 1.0)).collect();
             self.rod(&glasses, &path, -Vector::z());
@@ -282,10 +285,8 @@ impl Outfit {
     fn scarf(&mut self, look: &Look) {
         let mut cloth = Cloth::new(Stuff::Cloth, Self::thing_colour(look, 70), 1.0);
         cloth.cells = [6.0, 30.0];
-        for (turn, (y, wide, thick)) in [(0.142, 0.088, 0.030), (0.172, 0.104, 0.030)]
-            .into_iter()
-            .enumerate()
-        {
+        let turns = [(0.142, 0.088, 0.030), (0.172, 0.104, 0.030)];
+        for (turn, (y, wide, thick)) in turns.into_iter().enumerate() {
             let path = path(33, |t| {
                 let phi = std::f32::consts::TAU * t;
                 let fold = 0.007 * grain(5.0 * phi.sin() + 9.0 * turn as f32, 5.0 * phi.cos());
@@ -408,12 +409,4 @@ impl Glasses {
         let y = eye.y + 0.003 + share * self.high * power(sin);
         Point::new(x, y, self.bent(x))
     }
-}
-
-/// The middle of an eye whose outline begins with this landmark.
-fn eye_middle(asset: &HeadAsset, from: usize) -> Vector {
-    let sum = (from..from + 6).fold(Vector::zeros(), |sum, k| {
-        sum + asset.landmarks[k].on(&asset.neutral).coords
-    });
-    sum / 6.0
 }

@@ -46,11 +46,8 @@ impl Outfit {
             let phi = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
             // Folds.
             let fold = 0.005 * grain(phi * 3.0 + 40.0, y * 14.0) * slope(y, 0.2, 0.3);
-            let p = Point::new(
-                (wide + fold) * phi.sin(),
-                y,
-                BACK_M - (deep + fold) * phi.cos(),
-            );
+            let (across, ahead) = ((wide + fold) * phi.sin(), (deep + fold) * phi.cos());
+            let p = Point::new(across, y, BACK_M - ahead);
             let mut knot = cloth.knot(p, [phi * 0.16, y], 1.0);
             let on = |x: f32| (x / step).rem_euclid(2.0) < 1.0;
             let marked = match pattern {

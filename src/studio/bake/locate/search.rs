@@ -155,15 +155,8 @@ impl<'a> Search<'a> {
         for (middle, side) in squares {
             let fits = |d: &(Seen, f64)| (0.55 * d.1..=1.001 * d.1).contains(&side);
             let (seen, largest) = drawn.take().filter(fits).unwrap_or_else(|| {
-                let seen = look(
-                    self.mesh,
-                    &self.parts,
-                    skin,
-                    to_view,
-                    &middle,
-                    side * AROUND,
-                );
-                (seen, side)
+                let (parts, height) = (&self.parts, side * AROUND);
+                (look(self.mesh, parts, skin, to_view, &middle, height), side)
             });
             let grey = seen.grey();
             let face_box = seen.square(&middle, side);

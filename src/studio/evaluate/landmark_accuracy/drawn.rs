@@ -9,10 +9,9 @@ use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::frames::SensorFromHead;
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
-use crate::base::shared_cell::Shared;
 use crate::base::time::Timestamp;
 use crate::face_model::{FaceModel, scheme};
-use crate::landmarks::{LandmarkFitter, Landmarks, Settings as FitSettings};
+use crate::landmarks::{LandmarkFitter, Landmarks, Scratch, Settings as FitSettings};
 use crate::pipeline::PipelineError;
 use crate::pose::{HeadPose, PoseTracker};
 use crate::segment::Segmenter;
@@ -126,7 +125,7 @@ impl<'a> Player<'a> {
 
     /// Who believes as the appliance does.
     fn sceptic(&self) -> LandmarkFitter {
-        LandmarkFitter::new(self.fit_settings, self.model, Shared::default())
+        LandmarkFitter::new(self.fit_settings, self.model)
     }
 
     /// Who tells everything, believed or not.
@@ -135,7 +134,7 @@ impl<'a> Player<'a> {
             min_confidence: 0.0,
             ..self.fit_settings
         };
-        LandmarkFitter::new(settings, self.model, Shared::default())
+        LandmarkFitter::new(settings, self.model)
     }
 
     fn find(&mut self, at: Timestamp) -> Option<HeadPose> {
@@ -155,7 +154,8 @@ impl<'a> Player<'a> {
         by: &'f mut LandmarkFitter,
         now: &Moment,
     ) -> Option<&'f Landmarks> {
-        by.fit(luma, &self.frame.depth, &self.camera, &now.pose, now.at)
+        let (depth, scratch) = (&self.frame.depth, &mut Scratch::default());
+        by.fit(scratch, luma, depth, &self.camera, &now.pose, now.at)
     }
 
     fn judge(&mut self, fit: &Landmarks, truth: &Truth) -> f64 {
