@@ -145,7 +145,7 @@ impl<'r> Session<'r> {
             Ok(Some((renewed, opened))) => {
                 tracing::info!("configuration reloaded");
                 if let Some(mut renewed) = renewed {
-                    renewed.adopt(&self.pipeline);
+                    renewed.adopt(&mut self.pipeline);
                     self.pipeline = renewed;
                 }
                 self.release();

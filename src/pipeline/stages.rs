@@ -14,8 +14,9 @@ use crate::base::time::Timestamp;
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
 use crate::face_model::FaceModel;
-use crate::landmarks::Scratch;
+use crate::landmarks::{Scratch, StageSettings};
 use crate::output::{Command, Report};
+use crate::pose;
 use crate::segment::Segmenter;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
@@ -30,6 +31,8 @@ pub struct Pipeline {
     segmenter: Segmenter,
     people: People,
     scratch: Scratch,
+    /// Of pose and landmarks.
+    settings: (pose::Settings, StageSettings),
 }
 
 impl Pipeline {
@@ -47,6 +50,7 @@ impl Pipeline {
             segmenter: Segmenter::new(settings.segment),
             people: People::new(settings, model)?,
             scratch: Scratch::default(),
+            settings: (settings.pose, settings.landmarks),
         })
     }
 
@@ -127,7 +131,7 @@ impl Pipeline {
                 people.memory.forget_slot(slot);
                 let user = &mut people.followers[slot];
                 user.expression.reset();
-                user.pose.reset();
+                user.pose.forget();
                 user.landmarks.reset();
             }
             Command::Freeze(slot @ ..USERS, frozen) => {
@@ -156,13 +160,19 @@ impl Pipeline {
             .for_each(|gone| self.people.memory.keep(gone));
     }
 
-    /// Takes over what another pipeline knows about its users, as when settings change during a run.
-    pub fn adopt(&mut self, before: &Self) {
-        let (people, before) = (&mut self.people, &before.people);
-        let before_users = before.followers.iter().take(CANDIDATE);
+    /// Takes over what another pipeline knows about its users, as when settings change during a run; their poses and faces
+    /// too, if it is not there that the settings differ.
+    pub fn adopt(&mut self, before: &mut Self) {
+        let goes_on = self.settings == before.settings && self.camera == before.camera;
+        let (people, before) = (&mut self.people, &mut before.people);
+        let before_users = before.followers.iter_mut().take(CANDIDATE);
         for (follower, before) in people.followers.iter_mut().zip(before_users) {
             if before.is_taken() {
                 follower.adopt(before);
+                if goes_on {
+                    core::mem::swap(&mut follower.pose, &mut before.pose);
+                    core::mem::swap(&mut follower.landmarks, &mut before.landmarks);
+                }
             }
         }
         people.memory = before.memory.clone();
@@ -260,6 +270,57 @@ mod tests {
             most = most.max(pipelines[0].reports().len());
         }
         assert_eq!(most, 4);
+    }
+
+    #[test]
+    fn another_way_to_learn_loses_no_face_and_another_pose_searches_it_anew() {
+        for (rounds, searched) in [(0, 0), (1, 1)] {
+            let mut sensor = Simulated::new(Some("acted")).expect("a scene");
+            let mut settings = Settings::default();
+            let mut before = Pipeline::new(&settings, sensor.camera(), &FaceModel::shipped())
+                .expect("a pipeline");
+            let mut frame = Frame::default();
+            for _ in 0..46 {
+                sensor.next_frame(&mut frame);
+                before.follow(&frame);
+            }
+            settings.learning.half_life_s += 1.0;
+            settings.pose.rounds += rounds;
+            let mut after = Pipeline::new(&settings, sensor.camera(), &FaceModel::shipped())
+                .expect("a pipeline");
+            after.adopt(&mut before);
+            sensor.next_frame(&mut frame);
+            let mut segmented = 0;
+            after.follow_by_stage(&frame, |stage| {
+                segmented += usize::from(stage == Stage::Segment);
+            });
+            assert_eq!(segmented, searched);
+            assert!(after.report().landmarks.is_some() || rounds > 0);
+        }
+    }
+
+    #[test]
+    fn who_is_forgotten_is_followed_on_from_where_they_are() {
+        let mut sensor = Simulated::new(Some("acted")).expect("a scene");
+        let mut pipeline =
+            Pipeline::new(&Settings::default(), sensor.camera(), &FaceModel::shipped())
+                .expect("a pipeline");
+        let mut frame = Frame::default();
+        for number in 0..50 {
+            sensor.next_frame(&mut frame);
+            pipeline.follow(&frame);
+            let user = &pipeline.people.followers[0];
+            let (learned, place) = (user.pose.learned_frames(), user.person.place);
+            if number == 45 {
+                pipeline.obey(Command::Forget(0));
+                let user = &mut pipeline.people.followers[0];
+                assert!(learned > 20 && user.pose.learned_frames() == 0);
+                let (expected, _) = user.pose.expected(frame.at, None).expect("a place");
+                let apart = expected.translation.vector - place.expect("one").centre().coords;
+                assert!(apart.norm() < 0.15, "{apart}");
+            }
+            assert!(number < 45 || pipeline.report().landmarks.is_some());
+        }
     }
 
     #[test]

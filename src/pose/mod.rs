@@ -151,6 +151,13 @@ impl PoseTracker {
         self.has_hint = false;
     }
 
+    /// Forgets the user and not the pose: whoever it is is followed on from there.
+    pub fn forget(&mut self) {
+        let last = self.trail.last;
+        self.reset();
+        self.trail.last = last;
+    }
+
     /// Where the head is expected (`sensor_from_head`), and its size against the standard head, if it was followed up to now:
     /// there its points are to be gathered for [`Self::follow`]. `middle` is the centre of its cut-out in this frame.
     /// Nothing with the paper's method.
