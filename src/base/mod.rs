@@ -12,6 +12,7 @@ pub(crate) mod json;
 pub(crate) mod nearest_word;
 pub mod one_euro;
 pub(crate) mod prelude;
+#[cfg(feature = "std")]
 pub(crate) mod second_core;
 pub mod time;
 pub mod vectors;

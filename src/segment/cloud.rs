@@ -82,7 +82,7 @@ fn in_head(p: &Point) -> bool {
 
 /// Fills `cloud` with what lies within a head of a size (1: the standard one) at `sensor_from_head`, whatever else hangs
 /// together with it; `false` if that is too little for a head.
-pub(crate) fn around(
+pub fn around(
     depth: &[u16; PIXELS],
     camera: &Camera,
     sensor_from_head: &SensorFromHead,

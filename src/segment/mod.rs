@@ -26,7 +26,7 @@ use crate::base::geometry::Point;
 use crate::base::prelude::*;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
-pub(crate) use cloud::around;
+pub use cloud::around;
 use kmeans::DepthKMeans;
 use regions::Regions;
 pub use regions::{HeadCloud, PixelRect};
