@@ -1,6 +1,6 @@
-//! A second thread, started once, for half of a frame's work.
+//! A worker thread, started once, for half of a frame's work.
 //!
-//! [`SecondCore::both`] is a fork and join: it lends a closure to the thread and returns when both halves are done. The lock and the
+//! [`SecondCore::join`] is a fork and join: it lends a job to the worker and returns when both jobs have returned. The lock and the
 //! condition variable are all there is to it, so nothing is allocated after the start.
 #![expect(
     unsafe_code,
@@ -11,50 +11,51 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
-type Half = dyn FnMut() + Send;
+type Job = dyn FnMut() + Send;
 
 #[derive(Default)]
-enum Work {
+enum State {
     #[default]
-    None,
-    Lent(&'static mut Half),
-    Begun,
+    Idle,
+    Submitted(&'static mut Job),
+    Running,
     Panicked,
-    Over,
+    Stopped,
 }
 
 #[derive(Default)]
-struct Desk(Mutex<Work>, Condvar);
+struct Worker(Mutex<State>, Condvar);
 
-impl Desk {
-    fn put(&self, work: Work) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = work;
+impl Worker {
+    fn set(&self, state: State) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state;
         self.1.notify_all();
     }
 
-    fn wait(&self, waits: impl Fn(&Work) -> bool) -> MutexGuard<'_, Work> {
-        let work = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let until = self.1.wait_while(work, |work| waits(work));
-        until.unwrap_or_else(PoisonError::into_inner)
+    fn wait_while(&self, waits: impl Fn(&State) -> bool) -> MutexGuard<'_, State> {
+        let state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let state = self.1.wait_while(state, |state| waits(state));
+        state.unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The thread: whatever is lent, until it is over.
-    fn serve(&self) {
+    /// The thread's loop.
+    fn run(&self) {
         loop {
-            let mut work = self.wait(|work| !matches!(work, Work::Lent(_) | Work::Over));
-            let Work::Lent(half) = core::mem::replace(&mut *work, Work::Begun) else {
+            let mut state =
+                self.wait_while(|state| !matches!(state, State::Submitted(_) | State::Stopped));
+            let State::Submitted(job) = core::mem::replace(&mut *state, State::Running) else {
                 return;
             };
-            drop(work);
-            let ended = catch_unwind(AssertUnwindSafe(half));
-            self.put(ended.map_or(Work::Panicked, |()| Work::None));
+            drop(state);
+            let ended = catch_unwind(AssertUnwindSafe(job));
+            self.set(ended.map_or(State::Panicked, |()| State::Idle));
         }
     }
 }
 
-/// The thread; ends with its owner.
+/// Owns the worker, whose thread ends with it.
 pub(crate) struct SecondCore {
-    desk: Arc<Desk>,
+    worker: Arc<Worker>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -66,47 +67,47 @@ impl SecondCore {
 
     /// Starts the thread; `None` if the system refuses.
     pub(crate) fn start() -> Option<Self> {
-        let desk = Arc::<Desk>::default();
-        let there = desk.clone();
+        let worker = Arc::<Worker>::default();
+        let there = worker.clone();
         let thread = Builder::new().name("second-core".to_owned());
-        let thread = thread.spawn(move || there.serve()).ok()?;
+        let thread = thread.spawn(move || there.run()).ok()?;
         Some(Self {
-            desk,
+            worker,
             thread: Some(thread),
         })
     }
 
-    /// Runs `theirs` on the thread while this one runs `mine`; both are done on return.
-    pub(crate) fn both(&mut self, mine: impl FnOnce(), theirs: &mut (dyn FnMut() + Send)) {
-        // SAFETY: the thread has let go of it when `Done` is dropped, which is before this call ends, by a panic in `mine` too.
-        let lent = unsafe { core::mem::transmute::<&mut (dyn FnMut() + Send), &mut Half>(theirs) };
-        self.desk.put(Work::Lent(lent));
-        let done = Done(&self.desk);
+    /// Runs `theirs` on the worker while this thread runs `mine`; both have returned when this returns.
+    pub(crate) fn join(&mut self, mine: impl FnOnce(), theirs: &mut (dyn FnMut() + Send)) {
+        // SAFETY: the worker has let go of it when `done` is dropped, which is before this call ends, by a panic in `mine` too.
+        let job = unsafe { core::mem::transmute::<&mut (dyn FnMut() + Send), &mut Job>(theirs) };
+        self.worker.set(State::Submitted(job));
+        let done = Done(&self.worker);
         mine();
         drop(done);
     }
 }
 
-/// Waits until nothing is lent any more.
-struct Done<'a>(&'a Desk);
+/// Waits on being dropped until the job has returned.
+struct Done<'a>(&'a Worker);
 
 impl Drop for Done<'_> {
     fn drop(&mut self) {
-        let mut work = self
-            .0
-            .wait(|work| matches!(work, Work::Lent(_) | Work::Begun));
-        if let Work::Panicked = core::mem::take(&mut *work)
+        let worker = self.0;
+        let mut state =
+            worker.wait_while(|state| matches!(state, State::Submitted(_) | State::Running));
+        if let State::Panicked = core::mem::take(&mut *state)
             && !std::thread::panicking()
         {
-            drop(work);
-            panic!("the second core's half failed");
+            drop(state);
+            panic!("the second core's job panicked");
         }
     }
 }
 
 impl Drop for SecondCore {
     fn drop(&mut self) {
-        self.desk.put(Work::Over);
+        self.worker.set(State::Stopped);
         // Its panics were told.
         let _ = self.thread.take().map(JoinHandle::join);
     }
@@ -124,7 +125,7 @@ mod tests {
         let [one, other] = &mut sums;
         for k in 1..=100 {
             // Each waits for the other: neither could run first.
-            second.both(
+            second.join(
                 || {
                     meet.wait();
                     *one += k;
@@ -144,7 +145,7 @@ mod tests {
         let mut there = 0;
         let mut fails = |mine: bool, theirs: bool| {
             let both = AssertUnwindSafe(|| {
-                second.both(|| assert!(!mine), &mut || {
+                second.join(|| assert!(!mine), &mut || {
                     there += 1;
                     assert!(!theirs);
                 });

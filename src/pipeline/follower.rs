@@ -1,6 +1,6 @@
 //! One person's stages in order (pose, landmarks, expression) and everything known about that person.
 //!
-//! All memory is allocated at construction, about 1.3 MB per person; the standard head is shared.
+//! All memory is allocated at construction, about 0.3 MB per person; the standard head is shared.
 
 use super::stage::{Now, Stage};
 use crate::base::capacity::UNITS;

@@ -76,7 +76,7 @@ pub(super) struct People {
     pub(super) at: Timestamp,
     /// Of the head that is followed, one for each thread.
     clouds: [Box<HeadCloud>; 2],
-    second: Option<(SecondCore, Scratch)>,
+    pub(super) second: Option<(SecondCore, Scratch)>,
 }
 
 /// One person to follow: their follower, the middle of their cut-out head, and whether they were found.
@@ -214,12 +214,12 @@ impl People {
         };
         let heads = 0..centres.len();
         let free: heapless::Vec<usize, HEADS> = heads.filter(|head| !taken(head)).collect();
-        self.part();
+        self.update_slots();
         free
     }
 
     /// Forgets who left in this frame, and compares newcomers again with people who left before.
-    fn part(&mut self) {
+    fn update_slots(&mut self) {
         for slot in 0..USERS {
             if self.left[slot] {
                 self.remember(slot);
@@ -259,7 +259,7 @@ impl People {
                 let (frame, camera) = (now.frame, now.camera);
                 let half = tasks.len() / 2;
                 let (theirs, mine) = tasks.split_at_mut(half);
-                core.both(|| each_expected(mine, now, cloud), &mut || {
+                core.join(|| each_expected(mine, now, cloud), &mut || {
                     let mut now = Now {
                         frame,
                         camera,

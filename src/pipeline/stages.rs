@@ -270,6 +270,8 @@ mod tests {
             most = most.max(pipelines[0].reports().len());
         }
         assert_eq!(most, 4);
+        let threads = pipelines.map(|one| one.people.second.is_some());
+        assert_eq!(threads, [false, true]);
     }
 
     #[test]
