@@ -4,13 +4,15 @@
 //! Input i differs from the person's rest by d_i, in eye distances; a unit's reading is Σ rise_i · max(d_i, 0) +
 //! fall_i · min(d_i, 0), near 0 at rest and near 1 in the full expression of an average person. The coefficients come
 //! from ridge regression on tracked faces with known expressions (`mien-studio units`), so they also reflect how accurately
-//! each measure is tracked. Each reading then goes through its own learner, like a measure's value: rest, full expression and
+//! each measure is tracked. What no sum over inputs can do comes next: lips that are stretched look like lowered corners, lowered
+//! corners not like stretched lips, so a reading loses a share of what others read above 0 ([`Reading::others`]), as section
+//! 2.2 compensates measures. Each reading then goes through its own learner, like a measure's value: rest, full expression and
 //! noise are the person's. Of a measure's two units only the larger one is output.
 //!
 //! Memory: fixed, [`INPUTS`] coefficients per unit. Cost: a thousand multiplications a frame. Degenerate: without readings in
 //! the table, each unit is read from its own measure.
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 
 use super::features;
 use super::measures::Measure;
@@ -19,8 +21,7 @@ use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
 use crate::base::prelude::*;
 
 /// Coefficients of one unit's reading.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(from = "Row")]
+#[derive(Clone, Debug)]
 pub struct Reading {
     /// The unit.
     pub unit: UnitName,
@@ -28,6 +29,8 @@ pub struct Reading {
     pub shares: [[f32; 2]; INPUTS],
     /// The reading is the weight itself: a gaze direction has no full expression of this person's own.
     pub absolute: bool,
+    /// Place of another reading in the table, and what it counts for where it is above 0: less than nothing.
+    pub others: Vec<(usize, f32)>,
 }
 
 /// As it stands in the table.
@@ -36,22 +39,29 @@ struct Row {
     unit: String,
     #[serde(default)]
     absolute: bool,
-    /// Input, weight per rise, weight per fall.
+    /// Input, weight per rise, weight per fall; or another unit, weight of its reading above 0 and below, the last 0.
     from: Vec<(String, f32, f32)>,
 }
 
-impl From<Row> for Reading {
-    fn from(row: Row) -> Self {
-        let mut shares = [[0.0; 2]; INPUTS];
-        for (name, rise, fall) in row.from {
-            shares[input_named(&name).expect("a measure or a feature")] = [rise, fall];
+/// Reads the table.
+pub(super) fn table<'de, D: Deserializer<'de>>(rows: D) -> Result<Vec<Reading>, D::Error> {
+    let rows = Vec::<Row>::deserialize(rows)?;
+    let reading = |row: &Row| {
+        let (mut shares, mut others) = ([[0.0; 2]; INPUTS], Vec::new());
+        for (name, rise, fall) in &row.from {
+            match rows.iter().position(|other| other.unit == *name) {
+                Some(other) => others.push((other, *rise)),
+                None => shares[input_named(name).expect("a measure or a feature")] = [*rise, *fall],
+            }
         }
-        Self {
+        Reading {
             unit: row.unit.parse().expect("a short name"),
             shares,
             absolute: row.absolute,
+            others,
         }
-    }
+    };
+    Ok(rows.iter().map(reading).collect())
 }
 
 impl Reading {
@@ -65,10 +75,18 @@ impl Reading {
         down: 0.0,
     };
 
-    /// The unit's reading from all deviations.
+    /// The unit's reading from all deviations, without [`Self::of_others`].
     pub fn of(&self, departures: &[f64; INPUTS]) -> f64 {
         let sum = self.shares.iter().zip(departures);
         sum.map(|(&[rise, fall], &d)| d * f64::from(if d > 0.0 { rise } else { fall }))
+            .sum()
+    }
+
+    /// What the others add, given all readings as they are without this.
+    pub fn of_others(&self, read: &[f64]) -> f64 {
+        let others = self.others.iter();
+        others
+            .map(|&(k, weight)| f64::from(weight) * read[k].max(0.0))
             .sum()
     }
 }
@@ -103,7 +121,9 @@ mod tests {
             unit: UnitName::try_from("AU12L").unwrap(),
             shares,
             absolute: false,
+            others: vec![(1, -0.5), (2, -0.25)],
         };
+        assert_eq!(reading.of_others(&[9.0, 0.4, -2.0]), -0.2);
         let mut departures = [0.0; INPUTS];
         assert_eq!(reading.of(&departures), 0.0);
         (departures[3], departures[INPUTS - 1]) = (0.2, 0.1);

@@ -139,6 +139,10 @@ impl Together {
         for (read, reading) in self.read.iter_mut().zip(&units.readings) {
             *read = reading.of(&self.departures);
         }
+        let before = self.read;
+        for (read, reading) in self.read.iter_mut().zip(&units.readings) {
+            *read += reading.of_others(&before);
+        }
     }
 
     /// Learns from the last frame read; `expressions`: whether deviations count as expressions yet.

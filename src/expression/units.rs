@@ -71,7 +71,7 @@ pub struct Units {
     pub features: Option<[Prior; FEATURES]>,
     /// Readings of units from all measures together, last those that have no range and need no learner; a unit without one is
     /// read from its own measure.
-    #[serde(rename = "reading")]
+    #[serde(rename = "reading", deserialize_with = "super::readings::table")]
     pub readings: Vec<Reading>,
     /// The map from eye images to gaze; without it the eyes look ahead.
     pub gaze: Option<Gaze>,
@@ -265,6 +265,10 @@ mod tests {
                 .iter()
                 .all(|share| share.is_finite());
             assert!(is_name(&reading.unit) && finite, "{}", reading.unit);
+            for &(other, weight) in &reading.others {
+                let learnt = !units.readings[other].absolute;
+                assert!(other != at && learnt && (-1.0..0.0).contains(&weight));
+            }
         }
     }
 
