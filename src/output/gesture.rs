@@ -84,14 +84,14 @@ defaults! {
 }
 
 /// Gestures that need no more than their name: name, sum, on, off, hold time. Eyes stay on what they look at when the head
-/// turns: see [`LOOKING_TURNED_DEG`].
+/// turns: see [`LOOKING_TURNED_DEG`]. Many real smiles bare teeth and hardly move the corners; in speech the jaw moves.
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R", 0.3, 0.18, 0.5),
+    ("smile", "AU12L + AU12R + AU10L + AU10R - AU26", 0.25, 0.15, 0.5),
     ("brows", "AU1L + AU1R + AU2L + AU2R", 1.6, 1.0, 0.15),
     ("mouth_open", "AU26", 0.35, 0.22, 0.7),
-    ("wink_left", "AU43L - AU43R", 0.6, 0.3, 0.2),
-    ("wink_right", "AU43R - AU43L", 0.6, 0.3, 0.2),
+    ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.2),
+    ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.2),
     ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5),
     ("look_left", "AU61", 0.65, 0.4, 0.4),
     ("look_right", "AU62", 0.65, 0.4, 0.4),
