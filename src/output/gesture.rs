@@ -409,6 +409,7 @@ mod tests {
     fn smile(person: Person) -> Gesture {
         Gesture {
             person,
+            of: "AU12L + AU12R".into(),
             on: 1.1,
             off: 0.7,
             hold_s: 0.2,

@@ -339,7 +339,7 @@ mod tests {
             ),
             (
                 "[[gesture]]\nname = \"smile\"\noff = 1.5\n",
-                "expected off of the gesture smile below its on, which is 0.3, found 1.5",
+                "expected off of the gesture smile below its on, which is 0.25, found 1.5",
             ),
             (
                 "[[gesture]]\nname = \"smile\"\nof = \"AU12L +\"\n",

@@ -446,7 +446,7 @@ mod tests {
             told,
             json!({
                 "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
-                "gestures": [{"name": "smile", "terms": [[1, 1]], "on": 0.3, "off": 0.18}],
+                "gestures": [{"name": "smile", "terms": [[1, 1], [0, -1]], "on": 0.25, "off": 0.15}],
                 "regions": [
                     ["Brows", [[2, "AU1R", "inner brow up right"]]],
                     ["Mouth", [[1, "AU12L", "smile left"]]],
