@@ -4,9 +4,9 @@
 //! Input i differs from the person's rest by d_i, in eye distances; a unit's reading is Σ rise_i · max(d_i, 0) +
 //! fall_i · min(d_i, 0), near 0 at rest and near 1 in the full expression of an average person. The coefficients come
 //! from ridge regression on tracked faces with known expressions (`mien-studio units`), so they also reflect how accurately
-//! each measure is tracked. What no sum over inputs can do comes next: lips that are stretched look like lowered corners, lowered
-//! corners not like stretched lips, so a reading loses a share of what others read above 0 ([`Reading::others`]), as section
-//! 2.2 compensates measures. Each reading then goes through its own learner, like a measure's value: rest, full expression and
+//! each measure is tracked. Then cross-talk is removed, as section 2.2 compensates measures: a reading loses a share of what
+//! others read above 0 ([`Reading::cross_talk`]). No sum over inputs can do that: stretched lips look like lowered corners,
+//! lowered corners not like stretched lips. Each reading then goes through its own learner, like a measure's value: rest, full expression and
 //! noise are the person's. Of a measure's two units only the larger one is output.
 //!
 //! Memory: fixed, [`INPUTS`] coefficients per unit. Cost: a thousand multiplications a frame. Degenerate: without readings in
@@ -29,8 +29,8 @@ pub struct Reading {
     pub shares: [[f32; 2]; INPUTS],
     /// The reading is the weight itself: a gaze direction has no full expression of this person's own.
     pub absolute: bool,
-    /// Place of another reading in the table, and what it counts for where it is above 0: less than nothing.
-    pub others: Vec<(usize, f32)>,
+    /// Cross-talk: place of another reading in the table, and its weight, below 0, where it is above 0.
+    pub cross_talk: Vec<(usize, f32)>,
 }
 
 /// As it stands in the table.
@@ -47,10 +47,10 @@ struct Row {
 pub(super) fn table<'de, D: Deserializer<'de>>(rows: D) -> Result<Vec<Reading>, D::Error> {
     let rows = Vec::<Row>::deserialize(rows)?;
     let reading = |row: &Row| {
-        let (mut shares, mut others) = ([[0.0; 2]; INPUTS], Vec::new());
+        let (mut shares, mut cross_talk) = ([[0.0; 2]; INPUTS], Vec::new());
         for (name, rise, fall) in &row.from {
             match rows.iter().position(|other| other.unit == *name) {
-                Some(other) => others.push((other, *rise)),
+                Some(other) => cross_talk.push((other, *rise)),
                 None => shares[input_named(name).expect("a measure or a feature")] = [*rise, *fall],
             }
         }
@@ -58,7 +58,7 @@ pub(super) fn table<'de, D: Deserializer<'de>>(rows: D) -> Result<Vec<Reading>, 
             unit: row.unit.parse().expect("a short name"),
             shares,
             absolute: row.absolute,
-            others,
+            cross_talk,
         }
     };
     Ok(rows.iter().map(reading).collect())
@@ -75,17 +75,17 @@ impl Reading {
         down: 0.0,
     };
 
-    /// The unit's reading from all deviations, without [`Self::of_others`].
+    /// The unit's reading from all deviations, cross-talk included.
     pub fn of(&self, departures: &[f64; INPUTS]) -> f64 {
         let sum = self.shares.iter().zip(departures);
         sum.map(|(&[rise, fall], &d)| d * f64::from(if d > 0.0 { rise } else { fall }))
             .sum()
     }
 
-    /// What the others add, given all readings as they are without this.
-    pub fn of_others(&self, read: &[f64]) -> f64 {
-        let others = self.others.iter();
-        others
+    /// What removes the cross-talk when added; `read`: all readings as [`Self::of`] gives them.
+    pub fn correction(&self, read: &[f64]) -> f64 {
+        let cross_talk = self.cross_talk.iter();
+        cross_talk
             .map(|&(k, weight)| f64::from(weight) * read[k].max(0.0))
             .sum()
     }
@@ -121,9 +121,9 @@ mod tests {
             unit: UnitName::try_from("AU12L").unwrap(),
             shares,
             absolute: false,
-            others: vec![(1, -0.5), (2, -0.25)],
+            cross_talk: vec![(1, -0.5), (2, -0.25)],
         };
-        assert_eq!(reading.of_others(&[9.0, 0.4, -2.0]), -0.2);
+        assert_eq!(reading.correction(&[9.0, 0.4, -2.0]), -0.2);
         let mut departures = [0.0; INPUTS];
         assert_eq!(reading.of(&departures), 0.0);
         (departures[3], departures[INPUTS - 1]) = (0.2, 0.1);

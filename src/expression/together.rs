@@ -141,7 +141,7 @@ impl Together {
         }
         let before = self.read;
         for (read, reading) in self.read.iter_mut().zip(&units.readings) {
-            *read += reading.of_others(&before);
+            *read += reading.correction(&before);
         }
     }
 

@@ -265,7 +265,7 @@ mod tests {
                 .iter()
                 .all(|share| share.is_finite());
             assert!(is_name(&reading.unit) && finite, "{}", reading.unit);
-            for &(other, weight) in &reading.others {
+            for &(other, weight) in &reading.cross_talk {
                 let learnt = !units.readings[other].absolute;
                 assert!(other != at && learnt && (-1.0..0.0).contains(&weight));
             }

@@ -6,7 +6,7 @@
 //! another; real smiles ([`super::smiles`]) are added. Ridge regression on rises and falls gives the shares. A unit is read
 //! from inputs of its own part of the face ([`tells_of`]): others that seem to tell of it in one world do not in another.
 //! A reading is stretched, by [`MOST`] at most, so that the median of full expressions comes to [`FULL`]: what is hardly seen
-//! regresses to small readings. Last it loses what other units explain ([`MISTAKEN`]). Seeded; eye distances.
+//! regresses to small readings. Last, cross-talk is removed ([`CROSS_TALK`]). Seeded; eye distances.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -73,10 +73,10 @@ const ERRORS: [(&str, f64); 8] = [
 ];
 /// Other units and shares of their readings.
 type Others = &'static [(&'static str, f64)];
-/// What a unit's reading loses for others that it mistakes for its own, in their readings above 0, and the factor that makes up
-/// for it. Chosen for the correlations in these examples and in the second simulated world together; people of that world who
+/// Cross-talk: a unit, the factor that makes up for what it loses, and shares of the other units' readings that it loses where
+/// they are above 0. Chosen for the correlations in these examples and in the second simulated world together; people of that world who
 /// had no part in it gain as much.
-const MISTAKEN: [(&str, f64, Others); 12] = [
+const CROSS_TALK: [(&str, f64, Others); 12] = [
     ("AU1", 1.00, &[("AU25", 0.30)]),
     ("AU4", 1.00, &[("AU18", 0.40), ("AU34", 0.50)]),
     ("AU6", 1.30, &[("AU4", 0.78)]),
@@ -400,23 +400,21 @@ fn feature_priors(heads: &[PersonHead]) -> String {
 
 fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
     let _ = write!(text, "\n[[reading]]\nunit = \"{unit}\"\nfrom = [\n");
-    let mistaken = MISTAKEN.iter().find(|(of, ..)| *of == stem(unit));
-    let factor = mistaken.map_or(1.0, |(_, factor, _)| *factor);
+    let cross_talk = CROSS_TALK.iter().find(|(of, ..)| *of == stem(unit));
+    let factor = cross_talk.map_or(1.0, |(_, factor, _)| *factor);
     for (i, share) in shares.iter().enumerate() {
         if *share != [0.0; 2] {
             let [rise, fall] = share.map(|share| share * factor);
             let _ = writeln!(text, "[\"{}\",{rise:.2},{fall:.2}],", input_name(i));
         }
     }
-    for (by, share) in mistaken.iter().flat_map(|(.., others)| *others) {
+    for (by, share) in cross_talk.iter().flat_map(|(.., others)| *others) {
         // Of the same side if both have sides, else all there are.
         let side = &unit[stem(unit).len()..];
-        let of_both = |other: &str| {
-            [side, &other[by.len()..]]
-                .iter()
-                .any(|side| side.is_empty())
+        let counts = |other: &&str| {
+            let sided = !side.is_empty() && other.len() > by.len();
+            stem(other) == *by && (!sided || other.ends_with(side))
         };
-        let counts = |other: &&str| stem(other) == *by && (of_both(other) || other.ends_with(side));
         let others: Vec<&str> = UNITS
             .map(|(other, _)| other)
             .into_iter()
