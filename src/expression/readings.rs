@@ -5,9 +5,9 @@
 //! fall_i · min(d_i, 0), near 0 at rest and near 1 in the full expression of an average person. The coefficients come
 //! from ridge regression on tracked faces with known expressions (`mien-studio units`), so they also reflect how accurately
 //! each measure is tracked. Then cross-talk is removed, as [`super::units::Explained`] does between measures: a reading loses
-//! a share of what others read above 0 ([`Reading::cross_talk`]). No sum over inputs can do that: stretched lips look like lowered corners,
-//! lowered corners not like stretched lips. Each reading then goes through its own learner, like a measure's value: rest, full expression and
-//! noise are the person's. Of a measure's two units only the larger one is output.
+//! a share of what others read above 0 ([`Reading::cross_talk`]). No sum over inputs can do that: stretched lips look like
+//! lowered corners, lowered corners not like stretched lips. Each reading then goes through its own learner, like a measure's
+//! value: rest, full expression and noise are the person's. Of a measure's two units only the larger one is output.
 //!
 //! Memory: fixed, [`INPUTS`] coefficients per unit. Cost: a thousand multiplications a frame. Degenerate: without readings in
 //! the table, each unit is read from its own measure.

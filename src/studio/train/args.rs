@@ -17,7 +17,7 @@ pub struct TrainArgs {
     #[command(flatten)]
     pub data: Data,
     /// Faces drawn for training
-    #[arg(long, default_value_t = 150_000)]
+    #[arg(long, default_value_t = 200_000)]
     pub drawn: usize,
     /// Disturbed starts for each portrait and its mirror image
     #[arg(long, default_value_t = 32)]

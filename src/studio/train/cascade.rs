@@ -7,7 +7,7 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::ridge::{Block, LinearMap, ridge};
+use super::ridge::{LinearMap, ridge};
 use super::samples::{Eye, Sample};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{
@@ -17,12 +17,12 @@ use crate::landmarks::cascade::{FaceFit, Solver, prior_columns, updated};
 use crate::landmarks::view::View;
 
 /// Samples of one block.
-const BLOCK: usize = 512;
+const BLOCK: usize = 2048;
 /// Scale of the prior columns against the features while learning: they vary ten times as much.
 const PRIOR_SCALE: f32 = 0.2;
 
 /// Penalty of the regression, relative to the mean eigenvalue.
-const PENALTY: f32 = 0.5;
+const PENALTY: f32 = 0.05;
 
 /// Where a sample's fit is, and where it started.
 pub struct Progress {
@@ -78,28 +78,28 @@ pub fn learn_stage(
 ) -> CascadeStage {
     let modes = modes.min(shape.modes.len());
     let parameters = VIEW_PARAMETERS + modes;
-    let mut blocks: Vec<Block> = progress
+    let inputs = FEATURES + parameters;
+    let mut blocks: Vec<DMatrix<f32>> = progress
         .par_chunks(BLOCK)
         .map(|chunk| {
             let (mut solver, mut eye) = (Solver::default(), Eye::default());
-            let mut features = DMatrix::zeros(FEATURES + parameters, chunk.len());
-            let mut targets = DMatrix::zeros(parameters, chunk.len());
+            let mut block = DMatrix::zeros(inputs + parameters, chunk.len());
             let mut columns = [0.0; MAX_PARAMETERS];
-            for (k, p) in chunk.iter().enumerate() {
+            for (p, mut column) in chunk.iter().zip(block.column_iter_mut()) {
                 let sample = &samples[p.sample];
-                let mut column = features.column_mut(k);
+                let (known, target) = column.as_mut_slice().split_at_mut(inputs);
                 let patches = solver.features(shape, eye.look(sample), &p.fit, cell_px);
-                column.as_mut_slice()[..FEATURES].copy_from_slice(patches);
+                known[..FEATURES].copy_from_slice(patches);
                 prior_columns(&p.fit, &p.anchor, &mut columns);
-                for (to, c) in column.as_mut_slice()[FEATURES..].iter_mut().zip(&columns) {
+                for (to, c) in known[FEATURES..].iter_mut().zip(&columns) {
                     *to = c * PRIOR_SCALE;
                 }
-                way(sample, &p.fit, modes, targets.column_mut(k).as_mut_slice());
+                way(sample, &p.fit, modes, target);
             }
-            Block::new(features, targets)
+            block
         })
         .collect();
-    let map = ridge(&mut blocks, PENALTY);
+    let map = ridge(&mut blocks, parameters, PENALTY);
     let stage = quantised(&map, cell_px, parameters);
     // The samples move on by the quantised weights, from the features that are there already.
     let mut weights = map.weights.clone();
@@ -111,7 +111,7 @@ pub fn learn_stage(
     }
     let chunks = progress.par_chunks_mut(BLOCK).zip(&blocks);
     chunks.for_each(|(chunk, block)| {
-        let steps = &weights * &block.features;
+        let steps = &weights * block.rows(0, inputs);
         for (p, step) in chunk.iter_mut().zip(steps.column_iter()) {
             p.fit = updated(&p.fit, (step + &map.bias).as_slice());
         }
