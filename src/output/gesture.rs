@@ -83,23 +83,22 @@ defaults! {
     }
 }
 
-/// Gestures that need no more than their name: name, sum, on, off, hold time. Eyes stay on what they look at when the head
-/// turns: see [`LOOKING_TURNED_DEG`]. Many real smiles bare teeth and hardly move the corners; in speech the jaw moves.
+/// Gestures that need no more than their name: name, sum, on, off, hold time, largest angle sideways. Eyes stay on what they
+/// look at when the head turns; a mouth seen from the side looks pursed. Many real smiles bare teeth and hardly move the
+/// corners; in speech the jaw moves.
 #[rustfmt::skip]
-pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R + AU10L + AU10R - AU26", 0.25, 0.15, 0.5),
-    ("brows", "AU1L + AU1R + AU2L + AU2R", 1.6, 1.0, 0.15),
-    ("mouth_open", "AU26", 0.35, 0.22, 0.7),
-    ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.2),
-    ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.2),
-    ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5),
-    ("look_left", "AU61", 0.65, 0.4, 0.4),
-    ("look_right", "AU62", 0.65, 0.4, 0.4),
-    ("look_up", "AU63", 0.55, 0.33, 0.4),
-    ("kiss", "AU18", 0.7, 0.4, 0.2),
+pub const PRESETS: [(&str, &str, f32, f32, f32, f32); 10] = [
+    ("smile", "AU12L + AU12R + AU10L + AU10R - AU26", 0.25, 0.15, 0.5, 40.0),
+    ("brows", "AU1L + AU1R + AU2L + AU2R", 1.3, 0.9, 0.15, 40.0),
+    ("mouth_open", "AU26", 0.32, 0.2, 0.7, 40.0),
+    ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.2, 30.0),
+    ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.2, 30.0),
+    ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5, 40.0),
+    ("look_left", "AU61", 0.65, 0.4, 0.4, 12.0),
+    ("look_right", "AU62", 0.65, 0.4, 0.4, 12.0),
+    ("look_up", "AU63", 0.55, 0.33, 0.4, 12.0),
+    ("kiss", "AU18", 0.6, 0.4, 0.2, 30.0),
 ];
-/// The largest angle sideways of the presets that look somewhere, degrees.
-const LOOKING_TURNED_DEG: f32 = 12.0;
 /// A face that is turned up or down by more makes no gestures, degrees: the sensor stands above what it looks at.
 const NODDED_DEG: f32 = 30.0;
 
@@ -110,12 +109,10 @@ impl Gesture {
             name: name.into(),
             ..Self::default()
         };
-        if let Some((_, of, on, off, hold_s)) = PRESETS.iter().find(|preset| preset.0 == name) {
+        if let Some((_, of, on, off, hold_s, turned_deg)) = PRESETS.iter().find(|p| p.0 == name) {
             gesture.of = (*of).into();
-            (gesture.on, gesture.off, gesture.hold_s) = (*on, *off, *hold_s);
-            if name.starts_with("look_") {
-                gesture.turned_deg = LOOKING_TURNED_DEG;
-            }
+            (gesture.on, gesture.off) = (*on, *off);
+            (gesture.hold_s, gesture.turned_deg) = (*hold_s, *turned_deg);
         }
         gesture
     }
@@ -466,7 +463,7 @@ mod tests {
                 ..user(1, 233, &faces)
             }]);
             assert_eq!(told(&mut gestures), [], "{end}");
-            let [turned, nodded] = [[0.6, 0.0], [0.0, 0.6]].map(|[yaw, pitch]| {
+            let [turned, nodded] = [[0.8, 0.0], [0.0, 0.6]].map(|[yaw, pitch]| {
                 Rigid::from_parts(
                     Vector::new(0.0, 0.0, 0.8).into(),
                     rotation_from_yaw_pitch_roll(yaw, pitch, 0.0),
@@ -583,7 +580,7 @@ mod tests {
     fn presets_read_units_that_are_measured() {
         let known = crate::expression::Units::shipped();
         let names = known.columns(false);
-        for (name, of, on, off, _) in PRESETS {
+        for (name, of, on, off, ..) in PRESETS {
             let terms: Vec<(f32, &str)> = Gesture::terms(of).collect();
             for (_, unit) in &terms {
                 assert!(

@@ -566,7 +566,7 @@ fn landmarks_are_found_on_a_picture_of_the_mesh() {
                 "eye distances off, from the least sure quarter of the points to the surest: {quarters:.3?}"
             );
             assert!(quarters[0] > quarters[3], "{quarters:?}");
-            assert!(mean(27..60) < 0.12 && mean(60..68) < 0.15 && mean(17..27) < 0.12);
+            assert!(mean(27..60) < 0.12 && mean(60..68) < 0.2 && mean(17..27) < 0.12);
             for k in (0..68).filter(|&k| miss(k) > 0.3) {
                 let sure = found.of_points[k];
                 assert!(sure < LOW, "{k} is {:.2} off with {sure:.2}", miss(k));
