@@ -1,6 +1,6 @@
 //! Gestures: expressions that switch something, as a raised brow that presses a key.
 //!
-//! A gesture reads one sum of units. It goes on when the sum has been at its upper level for its hold time, but not while the
+//! A gesture reads a sum of units, or the least of several. It goes on when the sum has been at its upper level for its hold time, but not while the
 //! person has the head turned away or is not known yet, nor before its pause is over, and while they speak only at twice that
 //! level; and off below its lower level.
 //! Every on has an off: also when the head turns away, the face is lost, the person leaves, the source falls silent, the
@@ -60,7 +60,7 @@ defaults! {
     pub struct Gesture {
         /// What it is called in outputs.
         pub name: String = String::new(),
-        /// Units added and subtracted: `AU12L + AU12R`.
+        /// Units added and subtracted, `AU12L + AU12R`, or the least of such sums: `AU43L & AU43R`.
         pub of: String = String::new(),
         /// It goes on at this sum,
         pub on: f32 = 0.7,
@@ -83,7 +83,7 @@ defaults! {
     }
 }
 
-/// Gestures that need no more than their name: name, sum, on, off, hold time, largest angle sideways. Eyes stay on what they
+/// Gestures that need no more than their name: name, sums, on, off, hold time, largest angle sideways. Eyes stay on what they
 /// look at when the head turns; a mouth seen from the side looks pursed. Many real smiles bare teeth and hardly move the
 /// corners; in speech the jaw moves.
 #[rustfmt::skip]
@@ -93,9 +93,9 @@ pub const PRESETS: [(&str, &str, f32, f32, f32, f32); 10] = [
     ("mouth_open", "AU26", 0.32, 0.2, 0.7, 40.0),
     ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.2, 30.0),
     ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.2, 30.0),
-    ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5, 40.0),
-    ("look_left", "AU61", 0.65, 0.4, 0.4, 12.0),
-    ("look_right", "AU62", 0.65, 0.4, 0.4, 12.0),
+    ("blink_long", "AU43L & AU43R", 0.25, 0.15, 0.5, 40.0),
+    ("look_left", "AU61", 0.6, 0.4, 0.6, 12.0),
+    ("look_right", "AU62", 0.6, 0.4, 0.6, 12.0),
     ("look_up", "AU63", 0.55, 0.33, 0.4, 12.0),
     ("kiss", "AU18", 0.6, 0.4, 0.2, 30.0),
 ];
@@ -117,8 +117,12 @@ impl Gesture {
         gesture
     }
 
-    /// Signs and units of a sum; what is no unit stays as it is.
-    pub fn terms(of: &str) -> impl Iterator<Item = (f32, &str)> {
+    /// Signs and units of each sum; what is no unit stays as it is.
+    pub fn sums(of: &str) -> impl Iterator<Item = impl Iterator<Item = (f32, &str)>> {
+        of.split('&').map(Self::terms)
+    }
+
+    fn terms(of: &str) -> impl Iterator<Item = (f32, &str)> {
         let signs = of
             .matches(['+', '-'])
             .map(|sign| if sign == "-" { -1.0 } else { 1.0 });
@@ -213,8 +217,8 @@ impl Speech {
 /// A gesture, and who makes it.
 struct Made {
     gesture: Gesture,
-    /// Signs, and indices among the weights.
-    terms: Vec<(f32, usize)>,
+    /// Signs, and indices among the weights, of each sum.
+    sums: Vec<Vec<(f32, usize)>>,
     lamps: [Lamp; USERS],
     /// What outputs were told last: of each user, and of anybody.
     told: [bool; USERS + 1],
@@ -236,8 +240,12 @@ impl Gestures {
     pub fn new(all: &[Gesture], units: &[&str]) -> Self {
         let index = |unit: &str| units.iter().position(|name| *name == unit);
         let made = |gesture: &Gesture| Made {
-            terms: Gesture::terms(&gesture.of)
-                .filter_map(|(sign, unit)| Some((sign, index(unit)?)))
+            sums: Gesture::sums(&gesture.of)
+                .map(|terms| {
+                    terms
+                        .filter_map(|(sign, unit)| Some((sign, index(unit)?)))
+                        .collect()
+                })
                 .collect(),
             gesture: gesture.clone(),
             lamps: Default::default(),
@@ -298,9 +306,10 @@ impl Gestures {
             let gesture = &made.gesture;
             let theirs = gesture.person != Person::Shown || !report.aside;
             let counts = sees && theirs && aside <= gesture.turned_deg && up <= NODDED_DEG;
-            let terms = made.terms.iter().map(|(sign, unit)| sign * weight(unit));
+            let sum = |terms: &Vec<_>| terms.iter().map(|(sign, unit)| sign * weight(unit)).sum();
+            let least = made.sums.iter().map(sum).fold(f32::MAX, f32::min);
             // Less than any level.
-            let sum = if counts { terms.sum() } else { f32::MIN };
+            let sum = if counts { least } else { f32::MIN };
             let may_start = gesture.speaking || !speaks || sum >= SURE * gesture.on;
             made.lamps[slot].observe(gesture, sum, may_start, report.at);
         }
@@ -443,6 +452,29 @@ mod tests {
     }
 
     #[test]
+    fn of_several_sums_the_least_counts() {
+        let both = Gesture {
+            of: "AU12L & AU12R - AU26".into(),
+            ..smile(Person::Shown)
+        };
+        for (weights, expected) in [
+            ([0.9, 0.2, 0.0, 0.0], 0),
+            ([0.2, 0.9, 0.0, 0.0], 0),
+            ([0.6, 0.9, 0.0, 0.5], 0),
+            ([0.6, 0.9, 0.0, 0.3], 1),
+        ] {
+            let mut gestures = Gestures::new(std::slice::from_ref(&both), &UNITS);
+            gestures.set_level(0, 0.5);
+            for ms in (0..500).step_by(50) {
+                let mut reports = [user(0, ms, &weights)];
+                gestures.observe(&mut reports);
+                let since = if ms < 200 { 0 } else { expected };
+                assert_eq!(reports[0].gestures, since, "{weights:?}");
+            }
+        }
+    }
+
+    #[test]
     fn every_end_of_a_face_is_an_off() {
         let faces = [0.9, 0.9, 0.0, 0.0];
         for end in [
@@ -581,26 +613,32 @@ mod tests {
         let known = crate::expression::Units::shipped();
         let names = known.columns(false);
         for (name, of, on, off, ..) in PRESETS {
-            let terms: Vec<(f32, &str)> = Gesture::terms(of).collect();
-            for (_, unit) in &terms {
-                assert!(
-                    names.iter().any(|known| known.as_str() == *unit),
-                    "{name}: {unit}"
-                );
+            for terms in Gesture::sums(of) {
+                let terms: Vec<(f32, &str)> = terms.collect();
+                for (_, unit) in &terms {
+                    assert!(
+                        names.iter().any(|known| known.as_str() == *unit),
+                        "{name}: {unit}"
+                    );
+                }
+                assert!(off < on && on < terms.len() as f32);
             }
-            assert!(off < on && on < terms.len() as f32);
         }
         for (of, expected) in [
-            ("AU1L", vec![(1.0, "AU1L")]),
-            (
-                "AU1L -AU1R+AU26",
-                vec![(1.0, "AU1L"), (-1.0, "AU1R"), (1.0, "AU26")],
-            ),
-            ("AU1L +", vec![(1.0, "AU1L"), (1.0, "")]),
-            ("", vec![(1.0, "")]),
-            ("AU1L AU1R", vec![(1.0, "AU1L AU1R")]),
+            ("AU1L", "+AU1L"),
+            ("AU1L -AU1R+AU26", "+AU1L -AU1R +AU26"),
+            ("AU1L +", "+AU1L +"),
+            ("", "+"),
+            ("AU1L AU1R", "+AU1L AU1R"),
+            ("AU1L - AU4L&AU1R", "+AU1L -AU4L & +AU1R"),
+            ("AU1L &", "+AU1L & +"),
         ] {
-            assert_eq!(Gesture::terms(of).collect::<Vec<_>>(), expected, "{of}");
+            let sums = Gesture::sums(of).map(|terms| {
+                let sign = |sign| if sign < 0.0 { '-' } else { '+' };
+                let terms = terms.map(|(s, unit)| format!("{}{unit}", sign(s)));
+                terms.collect::<Vec<_>>().join(" ")
+            });
+            assert_eq!(sums.collect::<Vec<_>>().join(" & "), expected, "{of}");
         }
     }
 

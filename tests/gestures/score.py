@@ -83,7 +83,7 @@ class Tally:
         """`switched` as [`switches`] gives it; `heights` by gesture and frame, 0…1; `calm` by frame: the name of what is done while nothing is acted, or empty."""
         on, new = switched
         for n, g in self.gestures.items():
-            terms = g["of"].count("AU") - g["of"].count("- AU")
+            terms = min(s.count("AU") - s.count("- AU") for s in g["of"].split("&"))
             level = [h * terms >= g["on"] for h in heights[n]]
             for a, b in spans(h > 0.25 for h in heights[n]):
                 full = [f for f in range(a, b) if heights[n][f] >= FULL]

@@ -46,7 +46,7 @@ pub(super) fn end(settings: &Settings) -> Result<(), Refusal> {
 }
 
 pub(super) fn is_sum(of: &str) -> bool {
-    Gesture::terms(of).all(|(_, unit)| is_unit(unit))
+    Gesture::sums(of).flatten().all(|(_, unit)| is_unit(unit))
 }
 
 /// Whether there is such a key; a build that presses none believes any.
