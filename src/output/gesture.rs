@@ -1,8 +1,8 @@
 //! Gestures: expressions that switch something, as a raised brow that presses a key.
 //!
-//! A gesture reads a sum of units, or the least of several. It goes on when the sum has been at its upper level for its hold time, but not while the
-//! person has the head turned away or is not known yet, nor before its pause is over, and while they speak only at twice that
-//! level; and off below its lower level.
+//! A gesture reads a sum of units, or the least of several. It goes on when that has been at its upper level for its hold
+//! time, but not while the person has the head turned away or is not known yet, nor before its pause is over, and while they
+//! speak only at twice that level; and off below its lower level.
 //! Every on has an off: also when the head turns away, the face is lost, the person leaves, the source falls silent, the
 //! configuration changes or the run ends.
 //!
@@ -122,6 +122,14 @@ impl Gesture {
         of.split('&').map(Self::terms)
     }
 
+    /// Indices of the units among `units`, and signs, of each sum; units that are not measured are left out.
+    pub fn indexed(&self, units: &[&str]) -> Vec<Vec<(usize, f32)>> {
+        let index = |(sign, unit)| Some((units.iter().position(|name| *name == unit)?, sign));
+        let sums = Self::sums(&self.of);
+        sums.map(|terms| terms.filter_map(index).collect())
+            .collect()
+    }
+
     fn terms(of: &str) -> impl Iterator<Item = (f32, &str)> {
         let signs = of
             .matches(['+', '-'])
@@ -217,8 +225,8 @@ impl Speech {
 /// A gesture, and who makes it.
 struct Made {
     gesture: Gesture,
-    /// Signs, and indices among the weights, of each sum.
-    sums: Vec<Vec<(f32, usize)>>,
+    /// [`Gesture::indexed`] among the weights.
+    sums: Vec<Vec<(usize, f32)>>,
     lamps: [Lamp; USERS],
     /// What outputs were told last: of each user, and of anybody.
     told: [bool; USERS + 1],
@@ -240,13 +248,7 @@ impl Gestures {
     pub fn new(all: &[Gesture], units: &[&str]) -> Self {
         let index = |unit: &str| units.iter().position(|name| *name == unit);
         let made = |gesture: &Gesture| Made {
-            sums: Gesture::sums(&gesture.of)
-                .map(|terms| {
-                    terms
-                        .filter_map(|(sign, unit)| Some((sign, index(unit)?)))
-                        .collect()
-                })
-                .collect(),
+            sums: gesture.indexed(units),
             gesture: gesture.clone(),
             lamps: Default::default(),
             told: Default::default(),
@@ -306,7 +308,7 @@ impl Gestures {
             let gesture = &made.gesture;
             let theirs = gesture.person != Person::Shown || !report.aside;
             let counts = sees && theirs && aside <= gesture.turned_deg && up <= NODDED_DEG;
-            let sum = |terms: &Vec<_>| terms.iter().map(|(sign, unit)| sign * weight(unit)).sum();
+            let sum = |terms: &Vec<_>| terms.iter().map(|(unit, sign)| sign * weight(unit)).sum();
             let least = made.sums.iter().map(sum).fold(f32::MAX, f32::min);
             // Less than any level.
             let sum = if counts { least } else { f32::MIN };

@@ -341,7 +341,7 @@ sections! { s
         name: "What it is called." =>
             Kind::Text(&mut s.gesture().name, "at most 24 letters, digits and signs such as _ or -", gestures::is_word);
         of: "What it reads." =>
-            Kind::Text(&mut s.gesture().of, "units added and subtracted, such as \"AU12L + AU12R\"; of sums joined by & the least", gestures::is_sum);
+            Kind::Text(&mut s.gesture().of, "units added and subtracted, such as \"AU12L + AU12R\", or the least of sums joined by &", gestures::is_sum);
         on: "It goes on when that is as much," => float(&mut s.gesture().on, 0.01, 8.0, "");
         off: "and off below this." => float(&mut s.gesture().off, 0.0, 8.0, "");
         hold_s: "How long it must be as much before it goes on." => seconds(&mut s.gesture().hold_s);

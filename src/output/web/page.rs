@@ -229,13 +229,9 @@ fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> Strin
         (!rows.is_empty()).then(|| json!([title, rows]))
     });
     let gestures = gestures.iter().map(|gesture| {
-        let index = |unit: &str| units.iter().position(|name| *name == unit);
-        let term = |(sign, unit)| Some(json!([index(unit)?, sign as i32]));
-        let sums = Gesture::sums(&gesture.of);
-        let sums: Vec<Vec<Value>> = sums.map(|sum| sum.filter_map(term).collect()).collect();
         let [on, off] =
             [gesture.on, gesture.off].map(|level| (f64::from(level) * 1e6).round() / 1e6);
-        json!({"name": gesture.name, "sums": sums, "on": on, "off": off})
+        json!({"name": gesture.name, "sums": gesture.indexed(units), "on": on, "off": off})
     });
     let (regions, gestures): (Vec<Value>, Vec<Value>) = (regions.collect(), gestures.collect());
     json!({"name": name, "slots": USERS, "sends": sends, "gestures": gestures, "regions": regions})
@@ -446,7 +442,7 @@ mod tests {
             told,
             json!({
                 "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
-                "gestures": [{"name": "smile", "sums": [[[1, 1], [0, -1]]], "on": 0.25, "off": 0.15}],
+                "gestures": [{"name": "smile", "sums": [[[1, 1.0], [0, -1.0]]], "on": 0.25, "off": 0.15}],
                 "regions": [
                     ["Brows", [[2, "AU1R", "inner brow up right"]]],
                     ["Mouth", [[1, "AU12L", "smile left"]]],
