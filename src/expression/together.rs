@@ -28,6 +28,11 @@ const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 /// together when it looks far towards the nose.
 const OPEN: [f64; 2] = [0.55, 0.3];
 
+/// Eyes whose irises seem off the middle at rest turn less visibly to that side and more to the other: a glance's share of
+/// change by the gaze at rest, and its limit.
+const OFF_MIDDLE: f64 = 0.8;
+const MOST_OFF_MIDDLE: f64 = 0.5;
+
 /// Noise of a glance, of the eyes' full range.
 const GLANCE_NOISE: f64 = 0.05;
 
@@ -127,8 +132,12 @@ impl Together {
         for ((departure, value), learner) in departures.zip(self.values).zip(&self.features) {
             *departure = value - learner.range().rest;
         }
-        if !self.sees {
-            self.raw[LEARNT_MEASURES + LENGTHS..].fill(0.0);
+        let gaze = &mut self.raw[LEARNT_MEASURES + LENGTHS..];
+        if self.sees {
+            let off = OFF_MIDDLE * self.features[LENGTHS].range().rest * gaze[0].signum();
+            gaze[0] *= 1.0 + off.clamp(-MOST_OFF_MIDDLE, MOST_OFF_MIDDLE);
+        } else {
+            gaze.fill(0.0);
         }
         self.rotation = sensor_from_head.scaled_axis().cast();
         let turn = self.turn.about_mean(&self.rotation);

@@ -39,10 +39,17 @@ fn trust(p: &Point) -> f32 {
     lower_face * hair * side
 }
 
-/// Whether a place belongs to the bare face: below the hairline, in front of hair beside it, above a beard. Only there is
+/// Whether a place belongs to the bare face: below the hairline, in front of hair beside it, above the chin. Only there is
 /// a person's own shape learned; elsewhere the surface may be hair, a cap or a collar.
 fn bare(p: &Point) -> bool {
     p.y > -0.050 && p.y < 0.080 && p.z < 0.040 && p.x.abs() < 0.062
+}
+
+/// Parts of the head: beside the bare face, where a full beard grows on it, above that.
+pub(crate) const PARTS_OF_HEAD: usize = 3;
+
+fn part(p: &Point) -> u8 {
+    u8::from(bare(p)) + u8::from(bare(p) && p.y < 0.060)
 }
 
 /// A place between three anchor points: how many of [`PARTS`] parts of the way to the second and to the third.
@@ -79,6 +86,8 @@ pub struct Anchor {
     pub(crate) rim: Vec<bool>,
     /// Points whose offsets are learned.
     pub(crate) bare: Vec<bool>,
+    /// Of each point, of [`PARTS_OF_HEAD`].
+    pub(crate) part: Vec<u8>,
     pub(crate) neighbours: Vec<[u16; NEIGHBOURS]>,
     /// Effect of a rigid motion (rotation about x, y, z, shift along them) and of scale on each point along its normal.
     pub(crate) motions: Vec<[f32; 7]>,
@@ -142,6 +151,7 @@ impl Anchor {
             motions,
             trust: points.iter().map(trust).collect(),
             bare: points.iter().map(bare).collect(),
+            part: points.iter().map(part).collect(),
             points,
             normals,
             rim,

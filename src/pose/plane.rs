@@ -14,7 +14,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::anchor::Anchor;
+use super::anchor::{Anchor, PARTS_OF_HEAD};
 use super::shape::{FACING, HeadShape, MAX_LOG_SCALE};
 use crate::base::frames::{Head, HeadFromSensor, Motion};
 use crate::base::geometry::{Point, Rigid, Vector};
@@ -44,6 +44,8 @@ pub(crate) struct PlaneFit {
     pub(crate) scale: f32,
     /// Share of the live points on the bare face that agree, 0…1.
     pub(crate) agreement: f32,
+    /// As `agreement`, of those above a beard.
+    pub(crate) agreement_above_beard: f32,
     /// Share of all live points that agree with the head, including hair: ranks poses.
     pub(crate) support: f32,
     /// Live points on the bare face that agree.
@@ -125,9 +127,10 @@ struct Sums {
     /// Normal matrix, of which the upper triangle is used, and beside it the gradient: whole rows of eight fill a vector.
     rows: [[f64; 8]; 7],
     asked: u32,
-    on_face: u32,
+    /// By part of the head.
+    on: [u32; PARTS_OF_HEAD],
+    agreement: [f64; PARTS_OF_HEAD],
     agreeing: u32,
-    agreement: f64,
     support: f64,
     total: f64,
 }
@@ -151,18 +154,17 @@ impl Sums {
             let Some((i, r)) = shape.pair(anchor, &q, inverse_scale, &camera) else {
                 continue;
             };
-            let bare = anchor.bare[i];
-            self.on_face += u32::from(bare);
+            let part = usize::from(anchor.part[i]);
+            let bare = part > 0;
+            self.on[part] += 1;
             let u = r / cutoff;
             if u.abs() >= 1.0 {
                 continue;
             }
             let biweight = (1.0 - u * u) * (1.0 - u * u);
             self.support += f64::from(biweight);
-            if bare {
-                self.agreement += f64::from(biweight);
-                self.agreeing += 1;
-            }
+            self.agreement[part] += f64::from(biweight);
+            self.agreeing += u32::from(bare);
             // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
             let nearer = middle2 / (p.z * p.z);
             let trust = anchor.trust[i] * if bare { 1.0 } else { beside };
@@ -210,10 +212,15 @@ pub(crate) fn align(
         }
         if round == last {
             let Sums { rows, total, .. } = &sums;
+            let agreement = |from: usize| {
+                let agree = sums.agreement[from..].iter().sum::<f64>();
+                (agree / f64::from(sums.on[from..].iter().sum::<u32>().max(1))) as f32
+            };
             fit = Some(PlaneFit {
                 head_from_sensor: pose,
                 scale: log_scale.exp() as f32,
-                agreement: (sums.agreement / f64::from(sums.on_face.max(1))) as f32,
+                agreement: agreement(1),
+                agreement_above_beard: agreement(2),
                 support: sums.support as f32 / sums.asked as f32,
                 agreeing: sums.agreeing * stride as u32,
                 known: SMatrix::from_fn(|a, b| rows[a.min(b)][a.max(b)] / total),
@@ -317,7 +324,7 @@ mod tests {
         assert!((distance - 0.01).abs() < 5e-4, "{distance}");
         // As far as the cut-off: nothing, but it is on the face.
         let none = one_point(&anchor, 0.6, 0.021, 0.6);
-        assert!(none.total == 0.0 && none.on_face == 1 && none.asked == 1);
+        assert!(none.total == 0.0 && none.on == [0, 0, 1] && none.asked == 1);
     }
 
     #[test]
@@ -378,18 +385,18 @@ mod tests {
         let anchor = Anchor::new(&head).expect("a head");
         let shape = HeadShape::standard(anchor.points.len());
         let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, -0.75));
+        let effort = Effort {
+            cutoffs_m: &[0.01],
+            stride: 1,
+            beside: 1.0,
+            scale_sigma: 0.0,
+        };
         let fit = |belongs: fn(&Point) -> bool| {
             let cloud: Vec<Point> = head
                 .iter()
                 .filter(|(p, _)| belongs(p))
                 .map(|(p, _)| pose.inverse() * p)
                 .collect();
-            let effort = Effort {
-                cutoffs_m: &[0.01],
-                stride: 1,
-                beside: 1.0,
-                scale_sigma: 0.0,
-            };
             align(&anchor, &shape, &cloud, pose, &effort).expect("enough points")
         };
         let hair = fit(|p| p.y < -0.06);
@@ -397,6 +404,15 @@ mod tests {
         assert!(hair.support > 0.5, "{}", hair.support);
         let face = fit(|p| p.y.abs() < 0.04 && p.x.abs() < 0.05);
         assert!(face.agreement > 0.9, "{}", face.agreement);
+        // A beard 2 cm deep, from the mouth down.
+        let cloud = head.iter().map(|(p, n)| match p.y {
+            y if y > 0.06 => pose.inverse() * (p + n * 0.02),
+            _ => pose.inverse() * p,
+        });
+        let cloud: Vec<Point> = cloud.collect();
+        let bearded = align(&anchor, &shape, &cloud, pose, &effort).expect("enough points");
+        let (all, above) = (bearded.agreement, bearded.agreement_above_beard);
+        assert!(all < 0.95 * above && above > 0.9, "{all} {above}");
     }
 
     #[test]

@@ -281,8 +281,9 @@ impl PlaneTracker {
     /// The pose of an accepted fit, from which the head's shape may be learned.
     fn believed(&mut self, head: &HeadCloud, fit: PlaneFit, covered: Coverage) -> Found {
         let coverage = covered.middle.min(covered.nose);
-        // What the picture's edge cuts off would bend the shape.
-        let teaches = fit.agreement >= TEACHING_AGREEMENT && head.whole;
+        // What the picture's edge cuts off would bend the shape; a beard teaches its own.
+        let agreement = fit.agreement.max(fit.agreement_above_beard);
+        let teaches = agreement >= TEACHING_AGREEMENT && head.whole;
         self.pending = (self.learns && teaches).then_some(fit);
         let pose = HeadPose {
             sensor_from_head: fit.head_from_sensor.inverse(),
@@ -389,6 +390,7 @@ mod tests {
             head_from_sensor: SensorFromHead::of(placed(0.0, 0.0, 0.0)).inverse(),
             scale: 1.0,
             agreement,
+            agreement_above_beard: 0.0,
             support: 1.0,
             agreeing,
             known: SMatrix::zeros(),
@@ -431,6 +433,12 @@ mod tests {
             assert_eq!(pose.coverage, middle.min(nose));
             assert_eq!(tracker.pending.is_some(), teaches);
         }
+        let bearded = PlaneFit {
+            agreement_above_beard: 0.6,
+            ..fit(0.4, 500)
+        };
+        let (pose, _) = tracker.believed(&whole, bearded, covered(0.9, 0.9));
+        assert!((pose.confidence - 0.4).abs() < 1e-6 && tracker.pending.is_some());
         whole.whole = false;
         tracker.believed(&whole, fit(0.9, 500), covered(0.9, 0.9));
         assert!(tracker.pending.is_none(), "cut off at the side");
@@ -447,6 +455,7 @@ mod tests {
                 head_from_sensor: SensorFromHead::of(placed(0.0, 0.0, 0.0)).inverse(),
                 scale: 1.0 + 0.001 * frame as f32,
                 agreement: 0.8,
+                agreement_above_beard: 0.8,
                 support: 1.0,
                 agreeing: 500,
                 known: SMatrix::zeros(),
@@ -471,6 +480,7 @@ mod tests {
             head_from_sensor: HeadFromSensor::identity(),
             scale: 1.0,
             agreement: name,
+            agreement_above_beard: name,
             support,
             agreeing: 0,
             known: nalgebra::SMatrix::zeros(),

@@ -442,7 +442,7 @@ fn gaze(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     /// Seconds a glance, and of the jump to it; how far it goes, of the full expression, across and up or down.
     const GLANCE_S: f32 = 1.1;
     const JUMP_S: f32 = 0.06;
-    const FAR: [f32; 2] = [0.5, 0.35];
+    const FAR: [f32; 2] = [0.95, 0.35];
     let glance = (t / GLANCE_S) as u64;
     let there = smoothstep(0.0, JUMP_S, t % GLANCE_S);
     let [left, up] = [(0x67, FAR[0]), (0x68, FAR[1])].map(|(channel, far)| {
