@@ -43,6 +43,12 @@ const ABSOLUTE: Range = Range {
     high: 1.0,
 };
 
+/// How far somebody looks across, given how much further than at rest they seem to, and the gaze at rest.
+fn looked(seems: f64, rest: f64) -> f64 {
+    let off = OFF_MIDDLE * rest * seems.signum();
+    seems * (1.0 + off.clamp(-MOST_OFF_MIDDLE, MOST_OFF_MIDDLE))
+}
+
 /// Readings of one person.
 #[derive(Clone, Debug)]
 pub(super) struct Together {
@@ -134,8 +140,7 @@ impl Together {
         }
         let gaze = &mut self.raw[LEARNT_MEASURES + LENGTHS..];
         if self.sees {
-            let off = OFF_MIDDLE * self.features[LENGTHS].range().rest * gaze[0].signum();
-            gaze[0] *= 1.0 + off.clamp(-MOST_OFF_MIDDLE, MOST_OFF_MIDDLE);
+            gaze[0] = looked(gaze[0], self.features[LENGTHS].range().rest);
         } else {
             gaze.fill(0.0);
         }
@@ -270,6 +275,28 @@ impl Together {
                     });
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eyes_that_rest_to_the_left_look_further_there_than_they_seem_to() {
+        for (seems, rest, looks) in [
+            (0.5, 0.0, 0.5),
+            (0.5, 0.25, 0.6),
+            (-0.5, 0.25, -0.4),
+            (0.5, -0.25, 0.4),
+            (0.5, 2.0, 0.75),
+            (-0.5, 2.0, -0.25),
+        ] {
+            assert!(
+                (looked(seems, rest) - looks).abs() < 1e-12,
+                "{seems} {rest}"
+            );
         }
     }
 }
