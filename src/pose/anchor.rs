@@ -45,9 +45,10 @@ fn bare(p: &Point) -> bool {
     p.y > -0.050 && p.y < 0.080 && p.z < 0.040 && p.x.abs() < 0.062
 }
 
-/// Parts of the head: beside the bare face, where a full beard grows on it, above that.
+/// Parts of the head.
 pub(crate) const PARTS_OF_HEAD: usize = 3;
 
+/// The part of a place: 0 beside the bare face, 1 where a full beard grows on it, 2 above that.
 fn part(p: &Point) -> u8 {
     u8::from(bare(p)) + u8::from(bare(p) && p.y < 0.060)
 }
@@ -84,9 +85,7 @@ pub struct Anchor {
     pub(crate) normals: Vec<Vector>,
     pub(crate) trust: Vec<f32>,
     pub(crate) rim: Vec<bool>,
-    /// Points whose offsets are learned.
-    pub(crate) bare: Vec<bool>,
-    /// Of each point, of [`PARTS_OF_HEAD`].
+    /// Part of each point, below [`PARTS_OF_HEAD`].
     pub(crate) part: Vec<u8>,
     pub(crate) neighbours: Vec<[u16; NEIGHBOURS]>,
     /// Effect of a rigid motion (rotation about x, y, z, shift along them) and of scale on each point along its normal.
@@ -150,7 +149,6 @@ impl Anchor {
             patches: Patches::new(&points, &motions),
             motions,
             trust: points.iter().map(trust).collect(),
-            bare: points.iter().map(bare).collect(),
             part: points.iter().map(part).collect(),
             points,
             normals,
@@ -190,6 +188,11 @@ impl Anchor {
         fine.sort_by_key(|(cell, _)| *cell);
         fine.dedup_by_key(|(cell, _)| *cell);
         Surface(fine.into_iter().map(|(_, between)| between).collect())
+    }
+
+    /// Whether a point is on the bare face.
+    pub(crate) fn is_bare(&self, point: usize) -> bool {
+        self.part[point] > 0
     }
 
     /// Index of the point nearest to `q` (head frame), to within the grid's resolution; `None` when none is near.

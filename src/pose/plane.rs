@@ -284,7 +284,7 @@ mod tests {
     /// surface.
     fn seen(anchor: &Anchor, z: f32, off: f32) -> (Point, HeadFromSensor) {
         let i = (0..anchor.points.len())
-            .filter(|&i| anchor.bare[i] && !anchor.rim[i])
+            .filter(|&i| anchor.is_bare(i) && !anchor.rim[i])
             .min_by(|&a, &b| {
                 let aside = |k: usize| anchor.points[k].coords.xy().norm();
                 aside(a).total_cmp(&aside(b))

@@ -209,7 +209,7 @@ impl HeadShape {
     fn settle(&mut self, anchor: &Anchor) -> f64 {
         let mut g = SVector::<f64, 7>::zeros();
         let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);
-        for (((&offset, j), &trust), _) in points.zip(&anchor.bare).filter(|(_, bare)| **bare) {
+        for (_, ((&offset, j), &trust)) in points.enumerate().filter(|(i, _)| anchor.is_bare(*i)) {
             g += (SVector::from(*j) * (trust * offset)).cast();
         }
         let motion = (anchor.motions_inverse * g).cast::<f32>();
@@ -302,7 +302,7 @@ mod tests {
             shape.learn(&anchor, &cloud, &pose, 1.0);
         }
         let tip = (0..anchor.points.len())
-            .filter(|&i| anchor.bare[i] && !anchor.rim[i])
+            .filter(|&i| anchor.is_bare(i) && !anchor.rim[i])
             .min_by(|&a, &b| {
                 let aside = |k: usize| anchor.points[k].coords.xy().norm();
                 aside(a).total_cmp(&aside(b))
@@ -311,7 +311,7 @@ mod tests {
         let learned = shape.measured(tip).unwrap();
         assert!((0.0025..0.0045).contains(&learned), "{learned}");
         let beside = (0..anchor.points.len())
-            .filter(|&i| anchor.bare[i] && bump(&anchor.points[i]) < 1e-5 && shape.seen[i] > 9.0)
+            .filter(|&i| anchor.is_bare(i) && bump(&anchor.points[i]) < 1e-5 && shape.seen[i] > 9.0)
             .map(|i| shape.offset[i].abs());
         assert!(beside.clone().count() > 50 && beside.fold(0.0, f32::max) < 0.0015);
         // One of the size before, one a tenth larger in all: the mean of the logarithms.
