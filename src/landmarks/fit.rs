@@ -66,8 +66,10 @@ const SPOTTED: f32 = 0.8;
 const PROMISING: f32 = 0.2;
 const SPOTTINGS: usize = 4;
 
-/// Decay per lost frame of the face's rotation and shift within the head.
-const FORGOTTEN: f32 = 0.5;
+/// Decay per lost frame of the face's rotation and shift within the head: of a face that was seen before, and of a stranger's,
+/// for whom they were only tried.
+const FORGOTTEN: f32 = 0.98;
+const TRIED: f32 = 0.5;
 
 defaults! {
     /// Scratch of a fit, stateless between fits; large, so one serves all people who are fitted one after the other.
@@ -290,10 +292,16 @@ impl LandmarkFitter {
     fn lose(&mut self) {
         self.last_at = None;
         self.filters.iter_mut().for_each(ShapeFilter::reset);
-        // Perhaps what was learnt of this face is what misleads: back to depth alone within a few frames.
-        self.turn = Rotation::from_scaled_axis(self.turn.scaled_axis() * FORGOTTEN);
-        self.turned_s *= FORGOTTEN;
-        self.shift *= FORGOTTEN;
+        // Perhaps what was learnt of this face is what misleads: back to depth alone within two seconds, not at once, for most
+        // faces are lost by a look down.
+        let kept = if self.log_size.is_some() {
+            FORGOTTEN
+        } else {
+            TRIED
+        };
+        self.turn = Rotation::from_scaled_axis(self.turn.scaled_axis() * kept);
+        self.turned_s *= kept;
+        self.shift *= kept;
     }
 
     /// Starts from the mean shape at the pose: continuing from the last frame's shape lags behind blinks and brows.
@@ -506,15 +514,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_learnt_of_a_face_halves_with_every_frame_it_is_lost() {
+    fn what_is_learnt_of_a_face_fades_with_every_frame_it_is_lost() {
         let (mut fitter, at) = (fitter(), placement());
         let turn = Rotation::new(Vector::new(0.0, 0.12, 0.0));
         fitter.settle(&at, &ended(&at, turn, 0.1, [9.0, 0.0]), 0.1);
         let (shift, size) = (fitter.shift, fitter.size());
         fitter.lose();
-        assert!((fitter.turn().rotation.angle() - 0.06).abs() < 1e-4);
-        assert!((fitter.shift - shift * 0.5).norm() < 1e-7);
-        assert!((fitter.turned_s - 0.05).abs() < 1e-6 && fitter.last_at.is_none());
+        assert!((fitter.turn().rotation.angle() - 0.1176).abs() < 1e-4);
+        assert!((fitter.shift - shift * 0.98).norm() < 1e-7);
+        assert!((fitter.turned_s - 0.098).abs() < 1e-6 && fitter.last_at.is_none());
         // A person's size stays theirs, until they are forgotten.
         assert!((fitter.size() - size).abs() < 1e-7);
         fitter.reset();

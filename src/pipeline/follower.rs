@@ -32,7 +32,7 @@ const AWAY_GAP_S: f64 = 0.1;
 /// Confidence reported for a face tracked by depth alone.
 const AWAY_CONFIDENCE: f32 = 0.25;
 /// Minimum confidence of a face that may correct the head pose.
-const LEANING_CONFIDENCE: f32 = 0.8;
+const LEANING_CONFIDENCE: f32 = 0.6;
 /// The face corrects a pose in this many of its first frames.
 const CORRECTED_FRAMES: u64 = 3;
 /// Without a picture, a head becomes a user once it was certain in this many consecutive frames.
