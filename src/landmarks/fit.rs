@@ -528,6 +528,10 @@ mod tests {
         fitter.reset();
         assert!(fitter.turn().rotation.angle() < 1e-6 && fitter.shift.norm() < 1e-9);
         assert!((fitter.size() - 1.0).abs() < 1e-6 && fitter.turned_s == 0.0);
+        // What was only tried on a stranger is dropped sooner.
+        fitter.turn = turn;
+        fitter.lose();
+        assert!((fitter.turn().rotation.angle() - 0.06).abs() < 1e-4);
     }
 
     #[test]
