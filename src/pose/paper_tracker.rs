@@ -133,7 +133,7 @@ impl Tracker for PaperTracker {
         };
         if self.shape.takes_frame() {
             self.shape
-                .learn_size(&self.anchor, &cloud.points, &head_from_sensor);
+                .learn(&self.anchor, &cloud.points, &head_from_sensor, None);
         }
         let remade = if self.shape.learned_frames <= LEARN_ALL {
             REMADE_EARLY

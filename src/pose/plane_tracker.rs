@@ -158,7 +158,8 @@ impl Tracker for PlaneTracker {
         };
         if self.shape.takes_frame() {
             let (pose, scale) = (&fit.head_from_sensor, fit.scale);
-            self.shape.learn(&self.anchor, &cloud.points, pose, scale);
+            self.shape
+                .learn(&self.anchor, &cloud.points, pose, Some(scale));
         }
     }
 

@@ -134,43 +134,21 @@ impl HeadShape {
         Some((i, n.dot(&(x - anchor.points[i])) - self.offset[i]))
     }
 
-    /// Learns from one frame, well aligned at a pose and a scale.
+    /// Learns from one frame, well aligned at a pose: adds its distances to the running means. Without a scale, from an alignment
+    /// that does not estimate it, the size is what the offsets have grown by.
     pub(crate) fn learn(
         &mut self,
         anchor: &Anchor,
         cloud: &[Point],
         head_from_sensor: &HeadFromSensor,
-        scale: f32,
+        scale: Option<f32>,
     ) {
-        self.frames = (self.frames + 1.0).min(SCALE_MEMORY_FRAMES);
-        let found = f64::from(scale).ln();
-        self.log_scale = (self.log_scale + (found - self.log_scale) / self.frames)
-            .clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
-        self.note(anchor, cloud, head_from_sensor, 1.0 / scale, MEMORY_FRAMES);
-    }
-
-    /// As [`Self::learn`] for an alignment that does not estimate the size: it is derived from the offsets.
-    pub(crate) fn learn_size(
-        &mut self,
-        anchor: &Anchor,
-        cloud: &[Point],
-        head_from_sensor: &HeadFromSensor,
-    ) {
-        let inverse_scale = (-self.log_scale).exp() as f32;
-        let memory = SIZE_MEMORY_FRAMES;
-        let growth = self.note(anchor, cloud, head_from_sensor, inverse_scale, memory);
-        self.log_scale = (self.log_scale + growth).clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
-    }
-
-    /// Adds one frame's distances to the running means. Returns the growth that they held, which is taken off them.
-    fn note(
-        &mut self,
-        anchor: &Anchor,
-        cloud: &[Point],
-        head_from_sensor: &HeadFromSensor,
-        inverse_scale: f32,
-        memory: f32,
-    ) -> f64 {
+        let (mut inverse_scale, mut memory) = ((-self.log_scale).exp() as f32, SIZE_MEMORY_FRAMES);
+        if let Some(scale) = scale {
+            (inverse_scale, memory) = (1.0 / scale, MEMORY_FRAMES);
+            self.frames = (self.frames + 1.0).min(SCALE_MEMORY_FRAMES);
+            self.grow((f64::from(scale).ln() - self.log_scale) / self.frames);
+        }
         self.sums.fill((0.0, 0.0));
         let camera = Point::from(head_from_sensor.translation.vector);
         for p in cloud {
@@ -190,7 +168,15 @@ impl HeadShape {
             }
         }
         self.spread(anchor);
-        self.settle(anchor)
+        let growth = self.settle(anchor);
+        if scale.is_none() {
+            self.grow(growth);
+        }
+    }
+
+    fn grow(&mut self, log_scale: f64) {
+        let grown = self.log_scale + log_scale;
+        self.log_scale = grown.clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
     }
 
     fn spread(&mut self, anchor: &Anchor) {
@@ -299,7 +285,7 @@ mod tests {
             .map(|(p, n)| pose.inverse() * (p + n * bump(p)))
             .collect();
         for _ in 0..60 {
-            shape.learn(&anchor, &cloud, &pose, 1.0);
+            shape.learn(&anchor, &cloud, &pose, Some(1.0));
         }
         let tip = (0..anchor.points.len())
             .filter(|&i| anchor.is_bare(i) && !anchor.rim[i])
@@ -316,8 +302,8 @@ mod tests {
         assert!(beside.clone().count() > 50 && beside.fold(0.0, f32::max) < 0.0015);
         // One of the size before, one a tenth larger in all: the mean of the logarithms.
         let mut shape = HeadShape::standard(anchor.points.len());
-        shape.learn(&anchor, &[], &pose, 1.0);
-        shape.learn(&anchor, &[], &pose, 1.1);
+        shape.learn(&anchor, &[], &pose, Some(1.0));
+        shape.learn(&anchor, &[], &pose, Some(1.1));
         assert!((shape.log_scale - 0.5 * 1.1f64.ln()).abs() < 1e-6);
     }
 }

@@ -223,7 +223,7 @@ impl Rgbd {
 }
 
 /// Pictures are this far apart if there is only one, µs.
-const PERIOD_US: i64 = 33_333;
+const PERIOD_US: u32 = 33_333;
 
 /// A line of a list.
 #[derive(Clone, Debug, PartialEq)]
@@ -277,13 +277,13 @@ impl Index {
         };
         let of_depth = known(&depth);
         let periods = of_depth.windows(2).map(|two| two[1].0 - two[0].0);
-        let mut periods: Vec<i64> = periods.collect();
+        let mut periods: Vec<u32> = periods.flat_map(u32::try_from).collect();
         periods.sort_unstable();
-        let period = periods.get(periods.len() / 2).copied().unwrap_or(PERIOD_US);
+        let period = periods.get(periods.len() / 2).unwrap_or(&PERIOD_US);
         let others = known(&pictures);
         let partner = |time: i64| {
             let (other, place) = others[nearest(&others, time, |other| other.0)?];
-            ((other - time).abs() * 2 <= period).then_some(place)
+            ((other - time).abs() * 2 <= i64::from(*period)).then_some(place)
         };
         let entry = |(time, name): (Option<i64>, String)| Entry {
             name,

@@ -41,8 +41,27 @@ pub(super) fn run(talk: &Talk, mut watch: Watch, shared: &Shared, mut bell: Bell
     let (mut back_off, mut told) = (BackOff::new(PAUSES), false);
     loop {
         let end = Stream::connect(&talk.settings.broker, &talk.trust).and_then(|stream| {
-            let (watch, draft, out) = (&mut watch, &mut draft, &mut out);
-            let mut connection = Connection::new(stream, talk, shared, watch, draft, out);
+            let now = Instant::now();
+            let mut connection = Connection {
+                stream,
+                talk,
+                shared,
+                watch: &mut watch,
+                draft: &mut draft,
+                out: &mut out,
+                settled: false,
+                begun: now,
+                heard: now,
+                wrote: now,
+                pinged: now,
+                length: 0,
+                asked: None,
+                number: 0,
+                introduced: 0,
+                weights_due: now,
+                health_due: now,
+                commands: Allowance::of_commands(now),
+            };
             let end = connection.run(&mut bell, &mut heard);
             let (asked, settled) = (connection.asked, connection.settled);
             // What was not acknowledged goes first on the next connection.
@@ -105,38 +124,7 @@ struct Connection<'a> {
     commands: Allowance,
 }
 
-impl<'a> Connection<'a> {
-    fn new(
-        stream: Stream,
-        talk: &'a Talk,
-        shared: &'a Shared,
-        watch: &'a mut Watch,
-        draft: &'a mut Draft,
-        out: &'a mut Vec<u8>,
-    ) -> Self {
-        let now = Instant::now();
-        Self {
-            stream,
-            talk,
-            shared,
-            watch,
-            draft,
-            out,
-            settled: false,
-            begun: now,
-            heard: now,
-            wrote: now,
-            pinged: now,
-            length: 0,
-            asked: None,
-            number: 0,
-            introduced: 0,
-            weights_due: now,
-            health_due: now,
-            commands: Allowance::of_commands(now),
-        }
-    }
-
+impl Connection<'_> {
     /// Until told to stop (`Ok`), or the connection ends.
     fn run(&mut self, bell: &mut Bell, heard: &mut [u8; LONGEST]) -> io::Result<()> {
         self.out.clear();
