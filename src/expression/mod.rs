@@ -328,27 +328,29 @@ impl Expression {
         self.mouth.interrupt();
     }
 
-    /// Removes cross-talk (robust): the part of a measure that is caused by another expression.
+    /// Removes cross-talk: the part of a measure that is caused by another expression.
     fn correct(&mut self) {
         let measures = self.weights.measures;
         self.corrected = core::array::from_fn(|m| f64::from(measures[m]));
-        let Learners::Robust(learners) = &self.learners else {
-            return;
-        };
         // Departures mean nothing before rest is placed.
         if self.present_s <= FADE_S.start {
             return;
         }
+        let robust = self.settings.method == Method::Robust;
+        let ranges = self.learners.ranges();
         let departure = |by: Measure, when: Side| {
-            let learner = &learners[by as usize];
-            let dead_zone = self.settings.dead_zone * learner.sigma();
-            let e = f64::from(measures[by as usize]) - learner.range().rest;
+            let dead_zone = self.settings.dead_zone * self.learners.sigma(by as usize);
+            let e = f64::from(measures[by as usize]) - ranges[by as usize].rest;
             match when {
                 Side::Rises => (e - dead_zone).max(0.0),
                 Side::Falls => (e + dead_zone).min(0.0),
             }
         };
         for (m, row) in self.units.rows.iter().enumerate() {
+            // Of the paper's measures only the one that depth takes.
+            if !robust && row.measure != Measure::LipProtrusion {
+                continue;
+            }
             for &Explained { by, when, share } in &row.explained {
                 self.corrected[m] -= share * departure(by, when);
             }
@@ -443,9 +445,9 @@ impl Expression {
 }
 
 /// Whether ranges are still mostly the population's, by how well each measure's rest is known, 0…1.
-fn is_warming(mut rests: [f64; LEARNT_MEASURES]) -> bool {
-    rests.sort_unstable_by(f64::total_cmp);
-    rests[LEARNT_MEASURES / 2] < WARM
+fn is_warming(rests: [f64; LEARNT_MEASURES]) -> bool {
+    let barely = rests.iter().filter(|rest| **rest < WARM).count();
+    2 * barely > LEARNT_MEASURES
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
-//! Temporal smoothing of the head pose: removes the jitter caused by depth noise, with a known delay.
+//! Temporal smoothing of the head pose: removes the jitter caused by depth noise, with little delay.
 //!
-//! Two filters. `Window`: the weighted mean of the last poses (paper section 1.1, step 3), triangular kernel falling
-//! towards the past; its delay at constant speed is the kernel's mean age, (n − 1)/3 frames for n poses. `Adaptive`: a
+//! Two filters. `Window`: the weighted mean of the last poses (paper section 1.1, step 3) whose weights fall linearly towards
+//! the past so that their mean age is 0: the line through n poses at the newest, without delay at constant speed. `Adaptive`: a
 //! first-order low-pass whose cut-off rises with speed (the 1 € filter, Casiez, Roussel & Vogel 2012), so that a head at
 //! rest does not jitter and a moving one is tracked with little delay.
 //!
@@ -26,7 +26,7 @@ const LEVER_M: f32 = 0.1;
 pub enum Smoothing {
     /// Poses pass as they are.
     Off,
-    /// Triangular mean over this many last frames (1 to [`MAX_WINDOW`]).
+    /// The line through this many last poses (1 to [`MAX_WINDOW`]; up to 2 pass as they are).
     Window(usize),
     /// Low-pass with speed-dependent cut-off.
     Adaptive {
@@ -106,17 +106,15 @@ impl PoseFilter {
             self.window.pop_front();
         }
         let _ = self.window.push_back(raw);
-        let (mut turn, mut shift, mut total) = (Vector::zeros(), Vector::zeros(), 0.0);
+        let (mut turn, mut shift) = (Vector::zeros(), Vector::zeros());
+        let n = self.window.len() as f32;
         for (k, pose) in self.window.iter().enumerate() {
-            let weight = (k + 1) as f32;
+            // Least squares of a line, at its newest end.
+            let weight = (6.0 * k as f32 - 2.0 * n + 4.0) / (n * (n + 1.0));
             turn += (pose.rotation * raw.rotation.inverse()).scaled_axis() * weight;
             shift += pose.translation.vector * weight;
-            total += weight;
         }
-        Rigid::from_parts(
-            (shift / total).into(),
-            Rotation::new(turn / total) * raw.rotation,
-        )
+        Rigid::from_parts(shift.into(), Rotation::new(turn) * raw.rotation)
     }
 
     fn adaptive(&mut self, raw: Rigid, previous: Rigid, dt: f32, rest_hz: f32, rise: f32) -> Rigid {
@@ -194,9 +192,11 @@ mod tests {
         };
         line("off", Smoothing::Off);
         for n in [2, 3, 5, 7, 9] {
-            let (_, lag) = line(&format!("window {n}"), Smoothing::Window(n));
-            // Mean age of the triangular kernel.
-            assert!((lag - (n as f32 - 1.0) / 3.0).abs() < 0.01, "{n}: {lag}");
+            let (jitter, lag) = line(&format!("window {n}"), Smoothing::Window(n));
+            // Deviation of a line at its end.
+            let expected = ((4 * n - 2) as f32 / (n * (n + 1)) as f32).sqrt();
+            assert!((jitter - expected).abs() < 0.03, "{n}: {jitter}");
+            assert!(lag.abs() < 0.01, "{n}: {lag}");
         }
         for (rest_hz, rise) in [
             (1.0, 60.0),
@@ -211,11 +211,8 @@ mod tests {
             );
         }
         let (jitter, lag) = line("default", Smoothing::default());
-        let (window, window_lag) = jitter_and_lag(Smoothing::Window(3));
-        assert!(
-            jitter < window && lag < window_lag * 0.5,
-            "no better than a window"
-        );
+        let (window, _) = jitter_and_lag(Smoothing::Window(7));
+        assert!(jitter < window && lag < 0.33, "no better than a window");
     }
 
     #[test]
@@ -246,15 +243,16 @@ mod tests {
     fn between_two_poses_lies_the_share_that_the_filters_say() {
         let [one, other] = turned_and_nodding();
         let at = |k: u64| Timestamp::from_us(k * 33_333);
-        // A window of two weighs them 1 : 2. A low-pass at 5 Hz takes dt/(dt + 1/(2 pi 5)) of the way.
+        // A line through one, one and other ends at 5/6. A low-pass at 5 Hz takes dt/(dt + 1/(2 pi 5)) of the way.
         let low_pass = Smoothing::Adaptive {
             rest_hz: 5.0,
             rise: 0.0,
         };
-        for (smoothing, share) in [(Smoothing::Window(2), 2.0 / 3.0), (low_pass, 0.511_54)] {
+        for (smoothing, share) in [(Smoothing::Window(3), 5.0 / 6.0), (low_pass, 0.511_54)] {
             let mut filter = PoseFilter::new(smoothing);
             filter.smooth(one, at(0));
-            let out = filter.smooth(other, at(1));
+            filter.smooth(one, at(1));
+            let out = filter.smooth(other, at(2));
             let expected = one.lerp_slerp(&other, share);
             let apart = out.rotation.angle_to(&expected.rotation);
             assert!(apart < 2e-4, "{smoothing:?}: {apart} rad");
@@ -284,13 +282,14 @@ mod tests {
     #[test]
     fn a_gap_of_a_third_of_a_second_is_bridged_and_a_longer_one_and_time_that_runs_back_are_not() {
         for (gap_ms, bridged) in [(340, true), (360, false)] {
-            let mut filter = PoseFilter::new(Smoothing::Window(2));
+            let mut filter = PoseFilter::new(Smoothing::Window(3));
+            filter.smooth(pose(0.0, 0.0), Timestamp::from_us(967_000));
             filter.smooth(pose(0.0, 0.0), Timestamp::from_us(1_000_000));
             let out = filter.smooth(
                 pose(0.0, 0.3),
                 Timestamp::from_us(1_000_000 + gap_ms * 1000),
             );
-            let expected = if bridged { 0.2 } else { 0.3 };
+            let expected = if bridged { 0.25 } else { 0.3 };
             assert!((out.translation.vector.x - expected).abs() < 1e-6);
         }
         let mut filter = PoseFilter::new(Smoothing::Window(2));

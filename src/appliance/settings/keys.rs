@@ -158,7 +158,7 @@ sections! { s
             choice(&mut s.stages.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper)]);
         smoothing: "Pose filter: none, the paper's window, or adaptive." =>
             choice(&mut s.stages.pose.smoothing, &[("off", Smoothing::Off), ("window", Smoothing::Window(pose::WINDOW_FRAMES as usize)), ("adaptive", Smoothing::ADAPTIVE)]);
-        window_frames: "Length of the paper's window in frames; the delay is (frames - 1) / 3 frames (window)." =>
+        window_frames: "Length of the paper's window in frames; 1 and 2 do not smooth (window)." =>
             integer(&mut s.stages.pose.window_frames, 1, 16, "");
         rounds: "Maximum iterations of point-to-point ICP, which stops early when it converges (paper)." =>
             integer(&mut s.stages.pose.rounds, 1, 1000, "");

@@ -41,8 +41,11 @@ use crate::sensor::camera::Camera;
 /// Spread of a known person's face about where it usually is, as a share of a stranger's; frames that the mean is taken over.
 const KNOWN_SPREAD: f32 = 0.125;
 const USUAL_FRAMES: u16 = 600;
-/// Least confidence of a frame that teaches it: who walks in is blurred.
+/// Least confidence of a frame that teaches it, and share of the face seen: who walks in is blurred and from the side.
 const TEACHING_CONFIDENCE: f32 = 0.8;
+const TEACHING_SEEN: f32 = 0.8;
+/// After so many of them the fit of a face that came in from the side starts cold once more.
+const RESTARTED: u16 = 20;
 
 /// Confidence of the face below which it is lost, 0…1.
 const MIN_CONFIDENCE: f32 = 0.3;
@@ -59,6 +62,8 @@ pub struct PaperAamFitter {
     /// How far this person's face usually is from the depth pose, and over how many frames that was seen.
     usual: [f32; VIEW_PARAMETERS],
     seen: u16,
+    /// Whether they were first seen from the side.
+    guessed: bool,
     landmarks: Landmarks,
 }
 
@@ -74,6 +79,7 @@ impl PaperAamFitter {
             last: None,
             usual: [0.0; VIEW_PARAMETERS],
             seen: 0,
+            guessed: false,
             landmarks: Landmarks::default(),
         })
     }
@@ -82,6 +88,7 @@ impl PaperAamFitter {
     pub fn reset(&mut self) {
         self.last = None;
         (self.usual, self.seen) = ([0.0; VIEW_PARAMETERS], 0);
+        self.guessed = false;
     }
 
     /// Fits one frame; `None` if there is no face to be found at the pose.
@@ -122,7 +129,10 @@ impl PaperAamFitter {
         self.stand_out(&fit, &start, depth, camera, &pose.sensor_from_head);
         self.landmarks.point_confidence = fit.point_confidence;
         self.landmarks.confidence = fit.confidence;
-        self.last = Some((fit, start));
+        // What a stranger was taken for from the side would stay.
+        self.guessed |= self.seen == 0 && fit.seen < TEACHING_SEEN;
+        let restarts = self.seen == RESTARTED && core::mem::take(&mut self.guessed);
+        self.last = (!restarts).then_some((fit, start));
         Some(&self.landmarks)
     }
 
@@ -137,7 +147,7 @@ impl PaperAamFitter {
 
     /// Learns how the face sits in the head.
     fn learn_usual(&mut self, fit: &AamFit, start: &View) {
-        if fit.confidence < TEACHING_CONFIDENCE {
+        if fit.confidence < TEACHING_CONFIDENCE || fit.seen < TEACHING_SEEN {
             return;
         }
         self.seen = (self.seen + 1).min(USUAL_FRAMES);

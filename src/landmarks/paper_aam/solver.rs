@@ -13,21 +13,22 @@
 //!
 //! As in expectation maximisation the two kinds of unknowns alternate: λ is Gaussian, so given the shape its expectation is
 //! linear in the image (E), and with λ integrated out the shape takes one Gauss–Newton step (M). Brightness and contrast
-//! are two more λ without a prior. Window pixels, metres, standard deviations. Some scratch is allocated per step.
+//! are two more λ without a prior. Sums are over the pixels seen: where the face turns away from the camera, the warp would read
+//! what lies before or beside it. Window pixels, metres, standard deviations. Some scratch is allocated per step.
 //! One file: both steps share the warp and its derivatives.
 
 use super::grey;
 use super::model::{MOST_HEAD_MODES, PaperAam};
 use super::warp::Shape2;
 use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::Point;
+use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::vectors::wide;
 use crate::face_model::VIEW_PARAMETERS;
 use crate::landmarks::view::{UNITS, View};
 use crate::landmarks::window::WINDOW;
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Errors of neighbouring pixels are correlated: this many count as one observation.
 const PIXELS_PER_OBSERVATION: f32 = 18.0;
@@ -39,6 +40,8 @@ const SETTLED_PX: f32 = 0.1;
 const COARSE: usize = 3;
 /// Most standard deviations of a shape mode.
 const MOST_DEVIATIONS: f32 = 3.5;
+/// A part of the face that appears narrower than this share of its width from the front is not seen.
+const SEEN: f32 = 0.3;
 /// Brightness and contrast.
 const LIGHT: usize = 2;
 
@@ -57,6 +60,8 @@ pub struct AamFit {
     pub confidence: f32,
     /// 0…1 per landmark.
     pub point_confidence: [f32; LANDMARKS],
+    /// Share of the face that is seen.
+    pub seen: f32,
 }
 
 /// Where depth expects the face.
@@ -79,8 +84,13 @@ pub struct Solver {
     model: PaperAam,
     /// Directions of brightness and contrast, then appearance modes; orthonormal rows.
     appearance: DMatrix<f32>,
-    /// Shrinkage of each direction's weight by its prior: 1 without a prior.
-    believed: Vec<f32>,
+    /// Their normal matrix with their priors, if all pixels are seen: 1 without a prior.
+    certain: DVector<f32>,
+    /// The same, of the pixels seen.
+    normal: Option<Cholesky<f32, Dyn>>,
+    /// Of each pixel: the direction in which its part of the mean face looks, and whether it is seen.
+    outward: Vec<Vector>,
+    seen: Vec<bool>,
     /// Grey values in the face.
     values: DVector<f32>,
     /// Their residual after the appearance.
@@ -167,14 +177,18 @@ impl Solver {
             orthonormal(&mut rows, mode.clone());
         }
         let unit = model.noise * PIXELS_PER_OBSERVATION;
-        let mut believed = vec![1.0; LIGHT];
-        believed.extend(model.appearance_deviations.iter().map(|d| {
-            let variance = d * d;
-            variance / (variance + unit)
-        }));
+        let priors = model.appearance_deviations.iter().map(|d| unit / (d * d));
+        let priors = core::iter::repeat_n(0.0, LIGHT).chain(priors);
+        let outward = model.pixels.iter().map(|pixel| {
+            let [a, b, c] = pixel.corners.map(|i| model.head[usize::from(i)]);
+            (b - a).cross(&(c - a))
+        });
         Self {
             appearance: DMatrix::from_fn(rows.len(), pixels, |i, k| rows[i][k]),
-            believed,
+            certain: DVector::from_iterator(rows.len(), priors.map(|prior| 1.0 + prior)),
+            normal: None,
+            outward: outward.collect(),
+            seen: vec![true; pixels],
             values: DVector::zeros(pixels),
             left: DVector::zeros(pixels),
             slopes: DMatrix::zeros(VIEW_PARAMETERS + model.head_modes.len(), pixels),
@@ -205,6 +219,7 @@ impl Solver {
             residual: f32::INFINITY,
             confidence: 0.0,
             point_confidence: [0.0; LANDMARKS],
+            seen: 1.0,
         };
         fit.shape = self.projected(&fit);
         fit
@@ -296,14 +311,40 @@ impl Solver {
             &fit.shape,
             self.values.as_mut_slice(),
         )?;
-        let mut along = &self.appearance * &self.values;
-        for (along, believed) in along.iter_mut().zip(&self.believed) {
-            *along *= believed;
-        }
+        let hidden = self.hide(&fit.view);
+        let seen = (self.seen.len() - hidden).max(1) as f32;
+        let along = self
+            .normal
+            .as_ref()?
+            .solve(&(&self.appearance * &self.values));
         self.left.copy_from(&self.values);
         self.left.gemv_tr(-1.0, &self.appearance, &along, 1.0);
-        fit.residual = self.left.norm() / (self.values.len().max(1) as f32).sqrt();
+        for (left, seen) in self.left.iter_mut().zip(&self.seen) {
+            *left *= f32::from(u8::from(*seen));
+        }
+        fit.residual = self.left.norm() / seen.sqrt();
+        fit.seen = seen / self.seen.len().max(1) as f32;
         fit.residual.is_finite().then_some(factor)
+    }
+
+    /// Takes off what is not seen from a view; how many pixels that is.
+    fn hide(&mut self, view: &View) -> usize {
+        let mut hidden = Vec::new();
+        for (k, outward) in self.outward.iter().enumerate() {
+            self.seen[k] = (view.rotation * outward).z / outward.z >= SEEN;
+            if !self.seen[k] {
+                hidden.push(k);
+                self.values[k] = 0.0;
+            }
+        }
+        let modes = self.certain.len();
+        let unseen = DMatrix::from_fn(modes, hidden.len(), |i, k| self.appearance[(i, hidden[k])]);
+        let mut normal = &unseen * -unseen.transpose();
+        for (k, certain) in self.certain.iter().enumerate() {
+            normal[(k, k)] += certain;
+        }
+        self.normal = Cholesky::new(normal);
+        hidden.len()
     }
 
     /// How far a unit of each parameter moves each point, window pixels: a row for each point's x, then one for
@@ -348,10 +389,14 @@ impl Solver {
         let size = self.slopes.nrows();
         let (model, gradient) = (&self.model, &self.gradient);
         let columns = self.slopes.as_mut_slice().chunks_exact_mut(size);
+        let columns = columns.zip(&self.seen);
         wide(|| {
-            for ((column, pixel), trust) in columns.zip(&model.pixels).zip(&model.trust) {
-                let slope = slope_at(gradient, place_of(pixel.place(&fit.shape)));
+            for (((column, seen), pixel), trust) in columns.zip(&model.pixels).zip(&model.trust) {
                 column.fill(0.0);
+                if !seen {
+                    continue;
+                }
+                let slope = slope_at(gradient, place_of(pixel.place(&fit.shape)));
                 for (corner, weight) in pixel.corners.iter().zip(&pixel.weights) {
                     let at = usize::from(*corner) * size;
                     for axis in 0..2 {
@@ -371,11 +416,10 @@ impl Solver {
         self.descend(factor, fit);
         let by_pixel = self.slopes.transpose();
         let mut normal = &self.slopes * &by_pixel;
-        let mut along = &self.appearance * &by_pixel;
-        for (mut row, believed) in along.row_iter_mut().zip(&self.believed) {
-            row *= believed.sqrt();
+        if let Some(of_appearance) = &self.normal {
+            let along = &self.appearance * &by_pixel;
+            normal -= along.transpose() * of_appearance.solve(&along);
         }
-        normal -= along.transpose() * &along;
         let mut right = -(&self.slopes * &self.left);
         // A start that fits badly trusts the picture less.
         let noise = self.model.noise.max(0.25 * fit.residual * fit.residual);
@@ -425,18 +469,22 @@ impl Solver {
     fn believe(&self, fit: &mut AamFit) {
         let [middle, width] = self.model.belief;
         fit.confidence = 1.0 / (1.0 + ((fit.residual - middle) / width).exp());
-        let (mut sum, mut count) = ([0.0_f32; LANDMARKS], [1e-6_f32; LANDMARKS]);
-        for (pixel, left) in self.model.pixels.iter().zip(self.left.iter()) {
+        let mut sum = [0.0_f32; LANDMARKS];
+        let (mut count, mut all) = ([1e-6_f32; LANDMARKS], [1e-6_f32; LANDMARKS]);
+        let pixels = self.model.pixels.iter().zip(self.left.iter());
+        for ((pixel, left), seen) in pixels.zip(&self.seen) {
             for (corner, weight) in pixel.corners.iter().zip(&pixel.weights) {
-                sum[usize::from(*corner)] += weight * left * left;
-                count[usize::from(*corner)] += weight;
+                let i = usize::from(*corner);
+                sum[i] += weight * left * left;
+                count[i] += if *seen { *weight } else { 0.0 };
+                all[i] += weight;
             }
         }
         fit.point_confidence = core::array::from_fn(|i| {
             // Around one point the residual varies more than over the face.
             let local = (sum[i] / count[i]).sqrt();
-            fit.confidence
-                .min(1.0 / (1.0 + ((local - 2.0 * middle) / (2.0 * width)).exp()))
+            let near = 1.0 / (1.0 + ((local - 2.0 * middle) / (2.0 * width)).exp());
+            fit.confidence.min(near) * count[i] / all[i]
         });
     }
 }

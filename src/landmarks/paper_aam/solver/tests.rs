@@ -252,6 +252,33 @@ fn every_step_lowers_the_whole_cost() {
     assert!(costs[7] < 0.1 * costs[0], "{costs:?}");
 }
 
+#[test]
+fn what_a_turned_head_hides_is_its_far_side_and_is_not_read() {
+    let model = PaperAam::parse(&FaceModel::shipped().paper_aam).expect("the shipped block");
+    let mut solver = Solver::new(model);
+    assert_eq!(solver.hide(&frontal()), 0);
+    let [left, right] = [-50_f32, 50.0].map(|yaw| {
+        let rotation = rotation_from_yaw_pitch_roll(yaw.to_radians(), 0.0, 0.0);
+        solver.values.fill(1.0);
+        let hidden = solver.hide(&View {
+            rotation,
+            ..frontal()
+        }) as f32;
+        assert_eq!(solver.values.sum(), solver.values.len() as f32 - hidden);
+        let share = hidden / solver.values.len() as f32;
+        assert!((0.25..0.45).contains(&share), "{share}");
+        let pixels = solver.model.pixels.iter().zip(&solver.seen);
+        let hidden_pixels = pixels.filter(|(_, seen)| !**seen);
+        let beside =
+            hidden_pixels.map(|(pixel, _)| solver.model.head[usize::from(pixel.corners[0])].x);
+        beside.sum::<f32>() / hidden
+    });
+    assert!(
+        left * right < 0.0 && left.abs().min(right.abs()) > 0.02,
+        "{left} {right}"
+    );
+}
+
 /// Why separate 2D bases, tied one to one to the 3D ones, will not do: a shape s0 + Σ p_i s_i of what is seen from the
 /// front, moved, turned in the picture and scaled at will, against what a turned head shows of S0 + Σ p_i S_i.
 #[test]
