@@ -41,6 +41,8 @@ use crate::sensor::camera::Camera;
 /// Spread of a known person's face about where it usually is, as a share of a stranger's; frames that the mean is taken over.
 const KNOWN_SPREAD: f32 = 0.125;
 const USUAL_FRAMES: u16 = 600;
+/// What is a person's own starts from nothing, as if seen over so many frames before.
+const STRANGE_FRAMES: f32 = 30.0;
 /// Least confidence of a frame that teaches it, and share of the face seen: who walks in is blurred and from the side.
 const TEACHING_CONFIDENCE: f32 = 0.8;
 const TEACHING_SEEN: f32 = 0.8;
@@ -89,6 +91,7 @@ impl PaperAamFitter {
         self.last = None;
         (self.usual, self.seen) = ([0.0; VIEW_PARAMETERS], 0);
         self.guessed = false;
+        self.solver.usual_left.fill(0.0);
     }
 
     /// Fits one frame; `None` if there is no face to be found at the pose.
@@ -151,6 +154,8 @@ impl PaperAamFitter {
             return;
         }
         self.seen = (self.seen + 1).min(USUAL_FRAMES);
+        let frames = f32::from(self.seen) + STRANGE_FRAMES;
+        self.solver.learn(1.0 / frames);
         for (usual, off) in self.usual.iter_mut().zip(fit.view.step_from(start)) {
             *usual += (off - *usual) / f32::from(self.seen);
         }

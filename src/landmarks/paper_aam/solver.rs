@@ -14,7 +14,8 @@
 //! As in expectation maximisation the two kinds of unknowns alternate: λ is Gaussian, so given the shape its expectation is
 //! linear in the image (E), and with λ integrated out the shape takes one Gauss–Newton step (M). Brightness and contrast
 //! are two more λ without a prior. Sums are over the pixels seen: where the face turns away from the camera, the warp would read
-//! what lies before or beside it. Window pixels, metres, standard deviations. Some scratch is allocated per step.
+//! what lies before or beside it. What the modes leave of a person's face on average is part of A0 from then
+//! on, as its own mean image would be. Window pixels, metres, standard deviations. Some scratch is allocated per step.
 //! One file: both steps share the warp and its derivatives.
 
 use super::grey;
@@ -88,9 +89,11 @@ pub struct Solver {
     certain: DVector<f32>,
     /// The same, of the pixels seen.
     normal: Option<Cholesky<f32, Dyn>>,
-    /// Of each pixel: the direction in which its part of the mean face looks, and whether it is seen.
+    /// Of each pixel: the direction in which its part of the mean face looks, and 1 if it is seen, else 0.
     outward: Vec<Vector>,
-    seen: Vec<bool>,
+    seen: DVector<f32>,
+    /// What the appearance modes usually leave of the person.
+    pub usual_left: DVector<f32>,
     /// Grey values in the face.
     values: DVector<f32>,
     /// Their residual after the appearance.
@@ -188,7 +191,8 @@ impl Solver {
             certain: DVector::from_iterator(rows.len(), priors.map(|prior| 1.0 + prior)),
             normal: None,
             outward: outward.collect(),
-            seen: vec![true; pixels],
+            seen: DVector::repeat(pixels, 1.0),
+            usual_left: DVector::zeros(pixels),
             values: DVector::zeros(pixels),
             left: DVector::zeros(pixels),
             slopes: DMatrix::zeros(VIEW_PARAMETERS + model.head_modes.len(), pixels),
@@ -196,6 +200,17 @@ impl Solver {
             gradient: vec![[0.0; 2]; WINDOW * WINDOW],
             spare: [(); 2].map(|()| vec![0.0; WINDOW * WINDOW]),
             model,
+        }
+    }
+
+    /// Takes a share of what the last fit left into what is usual of the person, but for the eyes: shut lids
+    /// are not their usual look.
+    pub fn learn(&mut self, share: f32) {
+        let usual = self.usual_left.iter_mut().zip(&self.left);
+        for ((usual, left), pixel) in usual.zip(&self.model.pixels) {
+            if !pixel.corners.iter().any(|i| (36..48).contains(i)) {
+                *usual += left * share;
+            }
         }
     }
 
@@ -311,6 +326,7 @@ impl Solver {
             &fit.shape,
             self.values.as_mut_slice(),
         )?;
+        self.values -= &self.usual_left;
         let hidden = self.hide(&fit.view);
         let seen = (self.seen.len() - hidden).max(1) as f32;
         let along = self
@@ -319,9 +335,7 @@ impl Solver {
             .solve(&(&self.appearance * &self.values));
         self.left.copy_from(&self.values);
         self.left.gemv_tr(-1.0, &self.appearance, &along, 1.0);
-        for (left, seen) in self.left.iter_mut().zip(&self.seen) {
-            *left *= f32::from(u8::from(*seen));
-        }
+        self.left.component_mul_assign(&self.seen);
         fit.residual = self.left.norm() / seen.sqrt();
         fit.seen = seen / self.seen.len().max(1) as f32;
         fit.residual.is_finite().then_some(factor)
@@ -329,20 +343,15 @@ impl Solver {
 
     /// Takes off what is not seen from a view; how many pixels that is.
     fn hide(&mut self, view: &View) -> usize {
-        let mut hidden = Vec::new();
-        for (k, outward) in self.outward.iter().enumerate() {
-            self.seen[k] = (view.rotation * outward).z / outward.z >= SEEN;
-            if !self.seen[k] {
-                hidden.push(k);
-                self.values[k] = 0.0;
-            }
+        for (seen, outward) in self.seen.iter_mut().zip(&self.outward) {
+            *seen = f32::from(u8::from((view.rotation * outward).z / outward.z >= SEEN));
         }
+        self.values.component_mul_assign(&self.seen);
+        let hidden = (0..self.seen.len()).filter(|k| self.seen[*k] == 0.0);
+        let hidden: Vec<usize> = hidden.collect();
         let modes = self.certain.len();
         let unseen = DMatrix::from_fn(modes, hidden.len(), |i, k| self.appearance[(i, hidden[k])]);
-        let mut normal = &unseen * -unseen.transpose();
-        for (k, certain) in self.certain.iter().enumerate() {
-            normal[(k, k)] += certain;
-        }
+        let normal = DMatrix::from_diagonal(&self.certain) - &unseen * unseen.transpose();
         self.normal = Cholesky::new(normal);
         hidden.len()
     }
@@ -389,11 +398,11 @@ impl Solver {
         let size = self.slopes.nrows();
         let (model, gradient) = (&self.model, &self.gradient);
         let columns = self.slopes.as_mut_slice().chunks_exact_mut(size);
-        let columns = columns.zip(&self.seen);
+        let columns = columns.zip(self.seen.iter());
         wide(|| {
             for (((column, seen), pixel), trust) in columns.zip(&model.pixels).zip(&model.trust) {
                 column.fill(0.0);
-                if !seen {
+                if *seen == 0.0 {
                     continue;
                 }
                 let slope = slope_at(gradient, place_of(pixel.place(&fit.shape)));
@@ -472,11 +481,11 @@ impl Solver {
         let mut sum = [0.0_f32; LANDMARKS];
         let (mut count, mut all) = ([1e-6_f32; LANDMARKS], [1e-6_f32; LANDMARKS]);
         let pixels = self.model.pixels.iter().zip(self.left.iter());
-        for ((pixel, left), seen) in pixels.zip(&self.seen) {
+        for ((pixel, left), seen) in pixels.zip(self.seen.iter()) {
             for (corner, weight) in pixel.corners.iter().zip(&pixel.weights) {
                 let i = usize::from(*corner);
                 sum[i] += weight * left * left;
-                count[i] += if *seen { *weight } else { 0.0 };
+                count[i] += weight * seen;
                 all[i] += weight;
             }
         }

@@ -267,8 +267,8 @@ fn what_a_turned_head_hides_is_its_far_side_and_is_not_read() {
         assert_eq!(solver.values.sum(), solver.values.len() as f32 - hidden);
         let share = hidden / solver.values.len() as f32;
         assert!((0.25..0.45).contains(&share), "{share}");
-        let pixels = solver.model.pixels.iter().zip(&solver.seen);
-        let hidden_pixels = pixels.filter(|(_, seen)| !**seen);
+        let pixels = solver.model.pixels.iter().zip(solver.seen.iter());
+        let hidden_pixels = pixels.filter(|(_, seen)| **seen == 0.0);
         let beside =
             hidden_pixels.map(|(pixel, _)| solver.model.head[usize::from(pixel.corners[0])].x);
         beside.sum::<f32>() / hidden
