@@ -294,11 +294,8 @@ impl LandmarkFitter {
         self.filters.iter_mut().for_each(ShapeFilter::reset);
         // Perhaps what was learnt of this face is what misleads: back to depth alone within two seconds, not at once, for most
         // faces are lost by a look down.
-        let kept = if self.log_size.is_some() {
-            FORGOTTEN
-        } else {
-            TRIED
-        };
+        let is_known = self.log_size.is_some();
+        let kept = if is_known { FORGOTTEN } else { TRIED };
         self.turn = Rotation::from_scaled_axis(self.turn.scaled_axis() * kept);
         self.turned_s *= kept;
         self.shift *= kept;

@@ -320,19 +320,13 @@ impl Solver {
 
     /// Samples the face's pixels and subtracts the expected appearance (E).
     fn look(&mut self, fit: &mut AamFit) -> Option<f32> {
-        let factor = sample(
-            &self.model,
-            &self.plane,
-            &fit.shape,
-            self.values.as_mut_slice(),
-        )?;
+        let values = self.values.as_mut_slice();
+        let factor = sample(&self.model, &self.plane, &fit.shape, values)?;
         self.values -= &self.usual_left;
         let hidden = self.hide(&fit.view);
         let seen = (self.seen.len() - hidden).max(1) as f32;
-        let along = self
-            .normal
-            .as_ref()?
-            .solve(&(&self.appearance * &self.values));
+        let along = &self.appearance * &self.values;
+        let along = self.normal.as_ref()?.solve(&along);
         self.left.copy_from(&self.values);
         self.left.gemv_tr(-1.0, &self.appearance, &along, 1.0);
         self.left.component_mul_assign(&self.seen);

@@ -82,19 +82,23 @@ pub(super) fn run(talk: &Talk, mut watch: Watch, shared: &Shared, mut bell: Bell
             let broker = &talk.settings.broker;
             tracing::warn!("MQTT broker {broker}: {end}; retrying until it is back");
         }
-        // Meanwhile what changes is kept.
-        let again = Instant::now() + back_off.pause();
-        while Instant::now() < again {
-            if shared.stop.load(Ordering::Relaxed) {
-                return;
-            }
-            let left = again.saturating_duration_since(Instant::now()).as_millis() as i32;
-            let mut asked = [PollFd::new(bell.fd(), PollFlags::POLLIN)];
-            let _ = poll(&mut asked, left.max(1));
-            bell.answer();
-            watch.look(shared);
+        if rest(back_off.pause(), &mut watch, shared, &mut bell) {
+            return;
         }
     }
+}
+
+/// Keeps what changes until the next attempt; whether told to stop.
+fn rest(pause: Duration, watch: &mut Watch, shared: &Shared, bell: &mut Bell) -> bool {
+    let again = Instant::now() + pause;
+    while Instant::now() < again && !shared.stop.load(Ordering::Relaxed) {
+        let left = again.saturating_duration_since(Instant::now()).as_millis() as i32;
+        let mut asked = [PollFd::new(bell.fd(), PollFlags::POLLIN)];
+        let _ = poll(&mut asked, left.max(1));
+        bell.answer();
+        watch.look(shared);
+    }
+    shared.stop.load(Ordering::Relaxed)
 }
 
 struct Connection<'a> {
