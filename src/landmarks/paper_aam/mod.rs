@@ -5,7 +5,7 @@
 //! appearance (Matthews and Baker, *Active appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time
 //! combined 2D+3D active appearance models*, CVPR 2004), starting from the depth pose and regularised by it. 2D and 3D share
 //! their shape parameters. How a face sits in its head is a constant of the person: after the first frames the picture moves the
-//! face little from there. How far the lips stand out is read from depth: no frontal picture shows it.
+//! face little from there. How far lips and eye corners stand out is read from depth: no frontal picture shows it.
 //!
 //! Works in the head window ([`super::window`]), window pixels, radians, standard deviations; grey values are compared
 //! relative to their surroundings ([`grey`]). One step costs pixels x parameters x modes ≈ 6 M operations; some scratch is
@@ -29,11 +29,11 @@ use super::view::View;
 use super::window::{Placement, Region, WINDOW, sensor_picture};
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::frames::{HeadFromFace, SensorFromHead};
-use crate::base::geometry::Vector;
+use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::face_model::refinement::place_of;
-use crate::face_model::scheme::{INNER_EYE_CORNERS, LOWER_LIP, UPPER_LIP};
+use crate::face_model::scheme::{INNER_EYE_CORNERS, LOWER_LIP, OUTER_EYE_CORNERS, UPPER_LIP};
 use crate::face_model::{ModelError, VIEW_PARAMETERS};
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
@@ -41,12 +41,12 @@ use crate::sensor::camera::Camera;
 /// Spread of a known person's face about where it usually is, as a share of a stranger's; frames that the mean is taken over.
 const KNOWN_SPREAD: f32 = 0.125;
 const USUAL_FRAMES: u16 = 600;
-/// What is a person's own starts from nothing, as if seen over so many frames before.
+/// What the model leaves of a person starts from nothing, as if seen over so many frames before.
 const STRANGE_FRAMES: f32 = 30.0;
 /// Least confidence of a frame that teaches it, and share of the face seen: who walks in is blurred and from the side.
 const TEACHING_CONFIDENCE: f32 = 0.8;
 const TEACHING_SEEN: f32 = 0.8;
-/// After so many of them the fit of a face that came in from the side starts cold once more.
+/// After so many of them the fit of a face that came in from the side starts cold once more; what it leaves counts from then on.
 const RESTARTED: u16 = 20;
 
 /// Confidence of the face below which it is lost, 0…1.
@@ -64,6 +64,8 @@ pub struct PaperAamFitter {
     /// How far this person's face usually is from the depth pose, and over how many frames that was seen.
     usual: [f32; VIEW_PARAMETERS],
     seen: u16,
+    /// How much nearer than the model's their inner and outer eye corners usually are, metres.
+    corners: [f32; 2],
     /// Whether they were first seen from the side.
     guessed: bool,
     landmarks: Landmarks,
@@ -81,6 +83,7 @@ impl PaperAamFitter {
             last: None,
             usual: [0.0; VIEW_PARAMETERS],
             seen: 0,
+            corners: [0.0; 2],
             guessed: false,
             landmarks: Landmarks::default(),
         })
@@ -154,14 +157,16 @@ impl PaperAamFitter {
             return;
         }
         self.seen = (self.seen + 1).min(USUAL_FRAMES);
-        let frames = f32::from(self.seen) + STRANGE_FRAMES;
-        self.solver.learn(1.0 / frames);
+        if self.seen > RESTARTED {
+            let frames = f32::from(self.seen - RESTARTED) + STRANGE_FRAMES;
+            self.solver.learn(1.0 / frames);
+        }
         for (usual, off) in self.usual.iter_mut().zip(fit.view.step_from(start)) {
             *usual += (off - *usual) / f32::from(self.seen);
         }
     }
 
-    /// The lips stand out as far as depth shows them to.
+    /// The lips stand out as far as depth shows them to, the corners of the eyes as far as it usually does: they are bone.
     fn stand_out(
         &mut self,
         fit: &AamFit,
@@ -178,14 +183,31 @@ impl PaperAamFitter {
         let head = &mut self.landmarks.head;
         let face = *sensor_from_head * head_from_face;
         let nearer = refine::nearer(head, size, depth, camera, &face);
+        // Along the line of sight, so that the picture's points stay where they are.
+        let sight = face.rotation.inverse() * (face * Point::origin()).coords;
         // Each as a whole: their points' distances stay the picture's.
-        for points in [INNER_EYE_CORNERS.as_slice(), &UPPER_LIP, &LOWER_LIP] {
-            let seen = points.iter().map(|&i| nearer[place_of(i)]);
-            let (sum, count) = seen
-                .filter(|by| by.is_finite())
-                .fold((0.0, 0.0_f32), |(sum, count), by| (sum + by, count + 1.0));
+        let parts: [&[usize]; 4] = [
+            &INNER_EYE_CORNERS,
+            &OUTER_EYE_CORNERS,
+            &UPPER_LIP,
+            &LOWER_LIP,
+        ];
+        for (part, points) in parts.into_iter().enumerate() {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for by in points.iter().map(|&i| nearer[place_of(i)]) {
+                if by.is_finite() {
+                    (sum, count) = (sum + by, count + 1.0);
+                }
+            }
+            let mut by = if count > 0.0 { sum / count } else { 0.0 };
+            if let Some(usual) = self.corners.get_mut(part) {
+                if count > 0.0 {
+                    *usual += (by - *usual) / f32::from(self.seen.max(1));
+                }
+                by = *usual;
+            }
             for &i in points {
-                head[i].z -= sum / count.max(1.0);
+                head[i] -= sight * (by / sight.z);
             }
         }
     }

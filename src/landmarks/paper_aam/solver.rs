@@ -14,8 +14,8 @@
 //! As in expectation maximisation the two kinds of unknowns alternate: λ is Gaussian, so given the shape its expectation is
 //! linear in the image (E), and with λ integrated out the shape takes one Gauss–Newton step (M). Brightness and contrast
 //! are two more λ without a prior. Sums are over the pixels seen: where the face turns away from the camera, the warp would read
-//! what lies before or beside it. What the modes leave of a person's face on average is part of A0 from then
-//! on, as its own mean image would be. Window pixels, metres, standard deviations. Some scratch is allocated per step.
+//! what lies before or beside it. What the modes leave of a person's face on average, of their eyes while open, is part of A0
+//! from then on, as its own mean image would be. Window pixels, metres, standard deviations. Some scratch is allocated per step.
 //! One file: both steps share the warp and its derivatives.
 
 use super::grey;
@@ -27,6 +27,7 @@ use crate::base::geometry::{Point, Vector};
 use crate::base::prelude::*;
 use crate::base::vectors::wide;
 use crate::face_model::VIEW_PARAMETERS;
+use crate::face_model::scheme::{LOWER_LID_L, LOWER_LID_R, UPPER_LID_L, UPPER_LID_R};
 use crate::landmarks::view::{UNITS, View};
 use crate::landmarks::window::WINDOW;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -92,8 +93,9 @@ pub struct Solver {
     /// Of each pixel: the direction in which its part of the mean face looks, and 1 if it is seen, else 0.
     outward: Vec<Vector>,
     seen: DVector<f32>,
-    /// What the appearance modes usually leave of the person.
+    /// What the appearance modes usually leave of the person, and how far the last fit shows it, 0…1.
     pub usual_left: DVector<f32>,
+    usual_seen: DVector<f32>,
     /// Grey values in the face.
     values: DVector<f32>,
     /// Their residual after the appearance.
@@ -193,6 +195,7 @@ impl Solver {
             outward: outward.collect(),
             seen: DVector::repeat(pixels, 1.0),
             usual_left: DVector::zeros(pixels),
+            usual_seen: DVector::zeros(pixels),
             values: DVector::zeros(pixels),
             left: DVector::zeros(pixels),
             slopes: DMatrix::zeros(VIEW_PARAMETERS + model.head_modes.len(), pixels),
@@ -203,14 +206,10 @@ impl Solver {
         }
     }
 
-    /// Takes a share of what the last fit left into what is usual of the person, but for the eyes: shut lids
-    /// are not their usual look.
+    /// Takes a share of what the last fit left into what is usual of the person.
     pub fn learn(&mut self, share: f32) {
-        let usual = self.usual_left.iter_mut().zip(&self.left);
-        for ((usual, left), pixel) in usual.zip(&self.model.pixels) {
-            if !pixel.corners.iter().any(|i| (36..48).contains(i)) {
-                *usual += left * share;
-            }
+        for (k, left) in self.left.iter().enumerate() {
+            self.usual_left[k] += self.usual_seen[k] * left * share;
         }
     }
 
@@ -304,25 +303,23 @@ impl Solver {
 
     /// Gradients of the compared values by central differences.
     fn slope(&mut self) {
-        let (plane, gradient) = (&self.plane, &mut self.gradient);
-        wide(|| {
-            for y in 1..WINDOW - 1 {
-                let at = y * WINDOW;
-                for x in at + 1..at + WINDOW - 1 {
-                    gradient[x] = [
-                        0.5 * (plane[x + 1] - plane[x - 1]),
-                        0.5 * (plane[x + WINDOW] - plane[x - WINDOW]),
-                    ];
-                }
+        let plane = &self.plane;
+        for y in 1..WINDOW - 1 {
+            let at = y * WINDOW;
+            for x in at + 1..at + WINDOW - 1 {
+                self.gradient[x] = [
+                    0.5 * (plane[x + 1] - plane[x - 1]),
+                    0.5 * (plane[x + WINDOW] - plane[x - WINDOW]),
+                ];
             }
-        });
+        }
     }
 
     /// Samples the face's pixels and subtracts the expected appearance (E).
     fn look(&mut self, fit: &mut AamFit) -> Option<f32> {
         let values = self.values.as_mut_slice();
         let factor = sample(&self.model, &self.plane, &fit.shape, values)?;
-        self.values -= &self.usual_left;
+        self.see_usual(fit);
         let hidden = self.hide(&fit.view);
         let seen = (self.seen.len() - hidden).max(1) as f32;
         let along = &self.appearance * &self.values;
@@ -333,6 +330,21 @@ impl Solver {
         fit.residual = self.left.norm() / seen.sqrt();
         fit.seen = seen / self.seen.len().max(1) as f32;
         fit.residual.is_finite().then_some(factor)
+    }
+
+    /// Takes off what is usual of the person, about an eye as far as it is open.
+    fn see_usual(&mut self, fit: &AamFit) {
+        let head = self.head(fit);
+        let lids = [(UPPER_LID_R, LOWER_LID_R), (UPPER_LID_L, LOWER_LID_L)];
+        let open = lids.map(|([a, b], [c, d])| {
+            let gap = |head: &[Point]| head[c].y + head[d].y - head[a].y - head[b].y;
+            (2.5 * gap(&head) / gap(&self.model.head) - 1.5).clamp(0.0, 1.0)
+        });
+        for (k, pixel) in self.model.pixels.iter().enumerate() {
+            let eye = pixel.corners.iter().find(|i| (36..48).contains(*i));
+            self.usual_seen[k] = eye.map_or(1.0, |i| open[usize::from(*i >= 42)]);
+            self.values[k] -= self.usual_seen[k] * self.usual_left[k];
+        }
     }
 
     /// Takes off what is not seen from a view; how many pixels that is.

@@ -280,28 +280,37 @@ fn what_a_turned_head_hides_is_its_far_side_and_is_not_read() {
 }
 
 #[test]
-fn what_no_mode_knows_of_a_person_is_part_of_the_mean_but_for_their_eyes() {
-    let model = known();
-    let mut solver = Solver::new(model.clone());
-    let mut fit = planted(&solver, &frontal(), [1.0, -1.0]);
-    let mut window = drawn(&model, &fit.shape, 0.4);
-    for (k, grey) in window.iter_mut().enumerate() {
-        *grey += 15.0 * (k as f32 / 2.3).sin();
-    }
-    solver.plane = compared(&window);
-    let mut left = || {
-        solver.look(&mut fit).expect("a pattern");
-        let mut sums = [0.0; 2];
-        for (left, pixel) in solver.left.iter().zip(&solver.model.pixels) {
-            let eye = pixel.corners.iter().any(|i| (36..48).contains(i));
-            sums[usize::from(eye)] += left * left;
+fn what_no_mode_knows_of_a_person_is_part_of_the_mean_but_shut_eyes_are_not() {
+    for shut in [false, true] {
+        let mut model = known();
+        if shut {
+            for (upper, lower) in [(37, 41), (38, 40), (43, 47), (44, 46)] {
+                let gap = model.head[lower].y - model.head[upper].y;
+                model.head_modes[0][upper].y = gap / model.head_deviations[0];
+            }
         }
-        solver.learn(1.0);
-        sums
-    };
-    let [stranger, known] = [left(), left()];
-    assert!(known[0] < 0.1 * stranger[0], "{known:?} of {stranger:?}");
-    assert!(known[1] > 0.5 * stranger[1], "{known:?} of {stranger:?}");
+        let mut solver = Solver::new(model.clone());
+        let mut fit = planted(&solver, &frontal(), [1.0, -1.0]);
+        let mut window = drawn(&model, &fit.shape, 0.4);
+        for (k, grey) in window.iter_mut().enumerate() {
+            *grey += 15.0 * (k as f32 / 2.3).sin();
+        }
+        solver.plane = compared(&window);
+        let mut left = || {
+            solver.look(&mut fit).expect("a pattern");
+            let mut sums = [0.0; 2];
+            for (left, pixel) in solver.left.iter().zip(&solver.model.pixels) {
+                let eye = pixel.corners.iter().any(|i| (36..48).contains(i));
+                sums[usize::from(eye)] += left * left;
+            }
+            solver.learn(1.0);
+            sums
+        };
+        let [[face, eyes], [known_face, known_eyes]] = [left(), left()];
+        assert!(known_face < 0.1 * face, "{known_face} of {face}");
+        let learned = known_eyes < 0.1 * eyes;
+        assert!(learned != shut, "{known_eyes} of {eyes}");
+    }
 }
 
 /// Why separate 2D bases, tied one to one to the 3D ones, will not do: a shape s0 + Σ p_i s_i of what is seen from the
