@@ -93,6 +93,7 @@ impl PaperAamFitter {
     pub fn reset(&mut self) {
         self.last = None;
         (self.usual, self.seen) = ([0.0; VIEW_PARAMETERS], 0);
+        self.corners = [0.0; 2];
         self.guessed = false;
         self.solver.usual_left.fill(0.0);
     }

@@ -239,18 +239,18 @@ impl Solver {
         fit
     }
 
+    /// Shape modes and their deviations, metres.
+    fn modes(&self) -> impl Iterator<Item = (&Vec<Vector>, &f32)> {
+        let deviations = &self.model.head_deviations;
+        self.model.head_modes.iter().zip(deviations)
+    }
+
     /// The 3D shape of a fit, head frame, metres.
     pub fn head(&self, fit: &AamFit) -> [Point; LANDMARKS] {
         core::array::from_fn(|i| {
             let mut p = self.model.head[i];
-            for (k, (mode, deviation)) in self
-                .model
-                .head_modes
-                .iter()
-                .zip(&self.model.head_deviations)
-                .enumerate()
-            {
-                p += mode[i] * (deviation * fit.head[k]);
+            for ((mode, deviation), along) in self.modes().zip(&fit.head) {
+                p += mode[i] * (deviation * along);
             }
             p
         })
@@ -382,12 +382,7 @@ impl Solver {
             }
         }
         let project = fit.view.projection();
-        let modes = self
-            .model
-            .head_modes
-            .iter()
-            .zip(&self.model.head_deviations);
-        for (k, (mode, deviation)) in modes.enumerate() {
+        for (k, (mode, deviation)) in self.modes().enumerate() {
             for i in 0..LANDMARKS {
                 let then = project(&(head[i] + mode[i] * *deviation));
                 for axis in 0..2 {

@@ -303,35 +303,4 @@ mod tests {
             assert_eq!(luma_of([grey; 3]), grey);
         }
     }
-
-    #[test]
-    #[ignore = "a measurement: cargo test --lib colour -- --ignored --nocapture"]
-    fn time_per_picture() {
-        let (bayer, mut luma, mut rgb) = (noise(), mosaic(|_| 0), vec![0; RGB_BYTES]);
-        for name in [
-            "luma_from_bayer",
-            "rgb_from_bayer",
-            "bayer_from_rgb",
-            "luma_from_rgb",
-        ] {
-            let mut times: Vec<f64> = (0..200)
-                .map(|_| {
-                    let start = std::time::Instant::now();
-                    match name {
-                        "luma_from_bayer" => luma_from_bayer(&bayer, &mut luma),
-                        "rgb_from_bayer" => rgb_from_bayer(&bayer, &mut rgb),
-                        "bayer_from_rgb" => bayer_from_rgb(&rgb, &mut luma),
-                        _ => luma_from_rgb(&rgb, &mut luma),
-                    }
-                    std::hint::black_box((&luma, &rgb));
-                    start.elapsed().as_secs_f64() * 1e3
-                })
-                .collect();
-            times.sort_by(f64::total_cmp);
-            println!(
-                "{name}: min {:.3} ms, median {:.3} ms",
-                times[0], times[100]
-            );
-        }
-    }
 }
