@@ -347,11 +347,11 @@ impl Expression {
             }
         };
         for (m, row) in self.units.rows.iter().enumerate() {
-            // Of the paper's measures only the one that depth takes.
-            if !robust && row.measure != Measure::LipProtrusion {
-                continue;
-            }
             for &Explained { by, when, share } in &row.explained {
+                // The paper's landmarks hardly show nostrils.
+                if !robust && matches!(by, Measure::NostrilL | Measure::NostrilR) {
+                    continue;
+                }
                 self.corrected[m] -= share * departure(by, when);
             }
         }

@@ -2,10 +2,10 @@
 //! merging to three nodes.
 //!
 //! Method: Jiang Na et al., sections 2.3 to 2.6; the parts are in `compensate`, `samples`, `one_way`, `two_way`. Added
-//! where the paper says nothing: the population's range fades into the estimate during the first seconds of presence, an
-//! interval narrower than the population's is not trusted, because more will be shown (only its rest is), nodes move to a new
-//! estimate with a time constant of a second (two consecutive estimates can differ by a whole range), and weights decay with a
-//! half-life if one is set.
+//! where the paper says nothing: rest is the first estimate's at once, but the population's interval fades into the person's
+//! during the first seconds of presence, and one narrower than the population's is not trusted, because more will be shown;
+//! nodes move to a new estimate with a time constant of a second (two consecutive ones can differ by a whole range), and
+//! weights decay with a half-life if one is set.
 //! Memory: about 16 bytes per sample. Cost: three pushes a frame; the estimate runs twice a second, which is enough.
 //! Degenerate: a set without width, or with fewer than three distinct values, keeps the previous estimate.
 
@@ -20,8 +20,9 @@ use crate::base::capacity::PAPER_SAMPLES;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Seconds between two estimates.
+/// Seconds between two estimates, and within which the first is due: before weights are shown.
 const ESTIMATE_EVERY_S: f64 = 0.5;
+const FIRST_S: core::ops::Range<f64> = 0.2..0.3;
 /// Time constant of the nodes' glide, seconds.
 const GLIDE_S: f64 = 1.0;
 
@@ -50,7 +51,7 @@ impl PaperLearner {
             estimate: None,
             range: Range::of_prior(&prior, kind),
             seconds: 0.0,
-            next_estimate_s: ESTIMATE_EVERY_S * (1.0 + phase),
+            next_estimate_s: FIRST_S.start + phase * (FIRST_S.end - FIRST_S.start),
             decayed_s: 0.0,
         }
     }
@@ -79,6 +80,12 @@ impl PaperLearner {
             // It takes none without a weight.
             self.samples.push(Sample { value, weight });
         }
+        let hidden = self.estimate.is_none() && self.seconds < ESTIMATE_EVERY_S;
+        let share = if hidden {
+            1.0
+        } else {
+            1.0 - (-dt / GLIDE_S).exp()
+        };
         if self.seconds >= self.next_estimate_s {
             if self.settings.half_life_s > 0.0 {
                 let past_s = self.seconds - self.decayed_s;
@@ -92,9 +99,13 @@ impl PaperLearner {
         let Some(estimate) = self.estimate else {
             return;
         };
-        let prior = Range::of_prior(&self.prior, self.kind);
+        let prior = Prior {
+            rest: estimate.rest,
+            ..self.prior
+        };
+        let prior = Range::of_prior(&prior, self.kind);
         let target = prior.towards(estimate.as_wide_as(&prior), self.readiness());
-        self.range = self.range.towards(target, 1.0 - (-dt / GLIDE_S).exp());
+        self.range = self.range.towards(target, share);
     }
 
     /// The paper's estimate from the current samples, without prior or gliding.
@@ -179,6 +190,17 @@ mod tests {
             assert!((found - expected).abs() < 1e-9);
         }
         assert!((last.rest - 1.2).abs() < 1e-3 && (learner.weight(1.9) - 1.0).abs() < 1e-2);
+    }
+
+    #[test]
+    fn before_weights_are_shown_rest_is_the_persons_with_the_populations_interval_around_it() {
+        let mut learner = PaperLearner::new(literal(), PRIOR, Kind::TwoWay, 1.0);
+        for frame in 0..10 {
+            learner.observe(1.3 + 0.01 * f64::from(frame % 3), 1.0, 1.0 / 30.0);
+        }
+        assert!(learner.weight(1.31).abs() < 0.1, "{:?}", learner.range());
+        assert!((learner.weight(1.31 + 0.5) - 1.0).abs() < 0.1);
+        assert!((learner.weight(1.31 - 0.2) + 1.0).abs() < 0.1);
     }
 
     #[test]

@@ -86,6 +86,40 @@ fn a_two_way_measure_moves_one_column_at_a_time() {
 }
 
 #[test]
+fn a_smile_that_widens_the_mouth_is_no_stretch() {
+    for method in [Method::Robust, Method::Paper] {
+        let settings = Settings {
+            method,
+            ..Settings::default()
+        };
+        let mut expression = Expression::new(settings, Units::shipped().by_measure());
+        let stretch = column(&expression, "AU20");
+        let mut shown = |raised: f32, frames: core::ops::Range<u64>| {
+            let mut last = 0.0;
+            for n in frames {
+                // A face is never quite still.
+                let mut face = grin(if n % 300 < 200 {
+                    0.05 * (n % 3) as f32
+                } else {
+                    12.0
+                });
+                if n % 300 >= 200 {
+                    face.head[48].y -= 1e-3 * raised;
+                    face.head[54].y -= 1e-3 * raised;
+                }
+                last = expression.observe(&face, &facing(), frame(n)).units()[stretch];
+            }
+            last
+        };
+        let (stretched, smiled) = (shown(0.0, 0..230), shown(7.0, 230..520));
+        assert!(
+            stretched > 0.5 && smiled < 0.15,
+            "{method:?}: {stretched}, {smiled}"
+        );
+    }
+}
+
+#[test]
 fn the_response_rises_with_the_measure() {
     let mut expression = Expression::new(
         Settings {

@@ -28,6 +28,8 @@ pub const INNER_BROW_R: [usize; 2] = [20, 21];
 pub const INNER_BROW_L: [usize; 2] = [22, 23];
 /// The base of the nose, between the nostrils.
 pub const NOSE_BASE: usize = 33;
+/// The nose's lower edge, from one wing to the other.
+pub const NOSE_LINE: [usize; 5] = [31, 32, 33, 34, 35];
 /// Outer edges of the nostrils.
 pub const NOSTRIL_R: [usize; 2] = [31, 32];
 /// Outer edges of the nostrils.

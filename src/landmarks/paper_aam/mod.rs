@@ -33,7 +33,9 @@ use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::face_model::refinement::place_of;
-use crate::face_model::scheme::{INNER_EYE_CORNERS, LOWER_LIP, OUTER_EYE_CORNERS, UPPER_LIP};
+use crate::face_model::scheme::{
+    INNER_EYE_CORNERS, LOWER_LIP, NOSE_LINE, OUTER_EYE_CORNERS, UPPER_LIP,
+};
 use crate::face_model::{ModelError, VIEW_PARAMETERS};
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
@@ -64,8 +66,8 @@ pub struct PaperAamFitter {
     /// How far this person's face usually is from the depth pose, and over how many frames that was seen.
     usual: [f32; VIEW_PARAMETERS],
     seen: u16,
-    /// How much nearer than the model's their inner and outer eye corners usually are, metres.
-    corners: [f32; 2],
+    /// How much nearer than the model's the base of their nose and their inner and outer eye corners usually are, metres.
+    bone: [f32; 3],
     /// Whether they were first seen from the side.
     guessed: bool,
     landmarks: Landmarks,
@@ -83,7 +85,7 @@ impl PaperAamFitter {
             last: None,
             usual: [0.0; VIEW_PARAMETERS],
             seen: 0,
-            corners: [0.0; 2],
+            bone: [0.0; 3],
             guessed: false,
             landmarks: Landmarks::default(),
         })
@@ -93,7 +95,7 @@ impl PaperAamFitter {
     pub fn reset(&mut self) {
         self.last = None;
         (self.usual, self.seen) = ([0.0; VIEW_PARAMETERS], 0);
-        self.corners = [0.0; 2];
+        self.bone = [0.0; 3];
         self.guessed = false;
         self.solver.usual_left.fill(0.0);
     }
@@ -167,7 +169,8 @@ impl PaperAamFitter {
         }
     }
 
-    /// The lips stand out as far as depth shows them to, the corners of the eyes as far as it usually does: they are bone.
+    /// Eye corners stand out as far as depth usually shows them to, as they are bone; the lips as far as it shows now, less what
+    /// the nose above them differs from its usual: that is the pose's error.
     fn stand_out(
         &mut self,
         fit: &AamFit,
@@ -187,12 +190,14 @@ impl PaperAamFitter {
         // Along the line of sight, so that the picture's points stay where they are.
         let sight = face.rotation.inverse() * (face * Point::origin()).coords;
         // Each as a whole: their points' distances stay the picture's.
-        let parts: [&[usize]; 4] = [
+        let parts: [&[usize]; 5] = [
+            &NOSE_LINE,
             &INNER_EYE_CORNERS,
             &OUTER_EYE_CORNERS,
             &UPPER_LIP,
             &LOWER_LIP,
         ];
+        let mut error = 0.0;
         for (part, points) in parts.into_iter().enumerate() {
             let (mut sum, mut count) = (0.0, 0.0);
             for by in points.iter().map(|&i| nearer[place_of(i)]) {
@@ -200,13 +205,19 @@ impl PaperAamFitter {
                     (sum, count) = (sum + by, count + 1.0);
                 }
             }
-            let mut by = if count > 0.0 { sum / count } else { 0.0 };
-            if let Some(usual) = self.corners.get_mut(part) {
-                if count > 0.0 {
+            let seen = (count > 0.0).then(|| sum / count);
+            let by = if let Some(usual) = self.bone.get_mut(part) {
+                if let Some(by) = seen {
                     *usual += (by - *usual) / f32::from(self.seen.max(1));
                 }
-                by = *usual;
-            }
+                if part == 0 {
+                    error = seen.map_or(0.0, |by| by - *usual);
+                    continue;
+                }
+                *usual
+            } else {
+                seen.map_or(0.0, |by| by - error)
+            };
             for &i in points {
                 head[i] -= sight * (by / sight.z);
             }
