@@ -2,9 +2,9 @@
 //! merging to three nodes.
 //!
 //! Method: Jiang Na et al., sections 2.3 to 2.6; the parts are in `compensate`, `samples`, `one_way`, `two_way`. Added
-//! where the paper says nothing: rest is the first estimate's at once, but the population's interval fades into the person's
-//! during the first seconds of presence, and one narrower than the population's is not trusted, because more will be shown;
-//! nodes move to a new estimate with a time constant of a second (two consecutive ones can differ by a whole range), and
+//! where the paper says nothing: rest is taken from the first estimate at once, but the population's interval fades into the
+//! person's during the first seconds of presence; one narrower than the population's is not trusted, because more will be
+//! shown; nodes move to a new estimate with a time constant of a second (two consecutive ones can differ by a whole range), and
 //! weights decay with a half-life if one is set.
 //! Memory: about 16 bytes per sample. Cost: three pushes a frame; the estimate runs twice a second, which is enough.
 //! Degenerate: a set without width, or with fewer than three distinct values, keeps the previous estimate.
@@ -20,8 +20,9 @@ use crate::base::capacity::PAPER_SAMPLES;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Seconds between two estimates, and within which the first is due: before weights are shown.
+/// Seconds between two estimates.
 const ESTIMATE_EVERY_S: f64 = 0.5;
+/// When the first is due, seconds: before weights are shown.
 const FIRST_S: core::ops::Range<f64> = 0.2..0.3;
 /// Time constant of the nodes' glide, seconds.
 const GLIDE_S: f64 = 1.0;

@@ -66,7 +66,7 @@ pub struct PaperAamFitter {
     /// How far this person's face usually is from the depth pose, and over how many frames that was seen.
     usual: [f32; VIEW_PARAMETERS],
     seen: u16,
-    /// How much nearer than the model's the base of their nose and their inner and outer eye corners usually are, metres.
+    /// How much nearer the base of their nose and their inner and outer eye corners usually are than the model's, metres.
     bone: [f32; 3],
     /// Whether they were first seen from the side.
     guessed: bool,
@@ -169,8 +169,8 @@ impl PaperAamFitter {
         }
     }
 
-    /// Eye corners stand out as far as depth usually shows them to, as they are bone; the lips as far as it shows now, less what
-    /// the nose above them differs from its usual: that is the pose's error.
+    /// Eye corners stand out as far as depth usually shows, being on bone; lips as far as it shows now, less the deviation of the
+    /// nose above them from its usual, which is the pose's error.
     fn stand_out(
         &mut self,
         fit: &AamFit,
