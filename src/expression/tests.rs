@@ -97,15 +97,11 @@ fn a_smile_that_widens_the_mouth_is_no_stretch() {
         let mut shown = |raised: f32, frames: core::ops::Range<u64>| {
             let mut last = 0.0;
             for n in frames {
+                let acts = n % 300 >= 200;
                 // A face is never quite still.
-                let mut face = grin(if n % 300 < 200 {
-                    0.05 * (n % 3) as f32
-                } else {
-                    12.0
-                });
-                if n % 300 >= 200 {
-                    face.head[48].y -= 1e-3 * raised;
-                    face.head[54].y -= 1e-3 * raised;
+                let mut face = grin(if acts { 12.0 } else { 0.05 * (n % 3) as f32 });
+                for corner in [48, 54] {
+                    face.head[corner].y -= if acts { 1e-3 * raised } else { 0.0 };
                 }
                 last = expression.observe(&face, &facing(), frame(n)).units()[stretch];
             }

@@ -50,7 +50,7 @@ const PARTED_M: f32 = 0.010;
 /// Rounds of the subspace iteration for appearance.
 const ROUNDS: usize = 12;
 /// How much larger residuals are in another session than between the frames of the one that was learnt from.
-pub(super) const OTHER_SESSION: f32 = 2.2;
+const OTHER_SESSION: f32 = 2.2;
 /// Least share of a face that must be visible for it to teach appearance.
 const VISIBLE: f32 = 0.97;
 

@@ -107,15 +107,13 @@ fn taught(
 
 #[cfg(test)]
 mod tests {
-    use super::super::paper_aam::OTHER_SESSION;
     use super::*;
     use crate::expression::{Measure, measures};
-    use crate::landmarks::paper_aam::{PaperAam, PaperAamFitter};
+    use crate::landmarks::paper_aam::PaperAamFitter;
     use crate::sensor::kinect::picture_clock::timestamp_from_ticks;
     use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
     use crate::studio::correlation::correlation;
     use crate::studio::golden::{figures, hold};
-    use crate::studio::people_split::Split;
 
     /// Frames of the session that is learnt from, and of another one that is judged.
     const LEARNT: i64 = 900;
@@ -137,27 +135,6 @@ mod tests {
                 assert!(frames > JUDGED as usize / 2);
                 assert!(gap > 0.90 && width > 0.78, "{follows:?}");
                 assert!(lid_left > 0.82 && lid_right > 0.82, "{follows:?}");
-            }
-        }
-    }
-
-    /// How far residuals of another session are believed is chosen on development people, not on whom the model is judged by.
-    #[test]
-    #[ignore = "minutes; MIEN_DATA, cargo test --release --features studio --lib belief_is_chosen -- --ignored --nocapture"]
-    fn belief_is_chosen_on_development_people() {
-        for number in [31, 36] {
-            let Some(head) = person(number) else { return };
-            assert_eq!(Split::of(number), Split::Dev);
-            let model = PaperAam::parse(&learnt(&head)).unwrap();
-            for factor in [1.4, 1.8, OTHER_SESSION, 2.8] {
-                let mut model = model.clone();
-                model.belief = model.belief.map(|of| of * factor / OTHER_SESSION);
-                let (frames, follows) = follow(&model.to_bytes(), &head);
-                println!("person {number}, {factor}: {frames} of {JUDGED} frames, {follows:.3?}");
-                // Most frames are believed, and those are followed.
-                let least = follows.into_iter().fold(1.0, f32::min);
-                let chosen = factor == OTHER_SESSION;
-                assert!(!chosen || (frames > JUDGED as usize * 4 / 5 && least > 0.6));
             }
         }
     }
