@@ -21,6 +21,11 @@ use mien::sensor::kinect::colour;
 use mien::sensor::kinect::frame::KinectFrame;
 use mien::sensor::kinect::picture_clock::timestamp_from_ticks;
 
+/// Path of `mien`: this build's, or the release build without wires that `MIEN_LEAN` names.
+pub fn program() -> String {
+    std::env::var("MIEN_LEAN").unwrap_or_else(|_| env!("CARGO_BIN_EXE_mien").to_owned())
+}
+
 /// Ticks of the sensor's counter per frame.
 pub const FRAME_TICKS: u32 = mien::sensor::kinect::picture_clock::FRAME_TICKS as u32;
 

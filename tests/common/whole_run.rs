@@ -58,17 +58,18 @@ pub fn read_port() -> ReadPort {
     }
 }
 
+/// Whether `mien` has the wires: not if a lean one takes its place.
+pub fn has_wires() -> bool {
+    cfg!(feature = "wires") && std::env::var_os("MIEN_LEAN").is_none()
+}
+
 /// What is a feature of the build, to nobody.
-#[cfg(feature = "wires")]
 const WIRES: &str = "[live_link]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
     [websocket]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
     [page]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
     [mqtt]\nenabled = true\nbroker = \"127.0.0.1:9\"\n";
-#[cfg(not(feature = "wires"))]
-const WIRES: &str = "";
 
 /// Gestures of everybody that go on and off all the time, and press keys of a file.
-#[cfg(feature = "wires")]
 fn gestures(folder: &Path) -> String {
     let keys = folder.join("keys");
     std::fs::write(&keys, []).unwrap();
@@ -93,9 +94,11 @@ pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
          [status]\npath = {:?}\n",
         folder.join("status.json")
     );
-    let text = text + WIRES;
-    #[cfg(feature = "wires")]
-    let text = text + &gestures(folder);
-    std::fs::write(&config, text).unwrap();
+    let more = if has_wires() {
+        WIRES.to_owned() + &gestures(folder)
+    } else {
+        String::new()
+    };
+    std::fs::write(&config, text + &more).unwrap();
     config
 }

@@ -10,6 +10,7 @@ use mien::expression::Units;
 use rosc::{OscMessage, OscType};
 use serialport::{SerialPort, TTYPort};
 
+use crate::common::program;
 use crate::talks_to_rigs::{messages, receiver};
 
 /// What a serial port sends until the line of nobody.
@@ -58,7 +59,7 @@ fn send_test_sweeps_every_unit_and_names_it() {
         port.name().unwrap()
     );
     std::fs::write(&path, configuration).unwrap();
-    let child = Command::new(env!("CARGO_BIN_EXE_mien"))
+    let child = Command::new(program())
         .arg("send-test")
         .arg("--config")
         .arg(&path)

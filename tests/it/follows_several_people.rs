@@ -11,6 +11,8 @@ use mien::sensor::Frame;
 use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
 use mien::users::{Policy, TrackingState};
 
+use crate::common::program;
+
 /// Who is where in a frame.
 struct Seen {
     seconds: f64,
@@ -167,7 +169,7 @@ fn four_are_followed_at_once_and_ask_for_no_memory_after_the_start() {
     found.sort_unstable();
     assert_eq!(found, [0, 1, 2, 3]);
 
-    let bench = Command::new(env!("CARGO_BIN_EXE_mien"))
+    let bench = Command::new(program())
         .args(["bench", "--source", "simulated:four", "--frames", "15"])
         .output()
         .expect("the program runs");

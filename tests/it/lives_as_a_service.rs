@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 
+use crate::common::program;
+
 /// Long enough for a slow machine; only a broken run waits for it.
 const PATIENCE: Duration = Duration::from_secs(300);
 
@@ -44,7 +46,7 @@ impl Service {
         let socket = UnixDatagram::bind(&notify).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
         std::fs::write(folder.join("mien.toml"), config).unwrap();
-        let child = Command::new(env!("CARGO_BIN_EXE_mien"))
+        let child = Command::new(program())
             .args(["run", "--source", "simulated", "--config"])
             .arg(folder.join("mien.toml"))
             .args(words)

@@ -20,6 +20,8 @@ use mien::simulator::simulated::Simulated;
 use mien::users::TrackingState::{self, Absent, Held, Lost, Posed, Tracking, Warming};
 use tempfile::TempDir;
 
+use crate::common::program;
+
 /// Frames of the recording that all tests play parts of.
 const FRAMES: usize = 75;
 /// Frames from the first of a head to its pose.
@@ -233,7 +235,7 @@ fn colour_pictures_that_are_named_but_not_there_are_none() {
 #[test]
 fn the_table_of_a_run_has_pose_and_box_and_no_face() {
     let folder = recording(&lines(|_| Some(false)));
-    let output = Command::new(env!("CARGO_BIN_EXE_mien"))
+    let output = Command::new(program())
         .args(["run", "--fast", "--csv", "-", "--source"])
         .arg(folder.path())
         .output()

@@ -2,8 +2,10 @@
 
 use std::process::{Command, Output};
 
+use crate::common::program;
+
 fn run(words: &[&str]) -> Output {
-    let output = Command::new(env!("CARGO_BIN_EXE_mien"))
+    let output = Command::new(program())
         .arg("run")
         .args(words)
         .output()
@@ -60,7 +62,7 @@ fn a_table_on_a_full_disk_ends_with_its_last_row_whole() {
     // A file may not grow beyond 20 kB, as on a disk that is full by then.
     let limited = "trap '' XFSZ; ulimit -f 40; exec \"$0\" run --source simulated --fast --frames 300 --csv \"$1\"";
     let output = Command::new("sh")
-        .args(["-c", limited, env!("CARGO_BIN_EXE_mien")])
+        .args(["-c", limited, &program()])
         .arg(&table)
         .output()
         .expect("mien starts");
@@ -144,7 +146,7 @@ fn on_a_terminal(words: &str) -> Option<String> {
 
 #[test]
 fn a_terminal_shows_where_it_sends_one_line_that_never_wraps_and_a_summary() {
-    let mien = env!("CARGO_BIN_EXE_mien");
+    let mien = program();
     let run = format!("{mien} run --source simulated:two --fast --frames 40");
     let Some(said) = on_a_terminal(&run) else {
         return;
@@ -187,7 +189,7 @@ fn a_terminal_shows_where_it_sends_one_line_that_never_wraps_and_a_summary() {
 
 #[test]
 fn a_terminal_that_is_closed_ends_what_runs_on_it() {
-    let mien = env!("CARGO_BIN_EXE_mien");
+    let mien = program();
     let words =
         format!("{mien} run --source simulated & sleep 2; kill -HUP $!; wait $!; echo ended $?");
     if let Some(said) = on_a_terminal(&words) {

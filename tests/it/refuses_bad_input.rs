@@ -3,8 +3,11 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use crate::common::program;
+use crate::common::whole_run::has_wires;
+
 fn mien(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mien"))
+    Command::new(program())
         .args(words)
         .output()
         .expect("mien starts")
@@ -69,12 +72,8 @@ fn what_is_printed_is_accepted() {
     assert!(printed.status.success());
     // What this build cannot do is said beside it.
     let said = String::from_utf8_lossy(&printed.stderr);
-    assert_eq!(
-        said.contains("built without"),
-        !cfg!(feature = "wires"),
-        "{said}"
-    );
-    assert_eq!(said.contains("mqtt"), !cfg!(feature = "wires"), "{said}");
+    assert_eq!(said.contains("built without"), !has_wires(), "{said}");
+    assert_eq!(said.contains("mqtt"), !has_wires(), "{said}");
     let copy = file(folder.path(), "copy.toml", printed.stdout);
     let checked = mien(&["check-config", &copy]);
     assert_eq!(

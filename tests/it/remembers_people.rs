@@ -14,6 +14,8 @@ use mien::sensor::Frame;
 use mien::users::memory::Gone;
 use mien::users::saved::{People, read, write};
 
+use crate::common::program;
+
 /// The built-in person before the simulated sensor, for so many frames.
 fn play(pipeline: &mut Pipeline, frames: usize) {
     let mut source = Source::simulated(Some("acted")).expect("built in");
@@ -131,7 +133,7 @@ fn a_simulation_saves_nobody() {
         quote(&people)
     );
     std::fs::write(&config, text).expect("writable");
-    let run = Command::new(env!("CARGO_BIN_EXE_mien"))
+    let run = Command::new(program())
         .args([
             "run",
             "--source",

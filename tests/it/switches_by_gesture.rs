@@ -3,6 +3,9 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use crate::common::program;
+use crate::common::whole_run::has_wires;
+
 const GESTURES: &str = r#"
 [[gesture]]
 name = "smile"
@@ -22,14 +25,16 @@ fn run(folder: &Path, before: &str, words: &[&str]) -> Output {
     let config = folder.join("mien.toml");
     std::fs::write(&config, format!("{before}\n{GESTURES}")).unwrap();
     let run = ["run", "--source", "simulated:acted", "--fast", "--csv", "-"];
-    let mut command = Command::new(env!("CARGO_BIN_EXE_mien"));
+    let mut command = Command::new(program());
     command.args(run).args(words).arg("--config").arg(&config);
     command.output().unwrap()
 }
 
-#[cfg(not(feature = "wires"))]
 #[test]
 fn a_key_that_this_build_cannot_press_is_refused() {
+    if has_wires() {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let output = run(folder.path(), "", &["--frames", "1"]);
     let said = String::from_utf8(output.stderr).unwrap();
@@ -122,7 +127,7 @@ mod pressed {
     fn start(folder: &Path, config: &str) -> Child {
         let path = folder.join("mien.toml");
         std::fs::write(&path, config).unwrap();
-        Command::new(env!("CARGO_BIN_EXE_mien"))
+        Command::new(program())
             .args(["run", "--source", "simulated:acted", "--fast", "--config"])
             .arg(path)
             .stdin(Stdio::null())

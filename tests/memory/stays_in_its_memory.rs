@@ -14,7 +14,8 @@ use mien::sensor::kinect::geometry::nominal;
 use mien::sensor::kinect::packet::LONGEST;
 use mien::sensor::kinect::pairing::Pairing;
 
-use crate::common::whole_run::{everything_on, read_port, record};
+use crate::common::program;
+use crate::common::whole_run::{everything_on, has_wires, read_port, record};
 use crate::{MEMORY, alone};
 
 /// The memory of a run, part by part: all of it is allocated before the first frame and kept. Rows that depend on the face model
@@ -45,9 +46,8 @@ const _: () = assert!(STAGES <= BUDGET && SENSOR <= BUDGET);
 
 /// Resident set of `mien run`, bytes.
 const RESIDENT: u64 = 16 << 20;
-/// Threads of `mien run`.
-/// With WebSocket, the page and MQTT one more each.
-const THREADS: u64 = if cfg!(feature = "wires") { 4 + 3 } else { 4 };
+/// Threads of `mien run` without and with wires: WebSocket, the page and MQTT have one each.
+const THREADS: [u64; 2] = [4, 4 + 3];
 
 fn bytes_of<T>(make: impl FnOnce() -> T) -> (usize, T) {
     let before = MEMORY.bytes_in_use();
@@ -111,7 +111,7 @@ fn the_resident_set_and_the_threads_of_a_run_stay_in_their_budgets() {
         let session = folder.path().join("session");
         record(&session, scene, 150);
         let port = read_port();
-        let child = Command::new(env!("CARGO_BIN_EXE_mien"))
+        let child = Command::new(program())
             .args(["run", "--fast", "--csv"])
             .arg(folder.path().join("out.csv"))
             .arg("--source")
@@ -124,6 +124,6 @@ fn the_resident_set_and_the_threads_of_a_run_stay_in_their_budgets() {
         let [kibibytes, threads] = watched(child, ["VmHWM:", "Threads:"]);
         println!("{scene}: {kibibytes} KiB resident at most, {threads} threads");
         assert!(kibibytes > 0 && kibibytes * 1024 <= RESIDENT);
-        assert!((1..=THREADS).contains(&threads));
+        assert!((1..=THREADS[usize::from(has_wires())]).contains(&threads));
     }
 }
