@@ -123,8 +123,7 @@ def check_websocket(mien):
                 await asyncio.sleep(0.05)
 
     def lazy():
-        time.sleep(1)
-        with socket.create_connection(("127.0.0.1", port)) as one:
+        with connection(port) as one:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             one.sendall(b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
                         b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n")
@@ -163,10 +162,20 @@ def check_websocket(mien):
           f"answered ({wire['commands_refused']} counted)")
 
 
+def connection(port):
+    """A connection to what begins to listen some time."""
+    for _ in range(600):
+        try:
+            return socket.create_connection(("127.0.0.1", port))
+        except OSError:
+            time.sleep(0.05)
+    raise AssertionError(f"nobody listens on {port}")
+
+
 def flood(port, connections):
-    """Connections that send nonsense, or nothing, and stay."""
-    held = []
-    time.sleep(2)
+    """Connections that send nonsense, or nothing, and stay; after the pages'."""
+    held = [connection(port)]
+    time.sleep(1)
     for i in range(connections):
         try:
             one = socket.create_connection(("127.0.0.1", port), timeout=1)
