@@ -144,12 +144,7 @@ impl Sender<'_> {
         let head = face(&self.model.shape.mean, moving, weight);
         let landmarks = Landmarks {
             pixels: head.map(|point| self.camera.colour_pixel(&(pose * point))),
-            head,
-            point_confidence: [1.0; LANDMARKS],
-            cheeks: [0.0; 2],
-            eyes: None,
-            mouth_hidden: 0.0,
-            confidence: 1.0,
+            ..Landmarks::certain(head)
         };
         let report = Report {
             frame: self.frames.into(),

@@ -447,12 +447,9 @@ pub(crate) mod tests {
     fn a_measure_is_as_certain_as_its_landmarks_on_average() {
         let mut face = Landmarks {
             head: toy_face(),
-            pixels: [[0.0; 2]; LANDMARKS],
             point_confidence: [0.5; LANDMARKS],
-            cheeks: [0.0; 2],
-            eyes: None,
-            mouth_hidden: 0.0,
             confidence: 0.75,
+            ..Landmarks::default()
         };
         let corners: Vec<usize> = Measure::MouthWidth.landmarks().collect();
         face.point_confidence[corners[0]] = 0.9;

@@ -4,22 +4,9 @@ mod known_answers;
 
 use super::measures::tests::toy_face;
 use super::*;
-use crate::base::capacity::LANDMARKS;
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Point;
 use crate::base::geometry::Rigid;
-
-fn landmarks(head: [Point; LANDMARKS]) -> Landmarks {
-    Landmarks {
-        head,
-        pixels: [[0.0; 2]; LANDMARKS],
-        point_confidence: [1.0; LANDMARKS],
-        cheeks: [0.0; 2],
-        eyes: None,
-        mouth_hidden: 0.0,
-        confidence: 1.0,
-    }
-}
 
 fn facing() -> SensorFromFace {
     SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.7))
@@ -34,7 +21,7 @@ fn grin(mm: f32) -> Landmarks {
     let mut head = toy_face();
     head[54].x += 0.5e-3 * mm;
     head[48].x -= 0.5e-3 * mm;
-    landmarks(head)
+    Landmarks::certain(head)
 }
 
 fn column(expression: &Expression, name: &str) -> usize {
@@ -208,7 +195,7 @@ fn somebody_else_after_a_loss_starts_from_the_population() {
     }
     let learned = expression.learned();
     // Everything but the eyes drawn out by a fifth.
-    let other = landmarks(toy_face().map(|p| Point::new(p.x, p.y * 1.2, p.z)));
+    let other = Landmarks::certain(toy_face().map(|p| Point::new(p.x, p.y * 1.2, p.z)));
     for n in 1000..1200 {
         expression.observe(&other, &facing(), frame(n));
     }
@@ -308,7 +295,7 @@ fn restless(random: &mut fastrand::Rng) -> Landmarks {
             point[axis] += 8e-3 * (random.f32() - 0.5);
         }
     }
-    landmarks(head)
+    Landmarks::certain(head)
 }
 
 #[test]
@@ -371,7 +358,7 @@ fn after_a_gap_nothing_is_smoothed_into_what_was_before() {
 
 #[test]
 fn what_measures_are_divided_by_is_as_told() {
-    let larger = landmarks(toy_face().map(|p| Point::from(p.coords * 1.2)));
+    let larger = Landmarks::certain(toy_face().map(|p| Point::from(p.coords * 1.2)));
     for (scale, method, per_frame) in [
         (Scale::Frame, Method::Robust, true),
         (Scale::Learnt, Method::Robust, false),

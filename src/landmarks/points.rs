@@ -30,6 +30,16 @@ defaults! {
 }
 
 impl Landmarks {
+    /// A face whose points are all certain, with nothing in front.
+    pub fn certain(head: [Point; LANDMARKS]) -> Self {
+        Self {
+            head,
+            point_confidence: [1.0; LANDMARKS],
+            confidence: 1.0,
+            ..Self::default()
+        }
+    }
+
     /// The same face at another pose of its head.
     pub fn move_to(&mut self, sensor_from_face: &SensorFromFace, camera: &Camera) {
         self.pixels = self

@@ -112,12 +112,10 @@ fn acting(n: u64, longer: f32, random: &mut fastrand::Rng) -> Landmarks {
     }
     Landmarks {
         head,
-        pixels: [[0.0; 2]; LANDMARKS],
         point_confidence,
         cheeks: [0.001 * (seconds * 0.7).sin(); 2],
-        eyes: None,
-        mouth_hidden: 0.0,
         confidence: if n % 200 < 190 { 0.9 } else { 0.2 },
+        ..Landmarks::default()
     }
 }
 

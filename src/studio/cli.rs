@@ -4,9 +4,10 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::error::{ContextKind, ErrorKind};
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 
 use super::atomic_write::write_out;
+use super::completions;
 use super::evaluate::head_scenes::{self, wild};
 use super::evaluate::sessions::Sessions;
 use super::evaluate::{landmark_accuracy, paper, table};
@@ -113,6 +114,13 @@ enum Command {
         after_help = "Example: mien-studio animate --mesh head.glb --csv run.csv --out acted.glb"
     )]
     Animate(animate::Args),
+    /// Write this program's manual page and its completions for bash, zsh and fish
+    #[command(after_help = "Example: mien-studio completions --out ~/.local/share")]
+    Completions {
+        /// Folder that has the place of /usr/share
+        #[arg(long)]
+        out: PathBuf,
+    },
 }
 
 #[derive(Args)]
@@ -303,6 +311,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         Command::Preview(args) => preview::run(&args, &mut say),
         Command::Skin { out, data } => bake::command::skin(&data.data, &out),
         Command::Animate(args) => animate::animate(&args),
+        Command::Completions { out } => completions::write(Line::command(), &out),
     }
 }
 

@@ -26,6 +26,7 @@ pub mod atomic_write;
 pub mod bake;
 pub mod chart;
 pub mod cli;
+pub mod completions;
 pub mod correlation;
 pub mod csv;
 pub mod evaluate;

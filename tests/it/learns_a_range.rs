@@ -6,7 +6,7 @@
 //! `cargo test --test it learns_a_range -- --nocapture`.
 
 use crate::common::actors::{ACTED, Acting, FRAME_S, Jitter, Person};
-use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::capacity::LEARNT_MEASURES;
 use mien::base::frames::SensorFromFace;
 use mien::base::geometry::Rigid;
 use mien::base::time::Timestamp;
@@ -40,15 +40,7 @@ impl Session {
         let truth = self.acting.at(self.frame as f64 * FRAME_S);
         let mut head = person.face(&truth);
         self.jitter.add(&mut head);
-        let landmarks = Landmarks {
-            head,
-            pixels: [[0.0; 2]; LANDMARKS],
-            point_confidence: [1.0; LANDMARKS],
-            cheeks: [0.0; 2],
-            eyes: None,
-            mouth_hidden: 0.0,
-            confidence: 1.0,
-        };
+        let landmarks = Landmarks::certain(head);
         let at = Timestamp::from_us((from_frame + self.frame) * 33_333);
         let facing = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.8));
         expression.observe(&landmarks, &facing, at);

@@ -25,13 +25,10 @@ const UNITS: [&str; 3] = ["AU25", "AU12L", "AU12R"];
 
 fn landmarks() -> Landmarks {
     Landmarks {
-        head: [Point::origin(); LANDMARKS],
         pixels: std::array::from_fn(|i| [i as f32 + 0.5, -0.00001 * i as f32]),
         point_confidence: [0.75; LANDMARKS],
-        cheeks: [0.0; 2],
-        eyes: None,
-        mouth_hidden: 0.0,
         confidence: 0.9,
+        ..Landmarks::default()
     }
 }
 

@@ -117,15 +117,7 @@ impl Scene {
                 up: person.up,
                 down: person.down,
             };
-            let mut landmarks = Landmarks {
-                head: [Point::origin(); LANDMARKS],
-                pixels: [[0.0; 2]; LANDMARKS],
-                point_confidence: [1.0; LANDMARKS],
-                cheeks: [0.0; 2],
-                eyes: None,
-                mouth_hidden: 0.0,
-                confidence: 1.0,
-            };
+            let mut landmarks = Landmarks::certain([Point::origin(); LANDMARKS]);
             change(t, &mut truth, &mut appears, &mut landmarks);
             landmarks.head = appears.face(&truth);
             self.jitter.add(&mut landmarks.head);

@@ -270,13 +270,8 @@ fn a_week_of_visitors() {
         state: TrackingState::Absent,
         visitor: None,
         landmarks: Landmarks {
-            head: [Point::origin(); LANDMARKS],
             pixels: [[320.0, 240.0]; LANDMARKS],
-            point_confidence: [1.0; LANDMARKS],
-            cheeks: [0.0; 2],
-            eyes: None,
-            mouth_hidden: 0.0,
-            confidence: 1.0,
+            ..Landmarks::certain([Point::origin(); LANDMARKS])
         },
         error: [0.0; 2],
     });

@@ -87,13 +87,10 @@ fn all_wires_at_once_cost_no_memory() {
 
     let pose = Rigid::translation(0.1, 0.0, 0.8);
     let landmarks = Landmarks {
-        head: std::array::from_fn(|i| Point::new(i as f32 * 1e-3, 0.01, 0.0)),
         pixels: [[320.0, 240.0]; LANDMARKS],
-        point_confidence: [1.0; LANDMARKS],
-        cheeks: [0.0; 2],
-        eyes: None,
-        mouth_hidden: 0.0,
-        confidence: 1.0,
+        ..Landmarks::certain(std::array::from_fn(|i| {
+            Point::new(i as f32 * 1e-3, 0.01, 0.0)
+        }))
     };
     let mut random = fastrand::Rng::with_seed(1);
     let mut times = Vec::with_capacity(FRAMES as usize);

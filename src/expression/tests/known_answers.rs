@@ -4,7 +4,7 @@ use super::super::measures::tests::toy_face;
 use super::super::nodes::Nodes;
 use super::super::units::{Kind, Prior};
 use super::super::{Expression, Settings, Units, is_warming, rest};
-use crate::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use crate::base::capacity::LEARNT_MEASURES;
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Rigid;
 use crate::base::time::Timestamp;
@@ -44,15 +44,7 @@ fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
             let mm = if k < 6 { first_mm } else { 8.0 };
             head[54].x += 0.5e-3 * mm;
             head[48].x -= 0.5e-3 * mm;
-            let landmarks = Landmarks {
-                head,
-                pixels: [[0.0; 2]; LANDMARKS],
-                point_confidence: [1.0; LANDMARKS],
-                cheeks: [0.0; 2],
-                eyes: None,
-                mouth_hidden: 0.0,
-                confidence: 1.0,
-            };
+            let landmarks = Landmarks::certain(head);
             let at = Timestamp::from_us(k * 33_333);
             let facing = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.7));
             expression.observe(&landmarks, &facing, at);

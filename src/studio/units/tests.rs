@@ -188,15 +188,7 @@ fn play(head: &IctHead, person: u64) -> Vec<Vec<[f64; 2]>> {
             *slow = *slow * keep + draw() * (1.0 - keep * keep).sqrt();
             *point += (draw() * 0.6 + *slow * 0.8) * JITTER * OUTER_M;
         }
-        let landmarks = Landmarks {
-            head: points,
-            pixels: [[0.0; 2]; LANDMARKS],
-            point_confidence: [1.0; LANDMARKS],
-            cheeks: [0.0; 2],
-            eyes: None,
-            mouth_hidden: 0.0,
-            confidence: 1.0,
-        };
+        let landmarks = Landmarks::certain(points);
         expression.observe(
             &landmarks,
             &SensorFromFace::of(pose),
