@@ -179,6 +179,9 @@ struct Evaluate {
     /// People with hair, clothes and accessories before a sensor with realistic faults
     #[arg(long, group = "what")]
     wild: bool,
+    /// Record the sessions of --wild here instead of playing them, with the true points, for other programs
+    #[arg(long, requires = "wild", value_name = "FOLDER")]
+    record: Option<PathBuf>,
     /// The experiments of docs/paper.md: the paper's system next to the default
     #[arg(long, group = "what")]
     paper: bool,
@@ -358,8 +361,11 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
         let table = head_scenes::play(data, &model, &settings, &sessions, rows)?;
         print!("{table}");
     } else if words.wild {
-        let table = wild::play(data, &model, &settings, &sessions(all, wild::SECONDS))?;
-        print!("{table}");
+        let sessions = sessions(all, wild::SECONDS);
+        match &words.record {
+            Some(out) => wild::record(data, &sessions, out)?,
+            None => print!("{}", wild::play(data, &model, &settings, &sessions)?),
+        }
     } else {
         let sessions = sessions(all, Sessions::default().seconds);
         let table = table::play(data, &model, &settings, &sessions)?;

@@ -1,12 +1,14 @@
 """One table of mien and MediaPipe on the same frames.
 
-compare.py MIEN TABLES RENDERINGS FACES      (mediapipe 0.10.21, numpy, OpenCV)
+compare.py MIEN TABLES RENDERINGS FACES WILD PORTRAITS      (mediapipe 0.10.21, numpy, OpenCV)
 
 TABLES holds NAME.csv of `mien run`; RENDERINGS/NAME-FRAMES are sessions of the second world with truth.csv, FACES/pNN-P those of the
-Kinect v2's stills. Errors are in % of the distance between the outer eye corners, over frames in which both report a face, as
-reported (in brackets) and with each method's own mean offset per point, over all frames of a table, taken out: the two place the same
-point of a face by different conventions. In the second world, points that are hidden do not count. Jitter is the deviation of a still face's points.
-Times are a core's, of the process: mien's is all of it on recorded frames (reading them, pose, weights), MediaPipe's the mesh alone.
+Kinect v2's stills, WILD/N those of `mien-studio evaluate --wild --record`, PORTRAITS a folder with landmarks68.csv, of which
+`mien-studio fit` wrote TABLES/portraits.csv. Errors are in % of the distance between the outer eye corners, over frames in which both
+report a face, as reported and with each method's own mean offset per point taken out, over all frames of a table and over each
+scene's: the two place the same point of a face by different conventions. In the second world, points that are hidden do not count.
+Jitter is the deviation of a still face's points. Times are a core's, of the process, the least of three runs and of all scenes: mien's
+is all of it on recorded frames (reading them, pose, weights), MediaPipe's the mesh alone.
 """
 import csv
 import glob
@@ -45,11 +47,11 @@ def pictures(session):
         yield k, f"{session}/{colours[np.abs(ticks - at(depth)).argmin()]}"
 
 
-def meshed(session):
-    """Points by frame, and seconds of this process a frame."""
-    net = mediapipe.solutions.face_mesh.FaceMesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True)
-    found, seconds, frames, last = {}, 0.0, 0, None
-    for k, path in pictures(session):
+def meshed(paths, video=True):
+    """Points by number or name of a picture, and seconds of this process a picture."""
+    net = mediapipe.solutions.face_mesh.FaceMesh(static_image_mode=not video, max_num_faces=1, refine_landmarks=True)
+    found, seconds, frames = {}, 0.0, 0
+    for k, path in paths:
         picture = cv2.cvtColor(cv2.imread(path), cv2.COLOR_BGR2RGB)
         start = time.process_time()
         faces = net.process(picture).multi_face_landmarks
@@ -63,10 +65,11 @@ def meshed(session):
 
 
 def reported(table):
-    """Points by frame, of the first person."""
-    run = score.Run(table)
-    first = run.slots[0] if run.slots else None
-    return {r.frame: r.points() for r in run.rows if r.user == first and r.face and r.state in score.REPORTED}
+    """Points by frame, of the person reported most: somebody may stand behind."""
+    faces = [r for r in score.Run(table).rows if r.face and r.state in score.REPORTED]
+    users = [r.user for r in faces]
+    most = max(set(users), key=users.count, default=None)
+    return {r.frame: r.points() for r in faces if r.user == most}
 
 
 def shifts(points, truth, rows):
@@ -83,37 +86,57 @@ def shifts(points, truth, rows):
 EYES = {68: (36, 45), 15: (score.RIGHT_EYE, score.LEFT_EYE)}
 
 
+def landmarks(row, x, y):
+    return np.array([[float(row[f"{x}{i}"]), float(row[f"{y}{i}"])] for i in range(68)])
+
+
 def world(session, skip):
+    """True points by frame, and which of them are to be seen: all where it is not said."""
     truth, seen = {}, {}
-    with open(f"{session}/truth.csv") as f:
-        for r in csv.DictReader(f):
-            k = int(r["frame"])
-            if r["person"] == "0" and k >= skip:
-                truth[k] = np.array([[float(r[f"u{i}"]), float(r[f"v{i}"])] for i in range(68)])
-                seen[k] = np.array([r[f"vis{i}"] == "1" for i in range(68)])
+    for r in score.read(f"{session}/truth.csv"):
+        k = int(r["frame"])
+        if r.get("person", "0") == "0" and k >= skip:
+            truth[k] = landmarks(r, "u", "v")
+            seen[k] = np.array([r.get(f"vis{i}", "1") == "1" for i in range(68)])
     return truth, seen
 
 
+def portraits(folder, fitted):
+    """Points of mien, points of the peer, truth and which are seen, of the portraits of people that nothing was trained on."""
+    rows = score.read(f"{folder}/landmarks68.csv")
+    people = sorted({(r["set"], r["person"]) for r in rows})
+    held_out = [r for r in rows if r["x0"] and people.index((r["set"], r["person"])) % 5 == 0]
+    truth = {r["file"]: landmarks(r, "x", "y") for r in held_out}
+    fits = {os.path.basename(r["file"]): landmarks(r, "x", "y") for r in score.read(fitted)}
+    theirs, _ = meshed([(name, f"{folder}/img/{name}") for name in truth], video=False)
+    return {name: fits[name] for name in truth}, theirs, truth, {name: np.ones(68, bool) for name in truth}
+
+
 def table(scenes, regions):
-    """Rows of scenes (name, mien's points, the peer's, truth, which points are seen), with one offset per point and method over all."""
-    print("| frames | mien reports | MediaPipe reports | " + " | ".join(name for name, _ in regions) + " |")
-    print("| --- " * (3 + len(regions)) + "|")
+    """Rows of scenes (name, mien's points, the peer's, truth, which points are seen): errors with one offset per point and method over
+    all scenes out; in brackets, of several scenes, with the scene's own out."""
+    print("| frames | mien reports | MediaPipe reports | as reported | " + " | ".join(name for name, _ in regions) + " |")
+    print("| --- " * (4 + len(regions)) + "|")
     both = [[k for k in truth if k in mien and k in peer] for _, mien, peer, truth, _ in scenes]
-    masks = [np.array([seen[k] for k in rows]) for rows, (*_, seen) in zip(both, scenes)]
+    masks = [np.array([seen[k] for k in rows])[..., None] for rows, (*_, seen) in zip(both, scenes)]
     found = [[shifts(scene[of], scene[3], rows) for rows, scene in zip(both, scenes)] for of in (1, 2)]
-    everywhere = np.concatenate(masks)[..., None]
-    means = [(np.concatenate(f) * everywhere).sum(0) / np.maximum(everywhere.sum(0), 1) for f in found]
+    mean = lambda f, mask: (f * mask).sum(0) / np.maximum(mask.sum(0), 1)
+    means = [mean(np.concatenate(f), np.concatenate(masks)) for f in found]
     for n, (name, mien, peer, truth, _) in enumerate(scenes):
-        cells = [f"{100 * sum(k in points for k in truth) / len(truth):.1f} %" for points in (mien, peer)]
-        for _, points in regions:
-            errors = []
-            for f, mean in zip(found, means):
-                for shift in (f[n] - mean, f[n]):
-                    length = np.where(masks[n], 100 * np.linalg.norm(shift, axis=2), np.nan)
-                    errors.append(np.nanmean(length[:, list(points)]))
-            a, plain_a, b, plain_b = errors
+        mask = masks[n]
+
+        def errors(offset, points):
+            lengths = [100 * np.linalg.norm(f[n] - offset(f[n], all_mean), axis=2) for f, all_mean in zip(found, means)]
+            a, b = (np.where(mask[..., 0], length, np.nan)[:, list(points)] for length in lengths)
+            a, b = np.nanmean(a), np.nanmean(b)
             bold = lambda value, other: f"**{value:.2f}**" if value < other else f"{value:.2f}"
-            cells.append(f"{bold(a, b)} / {bold(b, a)} ({plain_a:.2f} / {plain_b:.2f})")
+            return f"{bold(a, b)} / {bold(b, a)}"
+
+        cells = [f"{100 * sum(k in points for k in truth) / len(truth):.1f} %" for points in (mien, peer)]
+        cells.append(errors(lambda *_: 0, regions[0][1]))
+        for _, points in regions:
+            own = f" ({errors(lambda f, _: mean(f, mask), points)})" if len(scenes) > 1 else ""
+            cells.append(errors(lambda _, all_mean: all_mean, points) + own)
         print(f"| {name} | " + " | ".join(cells) + " |")
 
 
@@ -126,24 +149,34 @@ def still(points, frames):
 
 
 def main():
-    mien, tables, renderings, faces = sys.argv[1:]
+    mien, tables, renderings, faces, wild, folder = sys.argv[1:]
     regions = [("all but the contour", INNER), *REGIONS.items()]
-    print("Error in % of the outer-eye distance, mien / MediaPipe, offsets taken out (and as reported).\n")
+    print("Error in % of the outer-eye distance, mien / MediaPipe, offsets over all frames of the table out; in brackets the scene's own:"
+          " how well the face's motion is followed.\n")
     costs, jitter, scenes = [], None, []
     for name in os.environ["SCENES"].split():
         session, = glob.glob(f"{renderings}/{name}-[0-9]*")
         truth, seen = world(session, SKIP.get(name, SKIP_OTHERS))
-        ours, (theirs, seconds) = reported(f"{tables}/{name}.csv"), meshed(session)
+        ours, (theirs, seconds) = reported(f"{tables}/{name}.csv"), meshed(pictures(session))
         costs.append(seconds)
         scenes.append((f"second world, {name}", ours, theirs, truth, seen))
         if name == "static":
             jitter = still(ours, truth), still(theirs, truth)
     table(scenes, regions)
+    print()
+    scenes = []
+    for session in sorted(glob.glob(f"{wild}/*"), key=lambda session: int(os.path.basename(session))):
+        number = os.path.basename(session)
+        ours, theirs = reported(f"{tables}/wild{number}.csv"), meshed(pictures(session))[0]
+        scenes.append((f"own wild scenes, person {number}", ours, theirs, *world(session, SKIP_OTHERS)))
+    table(scenes, regions)
+    print()
+    table([("portraits of people held out", *portraits(folder, f"{tables}/portraits.csv"))], regions)
     # Real faces: each still is held for some frames, and judged in the last; its 15 points come from both.
     sheets = [{}, {}, {}, {}]
     for of in sorted(glob.glob(f"{tables}/p[0-9][0-9]-[0-9].csv")):
         name = os.path.basename(of)[:-4]
-        found = [reported(of), meshed(f"{faces}/{name}")[0]]
+        found = [reported(of), meshed(pictures(f"{faces}/{name}"))[0]]
         for held in score.read(f"{faces}/{name}/truth.csv"):
             end = int(held["to"]) - 1
             sheets[2][name, end] = np.array([[float(held[f"{a}{i}"]) for a in "xy"] for i in range(15)])
@@ -155,11 +188,14 @@ def main():
         print()
         table([("six real faces, infrared", *sheets)], [("all 15 points", range(15)), ("nose", range(8, 11)), ("eyes", range(8)), ("lips", range(11, 15))])
     longest = max(glob.glob(f"{renderings}/{os.environ['SCENES'].split()[0]}-[0-9]*"))
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([mien, "run", "--source", longest, "--fast", "--csv", "/dev/null"], check=True, capture_output=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    ours = (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / len(list(pictures(longest)))
-    print(f"\nProcessor time a frame: mien {1e3 * ours:.2f} ms with reading the frames, MediaPipe {1e3 * np.median(costs):.2f} ms for the mesh alone."
+    ours = []
+    for _ in range(3):  # Less is less disturbed; the first time files come from the disk.
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([mien, "run", "--source", longest, "--fast", "--csv", "/dev/null"], check=True, capture_output=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        ours.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    ours = min(ours) / len(list(pictures(longest)))
+    print(f"\nProcessor time a frame: mien {1e3 * ours:.2f} ms with reading the frames, MediaPipe {1e3 * min(costs):.2f} ms for the mesh alone."
           + (f" A still face's points jitter by {jitter[0]} and {jitter[1]}." if jitter else ""))
 
 

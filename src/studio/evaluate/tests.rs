@@ -4,7 +4,11 @@ use super::sessions::Sessions;
 use super::{head_scenes, landmark_accuracy, table};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
+use crate::pipeline::Pipeline;
+use crate::sensor::Frame;
+use crate::sensor::kinect::recording::Recording;
 use crate::studio::golden::{figures, hold};
+use crate::studio::train::evaluate::{differences, mean_percent};
 
 /// The heads, and what else a table has rows of.
 fn data(more: &[&str]) -> Option<std::path::PathBuf> {
@@ -57,4 +61,32 @@ fn scenes_of_heads_give_the_rows_they_gave() {
         .expect("data are readable");
     let wild = head_scenes::wild::play(&data, &model, &settings, &short(4, 1.0)).unwrap();
     hold("evaluate/scenes", &figures(&(table + &wild)));
+}
+
+#[test]
+fn recorded_wild_sessions_play_and_their_points_lie_where_the_truth_says() {
+    let Some(data) = data(&[]) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    head_scenes::wild::record(&data, &short(1, 1.0), folder.path()).unwrap();
+    let session = folder.path().join("0");
+    let truth = std::fs::read_to_string(session.join("truth.csv")).unwrap();
+    let mut rows = truth.lines().skip(1).map(|line| {
+        let numbers = line.split(',').map(|number| number.parse::<f32>().unwrap());
+        numbers.collect::<Vec<f32>>()
+    });
+    let mut recording = Recording::open(&session).unwrap();
+    let (settings, model) = (Settings::default(), FaceModel::shipped());
+    let mut pipeline = Pipeline::new(&settings.stages, &recording.camera, &model).unwrap();
+    let mut frame = Frame::default();
+    let mut errors = Vec::new();
+    while recording.next_frame(&mut frame) {
+        pipeline.follow(&frame);
+        let row = rows.find(|row| row[0] == frame.index as f32).unwrap();
+        let points = std::array::from_fn(|i| [row[1 + 2 * i], row[2 + 2 * i]]);
+        let found = pipeline.report().landmarks;
+        errors.extend(found.map(|found| mean_percent(&differences(&found.pixels, &points))));
+    }
+    // As in the table of `scenes_of_heads_give_the_rows_they_gave`: 1.24 % of the same second.
+    assert!(errors.len() >= 25, "{errors:?}");
+    assert!(errors.iter().all(|&error| error < 2.5), "{errors:?}");
 }

@@ -6,7 +6,7 @@
 //! Lost is a frame without a live pose, `held` included, after the ten frames an arrival may take. Rotation and position
 //! are with one fixed offset per person out. Landmarks are where the late, bent colour picture shows them.
 
-use std::fmt::{self, Display};
+use std::fmt::{self, Display, Write as _};
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -14,10 +14,15 @@ use rayon::prelude::*;
 use super::cast::at;
 use super::measure::{Film, pose_spreads};
 use crate::appliance::settings::Settings;
+use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
+use crate::sensor::kinect::frame::KinectFrame;
+use crate::sensor::kinect::recording::Recorder;
+use crate::simulator::simulated::Simulated;
 use crate::simulator::virtual_head::{Light, Look, Scene, Sensor, Simulator};
+use crate::studio::atomic_write::write_out;
 use crate::studio::evaluate::sessions::{
     Sessions, Spread, held_out, landmark_error, lighting, seed_of,
 };
@@ -149,6 +154,63 @@ fn play_one(
     };
     super::say(&format!("{number}"), &row.to_string());
     Ok(row)
+}
+
+/// Records one person's session into a folder, with `truth.csv`: where the colour picture shows the 68 points, pixels, and the
+/// weights acted.
+fn record_one(
+    head: PersonHead,
+    number: usize,
+    sessions: &Sessions,
+    out: &Path,
+    progress: &Progress,
+) -> Result<(), Fault> {
+    let mut sensor = Simulated::from(simulator(head, number, sessions.seed).0);
+    let mut recorder = Recorder::create(out, sensor.registration(), 0.0)?;
+    let mut truths = String::from("frame");
+    for i in 0..LANDMARKS {
+        let _ = write!(truths, ",u{i},v{i}");
+    }
+    for expression in sensor.simulator().asset().expressions.iter() {
+        let _ = write!(truths, ",{}", expression.name);
+    }
+    let mut frame = KinectFrame::default();
+    for n in 0..(sessions.seconds * 30.0) as usize {
+        if n % 30 == 29 {
+            progress.step();
+        }
+        sensor.next_frame(&mut frame);
+        recorder.write(&frame)?;
+        if let Some(truth) = sensor.truth() {
+            let _ = write!(truths, "\n{n}");
+            for [u, v] in truth.landmarks_px {
+                let _ = write!(truths, ",{u:.2},{v:.2}");
+            }
+            for weight in &truth.activations {
+                let _ = write!(truths, ",{weight:.3}");
+            }
+        }
+    }
+    write_out(&out.join("truth.csv"), truths + "\n")
+}
+
+/// Records the sessions into folders by the people's numbers, for other programs.
+///
+/// # Errors
+/// If the data sets cannot be read or a folder holds a recording or cannot be written.
+pub fn record(data: &Path, sessions: &Sessions, out: &Path) -> Result<(), Fault> {
+    let heads = held_out(data, sessions)?;
+    let progress = Progress::new("record", heads.len() * sessions.seconds as usize);
+    let heads = heads.into_par_iter().enumerate();
+    heads.try_for_each(|(number, head)| {
+        record_one(
+            head,
+            number,
+            sessions,
+            &out.join(number.to_string()),
+            &progress,
+        )
+    })
 }
 
 /// Plays the sessions and makes the table.
