@@ -100,13 +100,8 @@ impl Scene {
         }
     }
 
-    /// Acts for so long; `change` may alter what is acted and how the face appears, given the seconds since the call.
-    fn act(
-        &mut self,
-        person: &Person,
-        seconds: f64,
-        mut change: impl FnMut(f64, &mut Activation, &mut Person, &mut Landmarks),
-    ) {
+    /// Acts for so long.
+    fn act(&mut self, person: &Person, seconds: f64, change: Happening) {
         for frame in 0..(seconds / FRAME_S).round() as usize {
             let mut truth = self.acting.at(self.acted_s);
             self.acted_s += FRAME_S;
@@ -175,23 +170,14 @@ impl Scene {
         }
     }
 
-    /// As [`Self::act`], and it counts.
-    fn scored(
-        &mut self,
-        person: &Person,
-        seconds: f64,
-        change: impl FnMut(f64, &mut Activation, &mut Person, &mut Landmarks),
-    ) {
-        self.scored = true;
-        self.act(person, seconds, change);
-        self.scored = false;
-    }
-
     /// Nobody is there.
     fn pause(&mut self, seconds: f64) {
         self.time_s += seconds;
     }
 }
+
+/// Alters what is acted and how the face appears, given the seconds since the step began.
+type Happening = fn(f64, &mut Activation, &mut Person, &mut Landmarks);
 
 fn nothing(_: f64, _: &mut Activation, _: &mut Person, _: &mut Landmarks) {}
 
@@ -233,140 +219,111 @@ fn person(units: &Units, number: u64) -> Person {
     Person::new(units, 900 + number)
 }
 
-/// A name, and what happens to the scene of a person of that number.
-type Case = (&'static str, fn(&mut Scene, u64));
+/// Every ten seconds one frame is far off.
+fn outliers(t: f64, truth: &mut Activation, person: &mut Person, _: &mut Landmarks) {
+    let frame = (t / FRAME_S).round() as usize;
+    if frame % 300 == 150 {
+        for m in 0..ACTED {
+            let sign = [-1.0, 1.0][usize::from((frame / 300 + m).is_multiple_of(2))];
+            person.rest[m] += 1.5 * sign * person.up[m].max(person.down[m]);
+        }
+        truth.fill(0.0);
+    }
+}
 
-const CASES: [Case; 11] = [
-    ("acted session: after 60 s", |scene, n| {
-        let one = person(&scene.units, n);
-        scene.act(&one, 60.0, nothing);
-        scene.scored(&one, 60.0, nothing);
-    }),
+/// Everything moves by a range an hour.
+fn drifting(t: f64, _: &mut Activation, person: &mut Person, _: &mut Landmarks) {
+    for m in 0..ACTED {
+        person.rest[m] += t / 3600.0 * person.up[m].max(person.down[m]);
+    }
+}
+
+/// Who acts, seconds, and what happens to them.
+type Step = (u64, f64, Happening);
+
+/// Names, and what a person goes through; the last step counts.
+const CASES: [(&str, &[Step]); 10] = [
     (
-        "ten visitors, three minutes each: their last minutes",
-        |scene, n| {
-            visitors(scene, n, 10);
-        },
+        "acted session: after 60 s",
+        &[(0, 60.0, nothing), (0, 60.0, nothing)],
     ),
     (
         "a smile held for a minute: the half minute after it",
-        |scene, n| {
-            let one = person(&scene.units, n);
-            scene.act(&one, 60.0, nothing);
-            scene.act(&one, 60.0, smiling);
-            scene.scored(&one, 30.0, nothing);
-        },
+        &[(0, 60.0, nothing), (0, 60.0, smiling), (0, 30.0, nothing)],
     ),
     (
         "smiling from the first frame, for a minute: the second minute after it",
-        |scene, n| {
-            let one = person(&scene.units, n);
-            scene.act(&one, 60.0, smiling);
-            scene.act(&one, 60.0, nothing);
-            scene.scored(&one, 60.0, nothing);
-        },
+        &[(0, 60.0, smiling), (0, 60.0, nothing), (0, 60.0, nothing)],
     ),
     (
         "every ten seconds one frame far off: from the second minute",
-        |scene, n| {
-            let one = person(&scene.units, n);
-            let outliers =
-                |t: f64, truth: &mut Activation, person: &mut Person, _: &mut Landmarks| {
-                    let frame = (t / FRAME_S).round() as usize;
-                    if frame % 300 == 150 {
-                        for m in 0..ACTED {
-                            let sign = if (frame / 300 + m).is_multiple_of(2) {
-                                1.0
-                            } else {
-                                -1.0
-                            };
-                            person.rest[m] += 1.5 * sign * person.up[m].max(person.down[m]);
-                        }
-                        truth.fill(0.0);
-                    }
-                };
-            scene.act(&one, 60.0, outliers);
-            scene.scored(&one, 120.0, outliers);
-        },
+        &[(0, 60.0, outliers), (0, 120.0, outliers)],
     ),
-    ("glasses on: their second minute", |scene, n| {
-        let one = person(&scene.units, n);
-        scene.act(&one, 60.0, nothing);
-        scene.act(&one, 60.0, glasses);
-        scene.scored(&one, 60.0, glasses);
-    }),
+    (
+        "glasses on: their second minute",
+        &[(0, 60.0, nothing), (0, 60.0, glasses), (0, 60.0, glasses)],
+    ),
     (
         "glasses off again: the second minute without",
-        |scene, n| {
-            let one = person(&scene.units, n);
-            scene.act(&one, 60.0, nothing);
-            scene.act(&one, 60.0, glasses);
-            scene.act(&one, 60.0, nothing);
-            scene.scored(&one, 60.0, nothing);
-        },
+        &[
+            (0, 60.0, nothing),
+            (0, 60.0, glasses),
+            (0, 60.0, nothing),
+            (0, 60.0, nothing),
+        ],
     ),
     (
         "somebody else from one frame to the next: from 10 s after",
-        |scene, n| {
-            let (one, other) = (person(&scene.units, n), person(&scene.units, n + 50));
-            scene.act(&one, 120.0, nothing);
-            scene.act(&other, 10.0, nothing);
-            scene.scored(&other, 30.0, nothing);
-        },
+        &[
+            (0, 120.0, nothing),
+            (50, 10.0, nothing),
+            (50, 30.0, nothing),
+        ],
     ),
     (
         "everything drifts by a range an hour: the twentieth minute",
-        |scene, n| {
-            let one = person(&scene.units, n);
-            let mut from = 0.0;
-            let mut drifting = |scored: bool, seconds: f64| {
-                let began = from;
-                from += seconds;
-                let drift = |t: f64, _: &mut Activation, person: &mut Person, _: &mut Landmarks| {
-                    for m in 0..ACTED {
-                        person.rest[m] += (began + t) / 3600.0 * person.up[m].max(person.down[m]);
-                    }
-                };
-                if scored {
-                    scene.scored(&one, seconds, drift);
-                } else {
-                    scene.act(&one, seconds, drift);
-                }
-            };
-            drifting(false, 1140.0);
-            drifting(true, 60.0);
-        },
+        &[
+            (0, 1140.0, drifting),
+            (0, 60.0, |t, truth, person, seen| {
+                drifting(1140.0 + t, truth, person, seen);
+            }),
+        ],
     ),
     (
         "half the face covered for a minute: the half minute after it",
-        |scene, n| {
-            let one = person(&scene.units, n);
-            scene.act(&one, 60.0, nothing);
-            scene.act(&one, 60.0, half_covered);
-            scene.scored(&one, 30.0, nothing);
-        },
+        &[
+            (0, 60.0, nothing),
+            (0, 60.0, half_covered),
+            (0, 30.0, nothing),
+        ],
     ),
     (
         "never smiles for five minutes, then does: the minute after",
-        |scene, n| {
-            let one = person(&scene.units, n);
-            scene.act(&one, 300.0, never_smiling);
-            scene.scored(&one, 60.0, nothing);
-        },
+        &[(0, 300.0, never_smiling), (0, 60.0, nothing)],
     ),
 ];
+
+fn play(scene: &mut Scene, number: u64, steps: &[Step]) {
+    for (k, (who, seconds, happens)) in steps.iter().enumerate() {
+        let one = person(&scene.units, number + who);
+        scene.scored = k + 1 == steps.len();
+        scene.act(&one, *seconds, *happens);
+    }
+}
 
 /// One after the other sits down, three seconds between them.
 fn visitors(scene: &mut Scene, first: u64, count: u64) {
     for visitor in 0..count {
         let one = person(&scene.units, 100 * first + visitor);
-        scene.act(&one, 120.0, nothing);
-        scene.scored(&one, 60.0, nothing);
+        for (seconds, counts) in [(120.0, false), (60.0, true)] {
+            scene.scored = counts;
+            scene.act(&one, seconds, nothing);
+        }
         scene.pause(3.0);
     }
 }
 
-fn figures(case: fn(&mut Scene, u64), people: u64) -> [[f64; 4]; 2] {
+fn figures(case: impl Fn(&mut Scene, u64), people: u64) -> [[f64; 4]; 2] {
     METHODS.map(|method| {
         let mut all = Figures::default();
         for number in 0..people {
@@ -428,8 +385,10 @@ fn hold_to(file: &str, lines: &[String]) {
 fn the_default_is_better_than_the_paper_in_every_case() {
     let (mut lines, mut worse) = (Vec::new(), Vec::new());
     println!("{HEADING}");
-    for (name, case) in CASES {
-        let figures = figures(case, PEOPLE);
+    let of_case = |(name, steps)| (name, figures(|scene, n| play(scene, n, steps), PEOPLE));
+    let ten = figures(|scene, n| visitors(scene, n, 10), PEOPLE);
+    let visitors = ("ten visitors, three minutes each: their last minutes", ten);
+    for (name, figures) in CASES.map(of_case).into_iter().chain([visitors]) {
         let [ours, papers] = &figures;
         lines.push(line(name, &figures));
         println!("{}", lines[lines.len() - 1]);

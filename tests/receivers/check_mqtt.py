@@ -95,6 +95,21 @@ def config(port, more=""):
             '[network]\nname = "hall"\n[osc]\nenabled = false\n')
 
 
+def equal_weights(listener, rows, units):
+    """How many of the weights told are in the CSV, where all must be."""
+    by_time = {row.ms: row for row in reversed(rows)}
+    compared = 0
+    for text in listener.of("mien/hall/0/weights"):
+        weights = json.loads(text)
+        row = by_time[weights["time_us"] // 1000]
+        if row.present and row is not rows[-1]:
+            for unit in units:
+                assert abs(weights[unit] - row.shown[unit]) <= 0.5e-4 + 1e-6, (unit, row.frame)
+                compared += 1
+    assert compared > FRAMES // 2 * len(units), compared
+    return compared
+
+
 def everything(mien):
     port = free_port(socket.SOCK_STREAM)
     broker = Broker(port, password="secret")
@@ -124,16 +139,7 @@ def everything(mien):
     wanted = [row.state for i, row in enumerate(rows) if row.state != "absent" and (i == 0 or row.state != rows[i - 1].state)]
     assert told == [*wanted, "absent"], (told, wanted)
     assert [state["changes"] for state in states] == list(range(1, len(states) + 1)), states
-    by_time = {row.ms: row for row in reversed(rows)}
-    compared = 0
-    for text in listener.of("mien/hall/0/weights"):
-        weights = json.loads(text)
-        row = by_time[weights["time_us"] // 1000]
-        if row.present and row is not rows[-1]:
-            for unit in units:
-                assert abs(weights[unit] - row.shown[unit]) <= 0.5e-4 + 1e-6, (unit, row.frame)
-                compared += 1
-    assert compared > FRAMES // 2 * len(units), compared
+    compared = equal_weights(listener, rows, units)
     health = [json.loads(text) for text in listener.of("mien/hall/health")]
     assert len(health) >= 6 and any(one["sensor"] for one in health[1:]), health
     # Each rate is that of the frames since the report before: together they took as long as passed, however slow the machine.
@@ -182,16 +188,7 @@ def sealed(mien):
     path, _, status = session.run(mien, setting("localhost", "authority.pem"), RUN)
     time.sleep(1)
     rows, units = session.read(path)
-    by_time = {row.ms: row for row in reversed(rows)}
-    compared = 0
-    for text in listener.of("mien/hall/0/weights"):
-        weights = json.loads(text)
-        row = by_time[weights["time_us"] // 1000]
-        if row.present and row is not rows[-1]:
-            for unit in units:
-                assert abs(weights[unit] - row.shown[unit]) <= 0.5e-4 + 1e-6, (unit, row.frame)
-                compared += 1
-    assert compared > FRAMES // 2 * len(units), compared
+    compared = equal_weights(listener, rows, units)
     assert listener.of("mien/hall/presence") == ["online", "offline"], listener.of("mien/hall/presence")
     listener.messages.clear()
     for host, authority, reason in (("localhost", "stranger.pem", "UnknownIssuer"), ("127.0.0.1", "authority.pem", "not valid for name")):

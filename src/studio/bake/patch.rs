@@ -506,15 +506,7 @@ mod tests {
 
     #[test]
     fn expressions_of_an_avatar_keep_their_meaning_and_gain_the_shapes() {
-        let sheet = sheet(5, 0.1);
-        let mut file = build(
-            &sheet,
-            &[shape("mouthA", 25, 3, Vec3::x())],
-            1.0,
-            false,
-            None,
-        );
-        file.json["extensions"] = json!({
+        let file = extended(json!({
             "VRM": {"blendShapeMaster": {"blendShapeGroups": [
                 {"name": "A", "presetName": "a", "binds": [{"mesh": 0, "index": 0, "weight": 100.0}]},
                 {"name": "cheekpuff", "presetName": "unknown", "binds": []},
@@ -522,7 +514,7 @@ mod tests {
             "VRMC_vrm": {"specVersion": "1.0", "expressions": {"preset": {
                 "aa": {"morphTargetBinds": [{"node": 0, "index": 0, "weight": 1.0}]},
             }}},
-        });
+        }));
         let (_, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
         let new = ["jawOpen", "cheekPuff"].map(|name| shape(name, 25, 7, Vec3::z()));
         let glb = Glb::parse(&foreign.patched(&new, false).emit()).unwrap();
@@ -584,18 +576,17 @@ mod tests {
 
     /// A small avatar with everything that is looked at.
     fn avatar() -> Glb {
-        let sheet = sheet(5, 0.1);
-        let mut file = build(
-            &sheet,
-            &[shape("mouthA", 25, 3, Vec3::x())],
-            1.0,
-            false,
-            None,
-        );
-        file.json["extensions"] = json!({
+        extended(json!({
             "VRM": {"blendShapeMaster": {"blendShapeGroups": [{"name": "A", "binds": []}]}},
             "VRMC_vrm": {"expressions": {"preset": {"aa": {}}, "custom": {"b": {}}}},
-        });
+        }))
+    }
+
+    /// A sheet with one shape and these extensions.
+    fn extended(extensions: Value) -> Glb {
+        let shape = shape("mouthA", 25, 3, Vec3::x());
+        let mut file = build(&sheet(5, 0.1), &[shape], 1.0, false, None);
+        file.json["extensions"] = extensions;
         file
     }
 
