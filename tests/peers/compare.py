@@ -122,21 +122,19 @@ def table(scenes, regions):
     found = [[shifts(scene[of], scene[3], rows) for rows, scene in zip(both, scenes)] for of in (1, 2)]
     mean = lambda f, mask: (f * mask).sum(0) / np.maximum(mask.sum(0), 1)
     means = [mean(np.concatenate(f), np.concatenate(masks)) for f in found]
+    bold = lambda value, other: f"**{value:.2f}**" if value < other else f"{value:.2f}"
     for n, (name, mien, peer, truth, _) in enumerate(scenes):
-        mask = masks[n]
+        own = [mean(f[n], masks[n]) for f in found]
 
-        def errors(offset, points):
-            lengths = [100 * np.linalg.norm(f[n] - offset(f[n], all_mean), axis=2) for f, all_mean in zip(found, means)]
-            a, b = (np.where(mask[..., 0], length, np.nan)[:, list(points)] for length in lengths)
-            a, b = np.nanmean(a), np.nanmean(b)
-            bold = lambda value, other: f"**{value:.2f}**" if value < other else f"{value:.2f}"
+        def errors(offsets, points):
+            a, b = (np.nanmean(np.where(masks[n][..., 0], 100 * np.linalg.norm(f[n] - offset, axis=2), np.nan)[:, list(points)])
+                    for f, offset in zip(found, offsets))
             return f"{bold(a, b)} / {bold(b, a)}"
 
         cells = [f"{100 * sum(k in points for k in truth) / len(truth):.1f} %" for points in (mien, peer)]
-        cells.append(errors(lambda *_: 0, regions[0][1]))
+        cells.append(errors((0, 0), regions[0][1]))
         for _, points in regions:
-            own = f" ({errors(lambda f, _: mean(f, mask), points)})" if len(scenes) > 1 else ""
-            cells.append(errors(lambda _, all_mean: all_mean, points) + own)
+            cells.append(errors(means, points) + (f" ({errors(own, points)})" if len(scenes) > 1 else ""))
         print(f"| {name} | " + " | ".join(cells) + " |")
 
 
