@@ -32,7 +32,14 @@ impl Fault {
 
     /// What the system said of a file that cannot be read or written; `advice` follows it.
     pub fn cannot<E: Display>(what: &str, path: &Path, advice: &str) -> impl Fn(E) -> Self {
-        move |error| Self::new(format!("cannot {what} {}: {error}{advice}", path.display()))
+        let published = match data_set_of(path).filter(|_| !path.exists()) {
+            Some(set) => {
+                format!("; docs/data.md says what the data set {set} is and how to get it")
+            }
+            None => String::new(),
+        };
+        let path = path.display().to_string();
+        move |error| Self::new(format!("cannot {what} {path}: {error}{advice}{published}"))
     }
 
     /// What is wrong with the contents of a file.
@@ -46,6 +53,23 @@ impl Fault {
         let text = format!("line {line}: expected {expected}, found {found:?}");
         Self::within(path)(text)
     }
+}
+
+/// The published data set (`docs/data.md`) that a path lies in, by the name of a folder on it.
+fn data_set_of(path: &Path) -> Option<&'static str> {
+    const SETS: [&str; 9] = [
+        "faces_frl189",
+        "faces_ytfaces68",
+        "ict_facekit",
+        "kinect_v1_desk",
+        "kinect_v1_film",
+        "kinect_v1_pcl",
+        "kinect_v2_faces",
+        "nrsfm_bench",
+        "video_talkingface",
+    ];
+    let mut folders = path.iter().filter_map(std::ffi::OsStr::to_str);
+    folders.find_map(|folder| SETS.into_iter().find(|set| *set == folder))
 }
 
 impl Display for Fault {

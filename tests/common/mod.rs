@@ -50,16 +50,14 @@ pub fn stamp(frame: &mut KinectFrame, number: u64, first_ticks: u32) {
     frame.original.colour_ticks = frame.original.ticks.wrapping_add(300_000);
 }
 
-/// A frame of a real Kinect v1, from `kinect_v1_pcl/<name>_{depth,rgb}.png` in the data sets. The depth there lies on the
+/// A frame of a real Kinect v1, from `<name>_{depth,rgb}.png` of the data set `kinect_v1_pcl`. The depth there lies on the
 /// grid of the colour picture and has the focal length 525, ours is the depth camera's own view at 575.8: as a recording it
 /// has real noise, steps and shadows, but its colour is displaced against its depth and everything is about a tenth
 /// nearer to the axis than it was.
 #[cfg(feature = "studio")]
-pub fn kinect_frame(data: &Path, name: &str) -> KinectFrame {
+pub fn kinect_frame(set: &Path, name: &str) -> KinectFrame {
     let camera = mien::sensor::kinect::geometry::nominal();
-    let open = |kind: &str| {
-        image::open(data.join(format!("kinect_v1_pcl/{name}_{kind}.png"))).expect(name)
-    };
+    let open = |kind: &str| image::open(set.join(format!("{name}_{kind}.png"))).expect(name);
     let mut frame = KinectFrame::default();
     for (raw, &z_mm) in frame
         .depth
@@ -76,7 +74,7 @@ pub fn kinect_frame(data: &Path, name: &str) -> KinectFrame {
 
 /// Writes a recording of real frames, each of the names held for `repeat` frames.
 #[cfg(feature = "studio")]
-pub fn write_kinect_recording(data: &Path, names: &[&str], repeat: u64, to: &Path) {
+pub fn write_kinect_recording(set: &Path, names: &[&str], repeat: u64, to: &Path) {
     use mien::sensor::kinect::recording::Recorder;
     let mut recorder = Recorder::create(
         to,
@@ -85,7 +83,7 @@ pub fn write_kinect_recording(data: &Path, names: &[&str], repeat: u64, to: &Pat
     )
     .expect("an empty directory");
     for name in names {
-        let mut frame = kinect_frame(data, name);
+        let mut frame = kinect_frame(set, name);
         for _ in 0..repeat {
             stamp(&mut frame, recorder.frames(), 0);
             recorder

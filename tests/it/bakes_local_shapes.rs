@@ -1,10 +1,9 @@
 //! Baked shapes: close to sculpted ones, still outside their area, no triangle turned over, lids on the eyeball.
-//! Needs the heads of the shared data (`MIEN_DATA`); without them it says so and passes.
+//! Needs heads of the data sets; left out without them.
 //! One file: the same heads serve every promise.
 #![cfg(feature = "studio")]
 
 use std::collections::HashMap;
-use std::path::PathBuf;
 
 use mien::face_model::FaceModel;
 use mien::studio::bake::glb;
@@ -31,20 +30,10 @@ use mien::studio::fault::Fault;
 use mien::studio::heads::{default_head, hero::Hero};
 use rayon::prelude::*;
 
-fn data(name: &str) -> Option<PathBuf> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
-    let folder = std::env::var_os("MIEN_DATA")
-        .map_or_else(|| PathBuf::from(beside), PathBuf::from)
-        .join(name);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("skipped: no {}", folder.display());
-    None
-}
+use crate::common::data::{self, Set};
 
-fn baked(folder: &str, mesh: &str) -> Option<(Head, Vec<Shape>)> {
-    let folder = data(folder)?;
+fn baked(set: Set, mesh: &str) -> Option<(Head, Vec<Shape>)> {
+    let folder = data::folder(set)?;
     let text = std::fs::read_to_string(folder.join(mesh)).unwrap();
     let landmarks: Vec<u64> = std::fs::read_to_string(folder.join("landmarks68.txt"))
         .unwrap()
@@ -241,7 +230,7 @@ fn compare(truth: &Truth) -> Result<Vec<Row>, Fault> {
 
 #[test]
 fn comes_closer_to_sculpted_shapes_than_plain_laplacian() {
-    let Some(folder) = data("ict_facekit") else {
+    let Some(folder) = data::folder(Set::IctFacekit) else {
         return;
     };
     let truth = Truth::read(&folder).unwrap();
@@ -332,7 +321,7 @@ fn left_out(truth: &Truth, lesson: &Lesson) -> Vec<Score> {
 
 #[test]
 fn what_other_shapes_teach_brings_an_unseen_one_closer() {
-    let Some(folder) = data("ict_facekit") else {
+    let Some(folder) = data::folder(Set::IctFacekit) else {
         return;
     };
     let truth = Truth::read(&folder).unwrap();
@@ -415,7 +404,7 @@ fn refined(mesh: &Mesh, chosen: impl Fn(&Vec3) -> bool) -> Mesh {
 
 #[test]
 fn a_finer_or_unevenly_cut_mesh_gives_the_same_shape() {
-    let Some(folder) = data("ict_facekit") else {
+    let Some(folder) = data::folder(Set::IctFacekit) else {
         return;
     };
     let truth = Truth::read(&folder).unwrap();
@@ -453,7 +442,7 @@ fn a_finer_or_unevenly_cut_mesh_gives_the_same_shape() {
 
 #[test]
 fn the_recipe_fits_a_head_with_eyes_and_teeth() {
-    let Some((head, shapes)) = baked("ict_facekit", "generic_neutral_mesh.obj") else {
+    let Some((head, shapes)) = baked(Set::IctFacekit, "generic_neutral_mesh.obj") else {
         return;
     };
     assert_eq!(shapes.len(), 67);
@@ -477,7 +466,7 @@ fn the_recipe_fits_a_head_with_eyes_and_teeth() {
 
 #[test]
 fn correctives_mend_what_two_shapes_do_at_once() {
-    let Some((head, alone)) = baked("ict_facekit", "generic_neutral_mesh.obj") else {
+    let Some((head, alone)) = baked(Set::IctFacekit, "generic_neutral_mesh.obj") else {
         return;
     };
     let recipe = Recipe::read(SHIPPED).unwrap();
@@ -517,11 +506,13 @@ fn correctives_mend_what_two_shapes_do_at_once() {
 
 #[test]
 fn landmarks_are_found_on_a_picture_of_the_mesh() {
-    for (folder, name) in [
-        ("ict_facekit", "generic_neutral_mesh.obj"),
-        ("canonical_face", "canonical_face_model.obj"),
+    for (set, name) in [
+        (Set::IctFacekit, "generic_neutral_mesh.obj"),
+        (Set::CanonicalFace, "canonical_face_model.obj"),
     ] {
-        let Some(folder) = data(folder) else { return };
+        let Some(folder) = data::folder(set) else {
+            return;
+        };
         let mesh = obj::parse(&std::fs::read_to_string(folder.join(name)).unwrap()).unwrap();
         let text = std::fs::read_to_string(folder.join("landmarks68.txt")).unwrap();
         let truth: Vec<usize> = text
@@ -603,11 +594,13 @@ fn bits(p: &Vec3) -> [u32; 3] {
 #[test]
 fn a_head_bakes_from_glb_as_it_does_from_obj() {
     // Both heads are modelled in centimetres.
-    for (folder, mesh, units) in [
-        ("ict_facekit", "generic_neutral_mesh.obj", &[0.01][..]),
-        ("canonical_face", "canonical_face_model.obj", &[1.0, 0.01]),
+    for (set, mesh, units) in [
+        (Set::IctFacekit, "generic_neutral_mesh.obj", &[0.01][..]),
+        (Set::CanonicalFace, "canonical_face_model.obj", &[1.0, 0.01]),
     ] {
-        let Some(folder) = data(folder) else { return };
+        let Some(folder) = data::folder(set) else {
+            return;
+        };
         let source = obj::parse(&std::fs::read_to_string(folder.join(mesh)).unwrap()).unwrap();
         let text = std::fs::read_to_string(folder.join("landmarks68.txt")).unwrap();
         let landmarks: Vec<u64> = text
@@ -669,7 +662,7 @@ fn a_head_bakes_from_glb_as_it_does_from_obj() {
 
 /// ICT FaceKit's head as another person's: its hundred identities at random, as likely as they are in people.
 fn another_person(seed: u64) -> Option<(Mesh, Vec<u64>)> {
-    let folder = data("ict_facekit")?;
+    let folder = data::folder(Set::IctFacekit)?;
     let text = std::fs::read_to_string(folder.join("generic_neutral_mesh.obj")).unwrap();
     let landmarks = std::fs::read_to_string(folder.join("landmarks68.txt")).unwrap();
     let landmarks = landmarks.split_whitespace().map(|w| w.parse().unwrap());
@@ -750,7 +743,7 @@ fn heads_of_other_people_are_baked_and_their_landmarks_found() {
 
 #[test]
 fn triangles_that_see_a_change_are_found_once_and_in_order() {
-    let Some(folder) = data("ict_facekit") else {
+    let Some(folder) = data::folder(Set::IctFacekit) else {
         return;
     };
     let text = std::fs::read_to_string(folder.join("generic_neutral_mesh.obj")).unwrap();
@@ -797,7 +790,7 @@ fn triangles_that_see_a_change_are_found_once_and_in_order() {
 
 #[test]
 fn the_recipe_fits_a_coarse_mask_of_triangles() {
-    let Some((head, shapes)) = baked("canonical_face", "canonical_face_model.obj") else {
+    let Some((head, shapes)) = baked(Set::CanonicalFace, "canonical_face_model.obj") else {
         return;
     };
     assert_eq!(shapes.len(), 67);
@@ -808,13 +801,14 @@ fn the_recipe_fits_a_coarse_mask_of_triangles() {
 /// Heads that nothing was made on: found, and what shapes must do they do.
 #[test]
 fn strangers_heads_open_their_mouths_and_shut_their_eyes() {
-    for path in [
-        "head_vitruvian/head.obj",
-        "heads_makehuman/african-male-young.obj",
-        "heads_makehuman/caucasian-female-young.obj",
+    for (set, name) in [
+        (Set::HeadVitruvian, "head.obj"),
+        (Set::HeadsMakehuman, "african-male-young.obj"),
+        (Set::HeadsMakehuman, "caucasian-female-young.obj"),
     ] {
-        let (folder, name) = path.split_once('/').unwrap();
-        let Some(folder) = data(folder) else { return };
+        let Some(folder) = data::folder(set) else {
+            return;
+        };
         let mesh = obj::parse(&std::fs::read_to_string(folder.join(name)).unwrap()).unwrap();
         let found = locate(&mesh, &FaceModel::shipped()).unwrap().vertices;
         let (head, shapes, _) = baked_in_order(&mesh, &found);
@@ -832,7 +826,7 @@ fn strangers_heads_open_their_mouths_and_shut_their_eyes() {
         let inverted: usize = figures.iter().map(|f| f.inverted).sum();
         let lids = figures.iter().filter_map(|f| f.lid_gap);
         let lids = lids.fold(0.0, f64::max);
-        println!("{path}: lips part by {part:.2}, lids {lids:.3}, {inverted} inverted");
+        println!("{name}: lips part by {part:.2}, lids {lids:.3}, {inverted} inverted");
         assert!(part > 0.4 && upper.norm() < 0.25 * lower.norm(), "{name}");
         assert!(lids < 0.035 && inverted <= 1, "{name}");
     }
@@ -959,12 +953,12 @@ fn draws_baked_shapes_beside_sculpted_ones() {
             &["cheekSquint_L", "cheekSquint_R"],
         ),
     ];
-    let Some((head, shapes)) = baked("ict_facekit", "generic_neutral_mesh.obj") else {
+    let Some((head, shapes)) = baked(Set::IctFacekit, "generic_neutral_mesh.obj") else {
         return;
     };
     let own: Vec<u32> = (0..head.mesh.positions.len() as u32).collect();
     let outside = Outside::new(&head.mesh, &own, &Looks::default());
-    let truth = Truth::read(&data("ict_facekit").unwrap()).unwrap();
+    let truth = Truth::read(&data::folder(Set::IctFacekit).unwrap()).unwrap();
     let sum = |some: Vec<&Vec<Vec3>>| {
         let mut sum = vec![Vec3::zeros(); head.mesh.positions.len()];
         for d in some {

@@ -15,6 +15,7 @@ use mien::sensor::{Frame, NO_DEPTH};
 use tempfile::TempDir;
 
 use crate::common;
+use crate::common::data::Set;
 
 const CAMERA: &str = r#"{
     "depth": {"width": 512, "height": 424, "fx": 365.0, "fy": 366.0, "cx": 256.0, "cy": 212.0, "metres_per_unit": 0.0002},
@@ -194,7 +195,7 @@ fn a_damaged_frame_is_skipped_and_counted() {
 
 #[test]
 fn a_kinect_v2_is_followed_at_its_own_size() {
-    let Some(data) = common::data::data(&["kinect_v2_faces"]) else {
+    let Some(data) = common::data::only([Set::KinectV2Faces]) else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
@@ -210,12 +211,12 @@ fn a_kinect_v2_is_followed_at_its_own_size() {
     let mut python = Command::new("python3");
     python
         .arg(script)
-        .arg(data)
+        .arg(data.path())
         .arg(folder.path())
         .args(words)
         .args(["--ending", ending]);
     if !python.output().is_ok_and(|done| done.status.success()) {
-        return common::data::skip("no python3 with numpy and OpenCV");
+        return common::data::leave_out("python3 with numpy and OpenCV");
     }
     let mut source = Source::recording(folder.path()).unwrap();
     let model = FaceModel::shipped();

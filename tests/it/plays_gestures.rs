@@ -2,7 +2,6 @@
 //! `tests/gestures/run` judges. Also checks that gaze is read correctly.
 
 use std::io::Write;
-use std::path::Path;
 
 use mien::base::geometry::{Rigid, Rotation, rotation_from_yaw_pitch_roll};
 use mien::base::time::Timestamp;
@@ -17,6 +16,7 @@ use mien::studio::heads::textured_heads;
 use mien::studio::people_split::Split;
 
 use crate::common;
+use crate::common::data::Set;
 
 /// Rounds of all gestures, the time of one, and its rise, fall and length at full, seconds.
 const ROUNDS: usize = 3;
@@ -154,10 +154,10 @@ fn play(seed: u64, t: f32, what: &str, height: f32, mut set: impl FnMut(&str, f3
 /// far as it is acted, and at less than half of that in the other three.
 #[test]
 fn eyes_that_turn_are_read_where_they_look() {
-    let Some(data) = common::data::data(&["faces_frl189", "ict_facekit"]) else {
+    let Some(data) = common::data::only([Set::FacesFrl189, Set::IctFacekit]) else {
         return;
     };
-    let heads = textured_heads(&data, |person| Split::of(person) == Split::Test, 2).unwrap();
+    let heads = textured_heads(data.path(), |person| Split::of(person) == Split::Test, 2).unwrap();
     let model = FaceModel::shipped();
     const LOOKS: [(&str, [&str; 2]); 4] = [
         ("AU61", ["eyeLookOut_L", "eyeLookIn_R"]),
@@ -210,12 +210,12 @@ fn eyes_that_turn_are_read_where_they_look() {
 #[test]
 #[ignore = "takes minutes; tests/gestures/run plays it"]
 fn people_act_gestures() {
-    let data = std::env::var("MIEN_DATA").expect("the data sets");
+    let data = common::data::only([Set::FacesFrl189, Set::IctFacekit]).expect("the data sets");
     let out = std::env::var("MIEN_GESTURES").expect("a folder for the tables");
     let tunes = std::env::var("SPLIT").is_ok_and(|split| split == "dev");
     let split = if tunes { Split::Dev } else { Split::Test };
     let model = FaceModel::shipped();
-    let heads = textured_heads(Path::new(&data), |person| Split::of(person) == split, 6).unwrap();
+    let heads = textured_heads(data.path(), |person| Split::of(person) == split, 6).unwrap();
     let all: Vec<Gesture> = PRESETS
         .iter()
         .map(|preset| Gesture::named(preset.0))

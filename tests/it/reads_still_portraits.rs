@@ -17,6 +17,7 @@ use mien::studio::train::dataset::{Entry, read_folder};
 use mien::studio::train::evaluate::{Errors, differences};
 
 use crate::common;
+use crate::common::data::Set;
 
 /// The box of points, moved by a share of its width and grown, so that a fit does not start at its answer.
 fn box_of(points: &[[f32; 2]; LANDMARKS], moved: f32, grown: f32) -> FaceBox {
@@ -56,14 +57,15 @@ fn mouth(head: &[Point; LANDMARKS]) -> (f32, f32) {
 
 #[test]
 fn strangers_points_are_found_within_four_per_cent() {
-    let Some(data) = common::data::data(&[]) else {
+    let sets = [Set::FacesFrl189, Set::FacesYtfaces68].map(common::data::folder);
+    let [Some(portraits), Some(stills)] = sets else {
         return;
     };
     let model = FaceModel::shipped();
     let mut fitter = StillFitter::new(&model);
     let mut random = fastrand::Rng::with_seed(21);
 
-    let portraits = read_folder(&data.join("faces_frl189")).expect("the portraits");
+    let portraits = read_folder(&portraits).expect("the portraits");
     let persons: Vec<_> = portraits.iter().map(|e| (&*e.set, &*e.person)).collect();
     let mut errors = Errors::default();
     for (entry, split) in portraits.iter().zip(Split::of_persons(&persons)) {
@@ -78,7 +80,7 @@ fn strangers_points_are_found_within_four_per_cent() {
     assert!(mean <= 4.0, "{mean} %");
 
     // Every fourth still of a wilder set, none of which was trained on: the figure is watched, with room for its subset.
-    let stills = read_folder(&data.join("faces_ytfaces68")).expect("the stills");
+    let stills = read_folder(&stills).expect("the stills");
     let mut errors = Errors::default();
     for entry in stills.iter().step_by(4) {
         if let Some(points) = &entry.points {
@@ -94,12 +96,12 @@ fn strangers_points_are_found_within_four_per_cent() {
 
 #[test]
 fn a_smile_widens_the_mouth_and_raises_its_corners() {
-    let Some(data) = common::data::data(&[]) else {
+    let Some(portraits) = common::data::folder(Set::FacesFrl189) else {
         return;
     };
     let model = FaceModel::shipped();
     let mut fitter = StillFitter::new(&model);
-    let portraits = read_folder(&data.join("faces_frl189")).expect("the portraits");
+    let portraits = read_folder(&portraits).expect("the portraits");
     let persons: Vec<_> = portraits.iter().map(|e| (&*e.set, &*e.person)).collect();
     let mut pairs: BTreeMap<&str, (Split, Option<&Entry>, Option<&Entry>)> = BTreeMap::new();
     for (entry, split) in portraits.iter().zip(Split::of_persons(&persons)) {

@@ -10,6 +10,7 @@ use mien::sensor::kinect::recording::{Recorder, Recording};
 use mien::sensor::kinect::registration::Registration;
 
 use crate::common;
+use crate::common::data::Set;
 
 const SEED: u64 = 20;
 
@@ -313,7 +314,7 @@ fn what_cannot_be_opened_says_so_in_one_sentence() {
 #[cfg(feature = "studio")]
 #[test]
 fn real_frames_become_a_recording() {
-    let Some(data) = common::data::data(&[]) else {
+    let Some(data) = common::data::folder(Set::KinectV1Pcl) else {
         return;
     };
     let directory = tempfile::tempdir().unwrap();

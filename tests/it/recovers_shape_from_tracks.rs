@@ -1,5 +1,5 @@
 //! Promise: shapes recovered from 2D tracks alone are nearer the truth than any rigid shape. Prints one table.
-//! Needs the sequences under MIEN_DATA (or ../shared/data); says so and passes without them.
+//! Needs data sets; left out without them.
 
 #![cfg(feature = "studio")]
 
@@ -11,6 +11,7 @@ use nalgebra::{Rotation3, Vector3};
 use std::path::Path;
 
 use crate::common;
+use crate::common::data::Set;
 
 /// One row of the table; the share of the rigid mean shape's error that is left.
 fn share(name: &str, tracks: &Tracks, truth: &Shapes) -> f64 {
@@ -40,7 +41,7 @@ const HEADING: &str =
 
 #[test]
 fn standard_sequences_beat_the_rigid_shape() {
-    let Some(data) = common::data::data(&["nrsfm_bench"]) else {
+    let Some(data) = common::data::folder(Set::NrsfmBench) else {
         return;
     };
     println!("{HEADING}");
@@ -52,7 +53,7 @@ fn standard_sequences_beat_the_rigid_shape() {
         ("yoga", 0.75),
         ("pickup", 0.4),
     ] {
-        let file = |what: &str| data.join(format!("nrsfm_bench/{name}_{what}.csv"));
+        let file = |what: &str| data.join(format!("{name}_{what}.csv"));
         let tracks = Tracks::read(&file("W")).unwrap();
         let truth = Shapes::read(&file("S")).unwrap();
         let share = share(name, &tracks, &truth);
@@ -65,7 +66,7 @@ fn standard_sequences_beat_the_rigid_shape() {
 
 #[test]
 fn faces_before_a_turning_camera_beat_the_rigid_shape() {
-    let Some(data) = common::data::data(&["face_mocap41"]) else {
+    let Some(data) = common::data::folder(Set::FaceMocap41) else {
         return;
     };
     println!("{HEADING}");
@@ -97,8 +98,8 @@ fn the_landmarks_of_a_face_beat_the_rigid_shape() {
 }
 
 /// 150 frames of motion capture.
-fn captured(data: &Path, file: &str, first: usize) -> Vec<Vec<[f64; 3]>> {
-    let text = std::fs::read_to_string(data.join(format!("face_mocap41/{file}.csv"))).unwrap();
+fn captured(set: &Path, file: &str, first: usize) -> Vec<Vec<[f64; 3]>> {
+    let text = std::fs::read_to_string(set.join(format!("{file}.csv"))).unwrap();
     let lines = text.lines().skip(1 + first).take(150);
     lines
         .map(|line| {

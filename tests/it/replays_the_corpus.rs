@@ -26,6 +26,7 @@ use mien::sensor::kinect::recording::Recording;
 use tempfile::TempDir;
 
 use crate::common;
+use crate::common::data::Set;
 
 /// One line in so many may be another.
 const ONE_IN: usize = 50;
@@ -33,16 +34,12 @@ const ONE_IN: usize = 50;
 const WITHIN: [i32; 7] = [2, 2, 2, 1, 1, 1, 3];
 
 /// A recording as a data set's script writes it; `None`, told in one line, if it cannot.
-fn made(set: &str, words: &[&str]) -> Option<TempDir> {
-    let script = common::data::data(&[])?.join(set).join("to_session.py");
-    if !script.is_file() {
-        common::data::skip(&format!("no {set} among the data sets"));
-        return None;
-    }
+fn made(set: Set, words: &[&str]) -> Option<TempDir> {
+    let script = common::data::folder(set)?.join("to_session.py");
     let mut has = Command::new("python3");
     has.args(["-c", "import cv2, numpy"]).stderr(Stdio::null());
     if !has.status().is_ok_and(|status| status.success()) {
-        common::data::skip("no python3 with numpy and OpenCV");
+        common::data::leave_out("python3 with numpy and OpenCV");
         return None;
     }
     let folder = tempfile::tempdir().unwrap();
@@ -53,7 +50,7 @@ fn made(set: &str, words: &[&str]) -> Option<TempDir> {
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&out.stderr);
-    assert!(out.status.success(), "{set} {words:?}: {said}");
+    assert!(out.status.success(), "{} {words:?}: {said}", set.name());
     Some(folder)
 }
 
@@ -169,7 +166,7 @@ fn hold(name: &str, lines: &[String]) {
 /// The part of the film in which the man holds paper before his face.
 fn film() -> Option<TempDir> {
     made(
-        "kinect_v1_film",
+        Set::KinectV1Film,
         &["--depth-only", "--from", "20", "--to", "110"],
     )
 }
@@ -178,7 +175,7 @@ fn face(person: &str, pose: &str) -> Option<TempDir> {
     let words = [
         "--person", person, "--pose", pose, "--first", "30", "--hold", "8",
     ];
-    made("kinect_v2_faces", &words)
+    made(Set::KinectV2Faces, &words)
 }
 
 #[test]
@@ -191,7 +188,7 @@ fn the_film() {
 
 #[test]
 fn the_desk() {
-    let Some(desk) = made("kinect_v1_desk", &["--hold", "3"]) else {
+    let Some(desk) = made(Set::KinectV1Desk, &["--hold", "3"]) else {
         return;
     };
     hold("desk", &replayed(desk.path()).0);

@@ -8,10 +8,11 @@ use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
 
 use crate::common;
+use crate::common::data::Set;
 
 #[test]
 fn people_from_behind_and_a_desk_have_no_face() {
-    let Some(data) = common::data::data(&[]) else {
+    let Some(data) = common::data::folder(Set::KinectV1Pcl) else {
         return;
     };
     let folder = tempfile::tempdir().expect("temporary folder");

@@ -17,10 +17,11 @@ use mien::studio::heads::plain_head;
 use mien::studio::train::standard_head::standard_head;
 
 use crate::common;
+use crate::common::data::Set;
 
 fn ict() -> Option<IctHead> {
-    let data = common::data::data(&[])?;
-    Some(IctHead::read(&data.join("ict_facekit")).expect("the ICT head"))
+    let folder = common::data::folder(Set::IctFacekit)?;
+    Some(IctHead::read(&folder).expect("the ICT head"))
 }
 
 /// A person whose head differs from the mean by random identity modes; seed 0 is the mean itself.

@@ -1,4 +1,4 @@
-//! Seconds of what `evaluate` plays for minutes, held to its figures. Skipped where the data sets are absent.
+//! Seconds of what `evaluate` plays for minutes, held to its figures. Left out where the data sets are absent.
 
 use super::sessions::Sessions;
 use super::{head_scenes, landmark_accuracy, table};
@@ -7,12 +7,13 @@ use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::sensor::kinect::recording::Recording;
+use crate::studio::data::{self, Set};
 use crate::studio::golden::{figures, hold};
 use crate::studio::train::evaluate::{differences, mean_percent};
 
-/// The heads, and what else a table has rows of.
-fn data(more: &[&str]) -> Option<std::path::PathBuf> {
-    crate::studio::data::data(&[&["ict_facekit", "faces_frl189"], more].concat())
+/// People with photographs.
+fn people() -> Option<tempfile::TempDir> {
+    data::only([Set::IctFacekit, Set::FacesFrl189])
 }
 
 fn short(people: usize, seconds: f64) -> Sessions {
@@ -25,15 +26,21 @@ fn short(people: usize, seconds: f64) -> Sessions {
 
 #[test]
 fn somebody_who_acts_gives_the_table_they_gave() {
-    let Some(data) = data(&[]) else { return };
+    let Some(data) = people() else { return };
     let (model, settings) = (FaceModel::shipped(), Settings::default());
-    let table = table::play(&data, &model, &settings, &short(1, 20.0)).expect("data are readable");
+    let table =
+        table::play(data.path(), &model, &settings, &short(1, 20.0)).expect("data are readable");
     hold("evaluate/table", &figures(&table.to_string()));
 }
 
 #[test]
 fn landmarks_under_every_condition_err_as_they_did() {
-    let Some(data) = data(&["faces_ytfaces68", "video_talkingface"]) else {
+    let Some(data) = data::only([
+        Set::IctFacekit,
+        Set::FacesFrl189,
+        Set::FacesYtfaces68,
+        Set::VideoTalkingface,
+    ]) else {
         return;
     };
     let mut lines = Vec::new();
@@ -44,30 +51,30 @@ fn landmarks_under_every_condition_err_as_they_did() {
         }
     };
     let (model, settings) = (FaceModel::shipped(), Settings::default());
-    landmark_accuracy::measure(&data, &model, &settings, &short(2, 2.0), &mut say)
+    landmark_accuracy::measure(data.path(), &model, &settings, &short(2, 2.0), &mut say)
         .expect("data are readable");
     hold("evaluate/landmarks", &lines);
 }
 
 #[test]
 fn scenes_of_heads_give_the_rows_they_gave() {
-    let Some(data) = data(&["kinect_v1_pcl"]) else {
+    let Some(data) = data::only([Set::IctFacekit, Set::FacesFrl189, Set::KinectV1Pcl]) else {
         return;
     };
     let rows = ["acted", "wide", "first", "several", "known", "nobody"];
     let (model, settings) = (FaceModel::shipped(), Settings::default());
     let rows = rows.map(str::to_owned);
-    let table = head_scenes::play(&data, &model, &settings, &short(2, 1.0), &rows)
+    let table = head_scenes::play(data.path(), &model, &settings, &short(2, 1.0), &rows)
         .expect("data are readable");
-    let wild = head_scenes::wild::play(&data, &model, &settings, &short(4, 1.0)).unwrap();
+    let wild = head_scenes::wild::play(data.path(), &model, &settings, &short(4, 1.0)).unwrap();
     hold("evaluate/scenes", &figures(&(table + &wild)));
 }
 
 #[test]
 fn recorded_wild_sessions_play_and_their_points_lie_where_the_truth_says() {
-    let Some(data) = data(&[]) else { return };
+    let Some(data) = people() else { return };
     let folder = tempfile::tempdir().unwrap();
-    head_scenes::wild::record(&data, &short(1, 1.0), folder.path()).unwrap();
+    head_scenes::wild::record(data.path(), &short(1, 1.0), folder.path()).unwrap();
     let session = folder.path().join("0");
     let truth = std::fs::read_to_string(session.join("truth.csv")).unwrap();
     let mut rows = truth.lines().skip(1).map(|line| {

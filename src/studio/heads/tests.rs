@@ -1,8 +1,9 @@
-//! Dressed heads against the portraits they were made from. Skipped where the data sets are absent.
+//! Dressed heads against the portraits they were made from. Left out where the data sets are absent.
 
 use super::*;
 use image::RgbImage;
 
+use crate::studio::data::{Set, only};
 use crate::studio::golden::{cells, coloured, hold, hold_every};
 use crate::studio::train::render::Renderer;
 
@@ -33,15 +34,15 @@ fn the_head_that_a_user_meets_first_looks_as_it_did() {
     hold("heads/hero", &lines);
 }
 
-fn data() -> Option<std::path::PathBuf> {
-    crate::studio::data::data(&["ict_facekit", "faces_frl189"])
+fn data() -> Option<tempfile::TempDir> {
+    only([Set::IctFacekit, Set::FacesFrl189])
 }
 
 #[test]
 fn landmarks_lie_under_their_annotations_and_survive_reduction() {
     let Some(data) = data() else { return };
-    let heads = textured_heads(&data, |person| person == 32, 1).expect("data are readable");
-    let portraits = portraits(&data).expect("data are readable");
+    let heads = textured_heads(data.path(), |person| person == 32, 1).expect("data are readable");
+    let portraits = portraits(data.path()).expect("data are readable");
     let mut portraits = portraits.into_iter();
     let (.., points) = portraits.find(|p| p.0 == 32).expect("an annotated person");
     let asset = &heads[0].asset;
@@ -74,7 +75,7 @@ fn landmarks_lie_under_their_annotations_and_survive_reduction() {
 #[test]
 fn a_training_picture_depends_on_its_number_and_seed_only() {
     let Some(data) = data() else { return };
-    let renderer = Renderer::new(&data, |person| person == 32, 1).expect("data are readable");
+    let renderer = Renderer::new(data.path(), |person| person == 32, 1).expect("data are readable");
     let all = renderer.samples(0..4, 9);
     let one = renderer.samples(2..3, 9);
     assert_eq!(all[2].grey.luma, one[0].grey.luma);
@@ -101,7 +102,7 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
 #[test]
 fn the_average_of_two_people_looks_as_it_did() {
     let Some(data) = data() else { return };
-    let two = textured_heads(&data, |person| (30..32).contains(&person), 2).unwrap();
+    let two = textured_heads(data.path(), |person| (30..32).contains(&person), 2).unwrap();
     let head = average::average(&two).expect("two heads");
     let Texture { width, height, .. } = *head.texture.first().expect("a texture");
     let rgb = head.texture[0].rgb.clone();

@@ -341,16 +341,17 @@ mod tests {
     use crate::landmarks::paper_aam::Solver;
     use crate::landmarks::window::Placement;
     use crate::studio::correlation::correlation;
+    use crate::studio::data::{Set, only};
     use crate::studio::heads::textured_heads;
 
     /// Fig. 2: 150 frames of an actor with a pixel of noise and a fifth of the points missing; the error is a share of the
     /// shapes' size, scale taken out.
     #[test]
     fn shapes_survive_noise_and_gaps() {
-        let Some(data) = crate::studio::data::data(&["faces_frl189"]) else {
+        let Some(data) = only([Set::FacesFrl189, Set::IctFacekit]) else {
             return;
         };
-        let heads = textured_heads(&data, |person| person == 30, 1).unwrap();
+        let heads = textured_heads(data.path(), |person| person == 30, 1).unwrap();
         let truths = acted(&heads.first().expect("person 30").asset, 1);
         let mut random = fastrand::Rng::with_seed(2);
         let mut noise = || (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
@@ -390,11 +391,11 @@ mod tests {
     /// they are laid on the true points. The earlier block could not open its mouth.
     #[test]
     fn shape_bases_span_the_measures_of_a_stranger() {
-        let Some(data) = crate::studio::data::data(&["faces_frl189"]) else {
+        let Some(data) = only([Set::FacesFrl189, Set::IctFacekit]) else {
             return;
         };
         // Every fifth person is a test person; dressing a head takes longer than drawing it.
-        let heads = textured_heads(&data, |person| person == 30, 1).unwrap();
+        let heads = textured_heads(data.path(), |person| person == 30, 1).unwrap();
         let asset = heads.first().expect("person 30").asset.clone();
         let mut simulator = Simulator::new(asset, Scene::Acted, 3);
         let camera = simulator.camera().clone();

@@ -113,7 +113,9 @@ mod tests {
     use crate::sensor::kinect::picture_clock::timestamp_from_ticks;
     use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
     use crate::studio::correlation::correlation;
+    use crate::studio::data::{Set, only};
     use crate::studio::golden::{figures, hold};
+    use crate::studio::heads::textured_heads;
 
     /// Frames of the session that is learnt from, and of another one that is judged.
     const LEARNT: i64 = 900;
@@ -171,9 +173,8 @@ mod tests {
     }
 
     fn person(number: usize) -> Option<HeadAsset> {
-        let data = crate::studio::data::data(&["faces_frl189"])?;
-        let heads =
-            crate::studio::heads::textured_heads(&data, |person| person == number, 1).unwrap();
+        let data = only([Set::FacesFrl189, Set::IctFacekit])?;
+        let heads = textured_heads(data.path(), |person| person == number, 1).unwrap();
         heads.first().map(|head| head.asset.clone())
     }
 

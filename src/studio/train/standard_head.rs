@@ -87,10 +87,10 @@ mod tests {
 
     #[test]
     fn stands_on_the_front_of_the_head_evenly() {
-        let Some(data) = crate::studio::data::data(&["ict_facekit"]) else {
+        let Some(folder) = crate::studio::data::folder(crate::studio::data::Set::IctFacekit) else {
             return;
         };
-        let ict = IctHead::read(&data.join("ict_facekit")).unwrap();
+        let ict = IctHead::read(&folder).unwrap();
         let head = standard_head(&ict);
         println!("{} points", head.len());
         assert!((1500..=2000).contains(&head.len()), "{} points", head.len());

@@ -1,7 +1,8 @@
-//! A training so small that it serves nobody, held to its figures. Skipped where the data sets are absent.
+//! A training so small that it serves nobody, held to its figures. Left out where the data sets are absent.
 
 use super::*;
 use crate::face_model::FaceModel;
+use crate::studio::data::{Set, only};
 use crate::studio::golden::{figures, hold};
 use crate::studio::people_split::Data;
 
@@ -19,14 +20,16 @@ fn some(name: &str, table: &[f32]) -> String {
 
 #[test]
 fn a_small_training_learns_what_it_learnt() {
-    let Some(data) = crate::studio::data::data(&["ict_facekit", "faces_frl189"]) else {
+    let Some(data) = only([Set::IctFacekit, Set::FacesFrl189]) else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
     let args = TrainArgs {
-        images: vec![data.join("faces_frl189")],
+        images: vec![data.path().join("faces_frl189")],
         out: folder.path().join("small.model"),
-        data: Data { data },
+        data: Data {
+            data: data.path().to_owned(),
+        },
         drawn: 240,
         starts: 1,
         seed: 1,

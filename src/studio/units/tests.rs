@@ -17,6 +17,7 @@ use crate::expression::{Expression, Settings, Units};
 use crate::landmarks::Landmarks;
 use crate::simulator::virtual_head::Scene;
 use crate::studio::correlation::correlation;
+use crate::studio::data::{Set, folder, only};
 use crate::studio::golden::{figures, hold};
 use crate::studio::heads::ict::IctHead;
 
@@ -86,7 +87,7 @@ fn priors(head: &IctHead, people: usize, seed: u64) -> Priors {
 }
 
 fn head() -> Option<IctHead> {
-    let folder = crate::studio::data::data(&["ict_facekit"])?.join("ict_facekit");
+    let folder = folder(Set::IctFacekit)?;
     Some(IctHead::read(&folder).unwrap())
 }
 
@@ -232,7 +233,7 @@ fn the_acted_scene_is_read_right_on_people_of_the_head_model() {
 /// Two people who act for some seconds teach nothing that is worth shipping, but always the same.
 #[test]
 fn a_short_practice_teaches_what_it_taught() {
-    let Some(data) = crate::studio::data::data(&["ict_facekit", "faces_frl189"]) else {
+    let Some(data) = only([Set::IctFacekit, Set::FacesFrl189]) else {
         return;
     };
     let practice = Practice {
@@ -245,7 +246,8 @@ fn a_short_practice_teaches_what_it_taught() {
     let mut say = |line: &str| lines.extend(figures(line));
     let settings = crate::appliance::settings::Settings::default();
     let model = crate::face_model::FaceModel::shipped();
-    let text = learn(&data, &model, &settings, &practice, &mut say).expect("data are readable");
+    let text =
+        learn(data.path(), &model, &settings, &practice, &mut say).expect("data are readable");
     lines.extend(figures(&text));
     hold("units/short", &lines);
 }
