@@ -322,6 +322,10 @@ fn what_the_installed_documents_point_to_is_there() {
         }
     }
     assert!(links > 60, "only {links} links were found");
+    for sketch in ["mien_receiver", "mien_servo_face"] {
+        let header = tree.join("docs/examples").join(sketch).join("mien.h");
+        assert!(header.is_file(), "the sketch {sketch} lacks its mien.h");
+    }
 }
 
 #[test]
