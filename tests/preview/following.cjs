@@ -1,7 +1,7 @@
-// Remakes tests/data/following.gif, the README's moving picture: our head driven by the weights, and the face in the simulated sensor's
+// Remakes tests/data/following.webp, the README's moving picture: our head driven by the weights, and the face in the simulated sensor's
 // picture with the landmarks found in it. Needs what tests/preview/run has installed, and ffmpeg.
 //
-//   NODE_PATH=target/preview/node_modules node tests/preview/following.cjs FOLDER OUT.gif [SHEET.png]
+//   NODE_PATH=target/preview/node_modules node tests/preview/following.cjs FOLDER OUT.webp [SHEET.png]
 //
 // FOLDER is where mien-studio is; SHEET.png gets every eighth frame, to be looked at.
 const { chromium } = require("playwright-core");
@@ -19,8 +19,6 @@ const [FROM, SECONDS, RATE, RECORDED] = [21.1, 6, 12.5, 28];
 const [HEAD, WIDE, TALL] = [320, 240, 320];
 // The face fills this share of the picture's height, and begins this share below its upper edge.
 const [FILLS, BELOW] = [0.8, 0.12];
-// Noise of the sensor is smoothed where nothing moves, which makes the file smaller.
-const FILTER = "hqdn3d=0:0:6:6,split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=none:diff_mode=rectangle";
 const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], [42, 48, true], [48, 60, true], [60, 68, true]];
 
 (async () => {
@@ -32,7 +30,7 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
   });
   try {
     const url = await new Promise((resolve) => preview.stdout.on("data", (data) => resolve(/open (\S+)/.exec(data)[1])));
-    const page = await browser.newPage({ viewport: { width: 1000, height: 700 } });
+    const page = await browser.newPage({ viewport: { width: 1000, height: 700 }, colorScheme: "dark" });
     await page.goto(url);
     await page.waitForFunction((until) => window.mien.heads.length === 1 && window.mien.stream.last > until, RECORDED - 0.2, { timeout: 400000 });
     await page.click("#play");
@@ -79,7 +77,7 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
           if (closed) ink.closePath();
           ink.stroke();
         }
-        [view.yaw, view.pitch, view.distance] = [0, 0, 0.94];
+        [view.yaw, view.pitch, view.distance] = [0, 0, 1.02];
         view.draw([{ head: view.heads[0], weights: new Map(stream.units.map((unit, k) => [unit, s.w[k] ?? 0])), pose: s.p }]);
         ink.drawImage(canvas, 0, 0, canvas.width, canvas.height, 0, 0, HEAD, TALL);
         const { data } = ink.getImageData(0, 0, HEAD + WIDE, TALL);
@@ -89,16 +87,19 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
       };
       return { first: stream.first };
     }, { FROM, SECONDS, HEAD, WIDE, TALL, FILLS, BELOW, LINES });
+    // The first drawing fits the canvas and asks for what is shown first only now.
+    await page.evaluate((time) => window.shoot(time), start.first + FROM);
+    await page.waitForTimeout(5000);
     const frames = [];
     for (let k = 0; k < SECONDS * RATE; k++) {
       const text = await page.evaluate((time) => window.shoot(time), start.first + FROM + k / RATE);
       frames.push(Buffer.from(text, "base64"));
     }
     const raw = ["-f", "rawvideo", "-pix_fmt", "rgba", "-s", `${HEAD + WIDE}x${TALL}`, "-r", String(RATE), "-i", "-"];
-    const encode = (filter, ...to) => execFileSync("ffmpeg", ["-loglevel", "error", "-y", ...raw, "-filter_complex", filter, ...to], { input: Buffer.concat(frames) });
-    encode(FILTER, out);
+    const encode = (...to) => execFileSync("ffmpeg", ["-loglevel", "error", "-y", ...raw, ...to], { input: Buffer.concat(frames) });
+    encode("-c:v", "libwebp_anim", "-quality", "75", "-loop", "0", out);
     console.log(`${out}: ${frames.length} frames, ${fs.statSync(out).size} bytes`);
-    if (sheet) encode("select=not(mod(n\\,8)),tile=2x5", "-frames:v", "1", sheet);
+    if (sheet) encode("-vf", "select=not(mod(n\\,8)),tile=2x5", "-update", "1", sheet);
   } finally {
     await browser.close();
     preview.kill();
