@@ -97,7 +97,8 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
     }
     const raw = ["-f", "rawvideo", "-pix_fmt", "rgba", "-s", `${HEAD + WIDE}x${TALL}`, "-r", String(RATE), "-i", "-"];
     const encode = (...to) => execFileSync("ffmpeg", ["-loglevel", "error", "-y", ...raw, ...to], { input: Buffer.concat(frames) });
-    encode("-c:v", "libwebp_anim", "-quality", "75", "-loop", "0", out);
+    // Every frame whole: libwebp_anim keeps blocks of earlier ones, which show as ghosts.
+    encode("-pix_fmt", "yuv420p", "-c:v", "libwebp", "-quality", "70", "-compression_level", "6", "-loop", "0", out);
     console.log(`${out}: ${frames.length} frames, ${fs.statSync(out).size} bytes`);
     if (sheet) encode("-vf", "select=not(mod(n\\,8)),tile=2x5", "-update", "1", sheet);
   } finally {
