@@ -31,11 +31,12 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
   try {
     const url = await new Promise((resolve) => preview.stdout.on("data", (data) => resolve(/open (\S+)/.exec(data)[1])));
     const page = await browser.newPage({ viewport: { width: 1000, height: 700 }, colorScheme: "dark" });
+    page.setDefaultTimeout(400000);
     await page.goto(url);
-    await page.waitForFunction((until) => window.mien.heads.length === 1 && window.mien.stream.last > until, RECORDED - 0.2, { timeout: 400000 });
+    await page.waitForFunction((until) => window.mien.heads.length === 1 && window.mien.stream.last > until, RECORDED - 0.2);
     await page.click("#play");
     // The head has its pictures.
-    await page.waitForFunction(() => window.mien.heads[0].parts.filter((part) => part.texture).length >= 2, null, { timeout: 60000 });
+    await page.waitForFunction(() => window.mien.heads[0].parts.filter((part) => part.texture).length >= 2);
     const start = await page.evaluate(({ FROM, SECONDS, HEAD, WIDE, TALL, FILLS, BELOW, LINES }) => {
       const { stream, view } = window.mien;
       // The page's own drawing rests from here on.
