@@ -1,4 +1,4 @@
-"""Whether what Blender makes of a baked GLB still has every shape: FBX and .blend by convert.py, read back.
+"""Whether what Blender makes of a baked GLB still has every shape: FBX and .blend by docs/examples/blender_convert.py, read back.
 
 pip install bpy==5.0.1 && python carries_over.py FILE.glb
 
@@ -10,9 +10,11 @@ import sys
 import tempfile
 
 import bpy
-import convert
 import numpy as np
 from mathutils.kdtree import KDTree
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "docs/examples"))
+import blender_convert as convert
 
 MOST = 1e-4
 

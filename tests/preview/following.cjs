@@ -1,7 +1,7 @@
-// Remakes tests/data/following.gif, the README's moving picture: the simulated sensor's picture with the landmarks found in it, and
-// our head driven by the weights. Needs what tests/preview/run has installed.
+// Remakes tests/data/following.webp, the README's moving picture: our head driven by the weights, and the face in the simulated sensor's
+// picture with the landmarks found in it. Needs what tests/preview/run has installed, and ffmpeg.
 //
-//   NODE_PATH=target/preview/node_modules node tests/preview/following.cjs FOLDER OUT.gif [SHEET.png]
+//   NODE_PATH=target/preview/node_modules node tests/preview/following.cjs FOLDER OUT.webp [SHEET.png]
 //
 // FOLDER is where mien-studio is; SHEET.png gets every eighth frame, to be looked at.
 const { chromium } = require("playwright-core");
@@ -9,17 +9,16 @@ const { spawn, execFileSync } = require("node:child_process");
 const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
-const { gif } = require("./gif.cjs");
 
 const [programs, out, sheet] = process.argv.slice(2);
 const studio = path.join(programs, "mien-studio");
 const work = fs.mkdtempSync(path.join(os.tmpdir(), "mien-following-"));
 // Surprise, then joy, in the second turn of the moods, when the ranges are known.
 const [FROM, SECONDS, RATE, RECORDED] = [21.1, 6, 12.5, 28];
-// Of either half, pixels.
-const [WIDE, TALL] = [280, 320];
-// Changes that are noise of the sensor, 0…255.
-const NOISE = 14;
+// Widths of the head and of the sensor's picture beside it, and the height of both, pixels.
+const [HEAD, WIDE, TALL] = [320, 240, 320];
+// The face fills this share of the picture's height, and begins this share below its upper edge.
+const [FILLS, BELOW] = [0.8, 0.12];
 const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], [42, 48, true], [48, 60, true], [60, 68, true]];
 
 (async () => {
@@ -31,13 +30,14 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
   });
   try {
     const url = await new Promise((resolve) => preview.stdout.on("data", (data) => resolve(/open (\S+)/.exec(data)[1])));
-    const page = await browser.newPage({ viewport: { width: 1000, height: 700 } });
+    const page = await browser.newPage({ viewport: { width: 1000, height: 700 }, colorScheme: "dark" });
+    page.setDefaultTimeout(400000);
     await page.goto(url);
-    await page.waitForFunction((until) => window.mien.heads.length === 1 && window.mien.stream.last > until, RECORDED - 0.2, { timeout: 400000 });
+    await page.waitForFunction((until) => window.mien.heads.length === 1 && window.mien.stream.last > until, RECORDED - 0.2);
     await page.click("#play");
     // The head has its pictures.
-    await page.waitForFunction(() => window.mien.heads[0].parts.filter((part) => part.texture).length >= 2, null, { timeout: 60000 });
-    const start = await page.evaluate(({ FROM, SECONDS, WIDE, TALL, LINES }) => {
+    await page.waitForFunction(() => window.mien.heads[0].parts.filter((part) => part.texture).length >= 2);
+    const start = await page.evaluate(({ FROM, SECONDS, HEAD, WIDE, TALL, FILLS, BELOW, LINES }) => {
       const { stream, view } = window.mien;
       // The page's own drawing rests from here on.
       window.requestAnimationFrame = () => 0;
@@ -52,14 +52,13 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
         if (m?.length) all.push(...m);
       }
       const axis = (k) => all.filter((_, i) => i % 2 === k);
-      const [low, high] = [0, 1].map((k) => axis(k).reduce((a, b) => Math.min(a, b), Infinity)).map((l, k) => [l, axis(k).reduce((a, b) => Math.max(a, b), -Infinity)]);
-      const middle = [(low[0] + low[1]) / 2, (high[0] + high[1]) / 2];
-      const tall = (high[1] - high[0]) * 1.8;
+      const [across, down] = [0, 1].map((k) => axis(k).reduce((a, b) => Math.min(a, b), Infinity)).map((l, k) => [l, axis(k).reduce((a, b) => Math.max(a, b), -Infinity)]);
+      const tall = (down[1] - down[0]) / FILLS;
       const scale = TALL / tall;
       const canvas = view.canvas;
-      Object.defineProperty(canvas, "clientWidth", { value: 2 * WIDE });
+      Object.defineProperty(canvas, "clientWidth", { value: 2 * HEAD });
       Object.defineProperty(canvas, "clientHeight", { value: 2 * TALL });
-      const sheet = new OffscreenCanvas(2 * WIDE, TALL);
+      const sheet = new OffscreenCanvas(HEAD + WIDE, TALL);
       const ink = sheet.getContext("2d", { willReadFrequently: true });
       ink.imageSmoothingQuality = "high";
       window.shoot = async (time) => {
@@ -67,52 +66,42 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
         const answer = await fetch(`/picture?n=${s.n}`);
         const picture = await createImageBitmap(await answer.blob());
         ink.fillStyle = "#14171b";
-        ink.fillRect(0, 0, 2 * WIDE, TALL);
-        const [left, top] = [middle[0] - WIDE / 2 / scale, middle[1] - 0.6 * tall];
-        ink.drawImage(picture, left, top, WIDE / scale, tall, 0, 0, WIDE, TALL);
+        ink.fillRect(0, 0, HEAD + WIDE, TALL);
+        const [left, top] = [(across[0] + across[1] - WIDE / scale) / 2, down[0] - BELOW * tall];
+        ink.drawImage(picture, left, top, WIDE / scale, tall, HEAD, 0, WIDE, TALL);
         ink.strokeStyle = "#1fb4f5";
         ink.lineWidth = 2;
         ink.lineJoin = "round";
         for (const [from, to, closed] of LINES) {
           ink.beginPath();
-          for (let k = from; k < to; k++) ink.lineTo((s.m[2 * k] - left) * scale, (s.m[2 * k + 1] - top) * scale);
+          for (let k = from; k < to; k++) ink.lineTo(HEAD + (s.m[2 * k] - left) * scale, (s.m[2 * k + 1] - top) * scale);
           if (closed) ink.closePath();
           ink.stroke();
         }
-        [view.yaw, view.pitch, view.distance] = [0, 0, 0.94];
+        [view.yaw, view.pitch, view.distance] = [0, 0, 1.02];
         view.draw([{ head: view.heads[0], weights: new Map(stream.units.map((unit, k) => [unit, s.w[k] ?? 0])), pose: s.p }]);
-        ink.drawImage(canvas, 0, 0, canvas.width, canvas.height, WIDE, 0, WIDE, TALL);
-        const { data } = ink.getImageData(0, 0, 2 * WIDE, TALL);
+        ink.drawImage(canvas, 0, 0, canvas.width, canvas.height, 0, 0, HEAD, TALL);
+        const { data } = ink.getImageData(0, 0, HEAD + WIDE, TALL);
         let text = "";
         for (let k = 0; k < data.length; k += 8192) text += String.fromCharCode(...data.subarray(k, k + 8192));
         return btoa(text);
       };
       return { first: stream.first };
-    }, { FROM, SECONDS, WIDE, TALL, LINES });
+    }, { FROM, SECONDS, HEAD, WIDE, TALL, FILLS, BELOW, LINES });
+    // The first drawing fits the canvas and asks for what is shown first only now.
+    await page.evaluate((time) => window.shoot(time), start.first + FROM);
+    await page.waitForTimeout(5000);
     const frames = [];
     for (let k = 0; k < SECONDS * RATE; k++) {
       const text = await page.evaluate((time) => window.shoot(time), start.first + FROM + k / RATE);
       frames.push(Buffer.from(text, "base64"));
     }
-    const file = gif(frames, 2 * WIDE, TALL, Math.round(100 / RATE), NOISE);
-    fs.writeFileSync(out, file);
-    console.log(`${out}: ${frames.length} frames, ${file.length} bytes`);
-    if (sheet) {
-      const some = frames.filter((_, k) => k % 8 === 0).map((frame) => frame.toString("base64"));
-      const picture = await page.evaluate(async ({ some, WIDE, TALL }) => {
-        const all = new OffscreenCanvas(2 * WIDE * 2, TALL * Math.ceil(some.length / 2));
-        const ink = all.getContext("2d");
-        some.forEach((text, k) => {
-          const bytes = Uint8ClampedArray.from(atob(text), (c) => c.charCodeAt(0));
-          ink.putImageData(new ImageData(bytes, 2 * WIDE, TALL), (k % 2) * 2 * WIDE, Math.floor(k / 2) * TALL);
-        });
-        const bytes = new Uint8Array(await (await all.convertToBlob({ type: "image/png" })).arrayBuffer());
-        let out = "";
-        for (const byte of bytes) out += String.fromCharCode(byte);
-        return btoa(out);
-      }, { some, WIDE, TALL });
-      fs.writeFileSync(sheet, Buffer.from(picture, "base64"));
-    }
+    const raw = ["-f", "rawvideo", "-pix_fmt", "rgba", "-s", `${HEAD + WIDE}x${TALL}`, "-r", String(RATE), "-i", "-"];
+    const encode = (...to) => execFileSync("ffmpeg", ["-loglevel", "error", "-y", ...raw, ...to], { input: Buffer.concat(frames) });
+    // Every frame whole: libwebp_anim keeps blocks of earlier ones, which show as ghosts.
+    encode("-pix_fmt", "yuv420p", "-c:v", "libwebp", "-quality", "70", "-compression_level", "6", "-loop", "0", out);
+    console.log(`${out}: ${frames.length} frames, ${fs.statSync(out).size} bytes`);
+    if (sheet) encode("-vf", "select=not(mod(n\\,8)),tile=2x5", "-update", "1", sheet);
   } finally {
     await browser.close();
     preview.kill();

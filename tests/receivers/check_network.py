@@ -34,7 +34,7 @@ def check_lights(mien):
     receiver = sacn.sACNreceiver(bind_address="127.0.0.1")
     receiver.register_listener("universe", lambda packet: got.append(packet.dmxData[:len(LIGHTS)]), universe=1)
     receiver.start()
-    script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "lights.py")
+    script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../docs/examples/lights.py")
     lights = subprocess.Popen([sys.executable, script, "127.0.0.1", str(port)], stdout=subprocess.PIPE)
     try:
         assert lights.stdout.readline(), "lights.py does not start"

@@ -217,7 +217,7 @@ def check_uno(mien, board, firmware, style, unit):
 def check_servos(mien, board, firmware):
     """The README's configuration moves each servo of the README's sketch, and they rest when it ends."""
     readme = pathlib.Path(__file__).parents[2] / "README.md"
-    config = re.search(r"printf '(\[serial\].*?)' > maker.toml", readme.read_text())[1].replace("\\n", "\n")
+    config = re.search(r"printf '(\[serial\].*?)' >>? maker.toml", readme.read_text())[1].replace("\\n", "\n")
     port = Terminal()
     port.plug()
     uno = subprocess.Popen([board, firmware, "115200"], stdin=subprocess.PIPE, stdout=subprocess.PIPE)

@@ -2,7 +2,7 @@
 //
 //   npm install three@0.187.0 && node serve.mjs HEAD.glb [OSC_PORT] [PAGE_PORT]
 //
-// then open http://127.0.0.1:8090 and run `mien run`. HEAD.glb is what `mien-studio bake` or `mien-studio head` wrote.
+// then open http://127.0.0.1:8090 and run `mien run` with `target = "127.0.0.1:9140"` in its section [osc]. HEAD.glb is what `mien-studio bake` or `mien-studio head` wrote.
 import dgram from "node:dgram";
 import fs from "node:fs";
 import http from "node:http";
@@ -10,7 +10,7 @@ import { createRequire } from "node:module";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
 
-const [head, osc = 9130, port = 8090] = process.argv.slice(2);
+const [head, osc = 9140, port = 8090] = process.argv.slice(2);
 const here = path.dirname(fileURLToPath(import.meta.url));
 // Where three is: beside this file, or where it is run.
 const three = [import.meta.url, `file://${process.cwd()}/`]

@@ -2,7 +2,8 @@
 
     pip install python-osc==1.10.2 sacn==1.11.0 && python lights.py [HOST [OSC_PORT]]
 
-then run `mien run` beside it. HOST receives the sACN; without one, the universe's multicast group does.
+then run `mien run` with `target = "127.0.0.1:9140"` in its section [osc]. HOST receives the sACN; without one, the
+universe's multicast group does.
 """
 import sys
 import sacn
@@ -11,7 +12,7 @@ from pythonosc.osc_server import BlockingOSCUDPServer
 
 UNIVERSE, CHANNELS = 1, ["AU26", "AU12L", "AU12R"]
 host = sys.argv[1] if len(sys.argv) > 1 else None
-port = int(sys.argv[2]) if len(sys.argv) > 2 else 9130
+port = int(sys.argv[2]) if len(sys.argv) > 2 else 9140
 names = []
 # From any port, so that receivers may be on this machine; 60 looks a second see each of 30 frames.
 lamps = sacn.sACNsender(source_name="mien", bind_port=0, fps=60, universeDiscovery=False)

@@ -1,7 +1,7 @@
-"""Drives the shape keys of a head in Blender from mien, over OSC (default: 127.0.0.1:9130, schema `native`).
+"""Drives the shape keys of a head in Blender from mien, over OSC (at 127.0.0.1:9140).
 
 In Blender: File > Import > glTF, a head that `mien-studio bake` or `mien-studio head` wrote; open this file in the Scripting tab
-and press Run; run `mien run` beside it. Run it again to stop. The head turns with the pose, too.
+and press Run; run `mien run` with `target = "127.0.0.1:9140"` in its section [osc]. Run it again to stop. The head turns with the pose, too.
 
 Without the window, to see that it works:
     pip install bpy==5.0.1 && python blender_shape_keys.py head.glb SECONDS [PORT]
@@ -16,7 +16,7 @@ import time
 import bpy
 import mathutils
 
-ADDRESS = ("127.0.0.1", 9130)
+ADDRESS = ("127.0.0.1", 9140)
 PERIOD_S = 1 / 60
 
 

@@ -1,7 +1,7 @@
 """A baked head into other programs' files by way of Blender: FBX and USD for engines and for Maya, .blend for Blender itself.
 
-blender --background --python convert.py -- head.glb head.fbx      (or head.usdc, head.usda, head.blend; several, as you like)
-pip install bpy==5.0.1 && python convert.py head.glb head.fbx head.blend
+blender --background --python blender_convert.py -- head.glb head.fbx      (or head.usdc, head.usda, head.blend; several, as you like)
+pip install bpy==5.0.1 && python blender_convert.py head.glb head.fbx head.blend
 
 Every shape key keeps its name, at 0; unit and axes are those of the kind of file. An animation comes along, at 30 frames a second.
 """
