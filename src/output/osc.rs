@@ -23,7 +23,7 @@ pub mod faceosc;
 #[cfg(feature = "std")]
 mod listener;
 pub(crate) mod packet;
-pub(super) mod parameters;
+pub(crate) mod parameters;
 #[cfg(feature = "std")]
 pub(super) mod udp;
 pub mod vmc;

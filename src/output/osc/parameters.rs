@@ -13,8 +13,8 @@ const SHIPPED: &str = include_str!("../../../config/rigs.toml");
 type Term = (f32, Box<[usize]>);
 
 /// A parameter that can be computed.
-pub(in crate::output) struct Parameter {
-    pub(in crate::output) name: String,
+pub(crate) struct Parameter {
+    pub(crate) name: String,
     /// Value at rest.
     rest: f32,
     /// Summed.
@@ -23,7 +23,7 @@ pub(in crate::output) struct Parameter {
 
 impl Parameter {
     /// The parameters of a rig for which there are units, by name.
-    pub(in crate::output) fn of_rig(rig: &str, units: &[&str]) -> Vec<Self> {
+    pub(crate) fn of_rig(rig: &str, units: &[&str]) -> Vec<Self> {
         Self::read(SHIPPED, rig, units).expect("the shipped table is read by a test")
     }
 
@@ -35,7 +35,7 @@ impl Parameter {
     }
 
     /// ARKit's shapes: those that are measured, and if asked for those that are derived too.
-    pub(in crate::output) fn of_arkit(derived: bool, units: &[&str]) -> Vec<Self> {
+    pub(crate) fn of_arkit(derived: bool, units: &[&str]) -> Vec<Self> {
         let mut shapes = Self::of_rig("arkit", units);
         if derived {
             let others = Self::of_rig("derived", units).into_iter();
@@ -47,7 +47,7 @@ impl Parameter {
 
     /// A sum such as `0.75 - 0.75 AU43L|AU43 + AU5L`; `None` unless a unit of its first term is there: what is not measured is
     /// not sent.
-    pub(in crate::output) fn of_sum(name: &str, sum: &str, units: &[&str]) -> Option<Self> {
+    pub(crate) fn of_sum(name: &str, sum: &str, units: &[&str]) -> Option<Self> {
         let (mut rest, mut sign, mut gain) = (0.0, 1.0, None);
         let mut terms: Vec<Term> = Vec::new();
         for word in sum.split_whitespace() {
@@ -92,7 +92,7 @@ impl Parameter {
     }
 
     /// Value for weights of 0…1, limited to −1…1.
-    pub(in crate::output) fn value(
+    pub(crate) fn value(
         &self,
         weights: impl ExactSizeIterator<Item = f32> + Clone,
     ) -> f32 {
