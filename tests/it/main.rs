@@ -12,6 +12,7 @@ mod comes_and_goes;
 mod docs_commands;
 mod drives_a_kinect;
 mod every_unit_moves_the_head;
+mod fills_avatar_templates;
 mod follows_several_people;
 mod follows_the_paper;
 mod keeps_functions_short;
