@@ -28,6 +28,8 @@ const UNFILLED: &str = "EyeSquintLeft EyeSquintRight MouthLowerDown MouthX Tongu
 const BOTH_WAYS: &str = "EyeX EyeY EyeLeftY EyeRightY EyeLid EyeOpenLeft EyeClosedRight EyeWideLeft JawZ JawLeft CheekPuffSuck \
      CheekSquint SmileFrown SmileSad SmileSadLeft MouthSmileLeft MouthFrownRight BrowExpression BrowInnerUp BrowOuterUpLeft \
      LipSuckFunnelUpper MouthDimpleRight NoseSneerLeft";
+/// What goes out at once although the templates above combine it otherwise.
+const AT_ONCE: [&str; 3] = ["EyeX", "EyeLeftY", "EyeRightY"];
 /// Frames of the run that is counted.
 const FRAMES: u64 = 300;
 
@@ -73,15 +75,25 @@ fn run(still: bool) -> (usize, Vec<Heard>) {
             let OscPacket::Bundle(bundle) = packet else {
                 panic!("not a bundle")
             };
+            let mut opens_it = false;
             for packet in bundle.content {
                 let OscPacket::Message(message) = packet else {
                     panic!("a bundle in a bundle")
                 };
                 let name = message.addr.strip_prefix("/avatar/parameters/FT/v2/");
+                let name = name.unwrap();
+                opens_it |= name.ends_with("Active") || AT_ONCE.contains(&name);
+                opens_it |= TEMPLATES
+                    .iter()
+                    .any(|all| all.split_whitespace().any(|one| one == name));
                 if let [OscType::Float(value)] = message.args[..] {
-                    heard.push((frame, name.unwrap().to_owned(), value));
+                    heard.push((frame, name.to_owned(), value));
                 }
             }
+            assert!(
+                opens_it,
+                "a datagram at frame {frame} has nothing that templates read"
+            );
         }
     }
     (count, heard)
@@ -113,7 +125,7 @@ fn what_avatar_templates_read_is_sent_and_documented() {
 
 #[test]
 fn parameters_beyond_the_templates_cost_no_datagram_and_come_all_the_same() {
-    // 29 parameters of 52 bytes at most that templates read: two datagrams where all of them change.
+    // The parameters that templates read take 1.5 kB: two datagrams where all of them change.
     let (datagrams, heard) = run(false);
     assert!(datagrams as u64 <= 2 * FRAMES, "{datagrams} datagrams");
     let (still, _) = run(true);
@@ -127,5 +139,5 @@ fn parameters_beyond_the_templates_cost_no_datagram_and_come_all_the_same() {
         longest = longest.max((frame - before, name));
     }
     println!("longest pause of a parameter: {longest:?} frames");
-    assert!(last.len() > 100 && longest.0 <= 6, "{longest:?}");
+    assert!(last.len() > 100 && longest.0 <= 30, "{longest:?}");
 }
