@@ -106,33 +106,65 @@ fn sensor(
 }
 
 fn serial(lines: &mut Lines, port: &str) {
-    let (verdict, text) = match port {
-        "" => (OK, "none configured".to_owned()),
-        _ if port.starts_with("tcp:") => (OK, format!("{port}, not tested; a run connects to it")),
-        // Opened as a plain file, which neither raises DTR nor locks.
-        _ => match std::fs::OpenOptions::new().write(true).open(port) {
-            Ok(_) => (OK, format!("{port} is writable")),
-            Err(problem) => {
-                let (verdict, advice) = match problem.kind() {
-                    ErrorKind::NotFound => (
-                        WARN,
-                        "plug it in, a run waits for it; `mien devices` lists what is connected",
-                    ),
-                    ErrorKind::PermissionDenied => {
-                        (FAIL, "add the user to the group dialout and log in again")
-                    }
-                    _ => (FAIL, "stop the other program that uses it"),
-                };
-                let text = format!("{port} cannot be opened ({problem}); {advice}");
-                (verdict, text)
-            }
-        },
+    match port {
+        "" => lines.say(OK, "serial port", "none configured"),
+        _ if port.starts_with("tcp:") => {
+            let text = format_args!("{port}, not tested; a run connects to it");
+            lines.say(OK, "serial port", text);
+        }
+        _ => device(
+            lines,
+            "serial port",
+            port,
+            [
+                "plug it in, a run waits for it; `mien devices` lists what is connected",
+                "add the user to the group dialout and log in again",
+            ],
+        ),
+    }
+}
+
+/// A device that a run opens, and opens again until it can; what to do if it is not there, and if it may not be used.
+fn device(lines: &mut Lines, what: &str, path: &str, [absent, forbidden]: [&str; 2]) {
+    // Opened as a plain file, which neither raises DTR nor locks, and makes no keyboard of uinput.
+    let found = std::fs::OpenOptions::new().write(true).open(path);
+    let problem = match found {
+        Ok(_) => return lines.say(OK, what, format_args!("{path} is writable")),
+        Err(problem) => problem,
     };
-    lines.say(verdict, "serial port", text);
+    let (verdict, advice) = match problem.kind() {
+        ErrorKind::NotFound => (WARN, absent),
+        ErrorKind::PermissionDenied => (FAIL, forbidden),
+        _ => (FAIL, "stop the other program that uses it"),
+    };
+    lines.say(
+        verdict,
+        what,
+        format_args!("{path} cannot be opened ({problem}); {advice}"),
+    );
+}
+
+/// What presses keys.
+fn keys(lines: &mut Lines, path: &str) {
+    let absent = if path.ends_with("uinput") {
+        "run `modprobe uinput` as root, and write uinput into /etc/modules-load.d/uinput.conf to have it after a restart; a run waits for it"
+    } else {
+        "set up the USB gadget; a run waits for it"
+    };
+    let forbidden = "as a service, install mien-keys.conf as docs/gestures.md says; otherwise let the user write to it by a udev rule";
+    device(lines, "keys", path, [absent, forbidden]);
 }
 
 fn targets(lines: &mut Lines, settings: &Settings) {
-    for row in wires::enabled(settings).filter(|row| row.section != "serial") {
+    for row in wires::enabled(settings) {
+        match row.section {
+            "serial" => continue,
+            "keys" => {
+                keys(lines, &settings.keys_device);
+                continue;
+            }
+            _ => {}
+        }
         for target in (row.targets)(settings) {
             let found = target.to_socket_addrs();
             let (verdict, text) = if found.is_ok_and(|mut all| all.next().is_some()) {
@@ -165,6 +197,7 @@ fn status(lines: &mut Lines, path: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::output::gesture::ENABLED;
 
     fn verdicts(text: &str) -> Vec<&str> {
         text.lines().map(|line| &line[..4]).collect()
@@ -203,6 +236,17 @@ mod tests {
             "status.path",
         ] {
             assert!(text.contains(remedy), "{remedy}: {text}");
+        }
+        if ENABLED {
+            let text = "[keys]\ndevice = \"/nowhere/uinput\"\n[[gesture]]\nname = \"smile\"\nkey = \"a\"\n";
+            std::fs::write(&config, text).unwrap();
+            let (text, _) = report(Some(&config));
+            let line = text.lines().find(|line| line.contains("keys: ")).unwrap();
+            assert!(
+                line.starts_with("WARN") && line.contains("modprobe uinput"),
+                "{line}"
+            );
+            assert!(!text.contains("does not resolve"), "{text}");
         }
         std::fs::write(&config, "[osc]\nnonsense = 1\n").unwrap();
         let (text, code) = report(Some(&config));

@@ -23,6 +23,7 @@ fn version() -> String {
 
 #[expect(clippy::print_stdout, reason = "the program's own output")]
 fn main() -> ExitCode {
+    let started = std::time::Instant::now();
     let command = match cli::parse(std::env::args_os().skip(1)) {
         Ok(command) => command,
         Err(error) => {
@@ -74,7 +75,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             mien::appliance::log::say(format_args!("mien: {failure}"));
-            failure.back_off();
+            failure.back_off(started.elapsed());
             ExitCode::from(failure.exit_code())
         }
     }

@@ -43,7 +43,7 @@ struct Session<'r> {
     run: &'r Run,
     settings: Settings,
     model: FaceModel,
-    /// Name of the source, as requested.
+    /// Name of the source that is used.
     name: String,
     source: Source,
     pipeline: Pipeline,
@@ -80,6 +80,7 @@ impl<'r> Session<'r> {
             (false, None) => Missing::Simulate,
         };
         let source = source::open(&name, missing, settings.sensor.device)?;
+        let name = source.name(name);
         let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
         let signals = Signals::watch()?;
         let csv = run.csv.as_deref();
@@ -90,6 +91,11 @@ impl<'r> Session<'r> {
             csv => csv?,
         };
         let wires = wires::open(&settings, &pipeline.unit_names())?;
+        if wires.is_empty() && csv.is_none() {
+            tracing::warn!(
+                "no output is enabled and there is no --csv: nothing is sent; enable one in the configuration (`mien print-config`)"
+            );
+        }
         let (gestures, status) = shown(&settings, &name, &pipeline);
         let people = people(&settings, &source);
         if let Some(people) = &people {

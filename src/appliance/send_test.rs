@@ -100,6 +100,7 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         return Ok(());
     }
     let mut weights = vec![0.0; units.len()];
+    tracing::info!("sends to {}", wires::named(settings));
     for _ in 0..NEUTRAL {
         sender.send(&weights, "")?;
     }

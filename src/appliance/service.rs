@@ -13,7 +13,7 @@ use crate::pipeline::PipelineError;
 
 /// Default path of the configuration.
 pub(super) const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
-/// How long a run with an invalid configuration waits under a service manager before exiting: less than the start timeout.
+/// How long what has failed at its start waits under a service manager before exiting: less than the start timeout.
 const BACK_OFF: Duration = Duration::from_secs(15);
 /// Largest face model, bytes: a hundred times ours.
 const MODEL_MOST: usize = 1 << 28;
@@ -54,10 +54,10 @@ impl Failure {
         }
     }
 
-    /// Delays the exit under a service manager if restarting cannot help until somebody intervenes: systemd before 254 has no
-    /// increasing restart delay.
-    pub fn back_off(&self) {
-        if matches!(self, Self::Settings(_)) && std::env::var_os("NOTIFY_SOCKET").is_some() {
+    /// Delays the exit under a service manager of what failed soon after its start, as it will probably fail again until somebody
+    /// intervenes: systemd before 254 has no increasing restart delay. `ran` is how long it has run.
+    pub fn back_off(&self, ran: Duration) {
+        if ran < BACK_OFF && std::env::var_os("NOTIFY_SOCKET").is_some() {
             std::thread::sleep(BACK_OFF);
         }
     }

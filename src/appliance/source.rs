@@ -135,6 +135,14 @@ impl Source {
         }
     }
 
+    /// What it is called, if `wanted` was asked for: the simulated sensor may stand in for a Kinect.
+    pub fn name(&self, wanted: String) -> String {
+        match self {
+            Self::Simulated(_) if parts(&wanted).0 == DEFAULT => "simulated".to_owned(),
+            _ => wanted,
+        }
+    }
+
     /// When the last frame was complete in this machine's memory; `None` for simulated or recorded frames.
     pub fn arrived(&self) -> Option<Instant> {
         match self {

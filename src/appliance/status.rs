@@ -206,53 +206,109 @@ impl Status {
 
     fn prometheus(
         &self,
-        outputs: impl Iterator<Item = Tally>,
+        outputs: impl Iterator<Item = Tally> + Clone,
         text: &mut String,
     ) -> std::fmt::Result {
         let [median, p99, _] = self.latencies.quantiles().map(|ms| ms * 1e-3);
         let users = || self.users.iter().flatten();
         let faces = users().filter(|user| user.state.has_face()).count();
-        write!(
-            text,
-            "# TYPE mien_build_info gauge\nmien_build_info{{version=\"{}\"}} 1\n\
-             # TYPE mien_frames_captured_total counter\nmien_frames_captured_total {}\n\
-             # TYPE mien_capture_to_send_seconds summary\n\
-             mien_capture_to_send_seconds{{quantile=\"0.5\"}} {median:.6}\n\
-             mien_capture_to_send_seconds{{quantile=\"0.99\"}} {p99:.6}\n\
-             # TYPE mien_face_present gauge\nmien_face_present {faces}\n\
-             # TYPE mien_tracking_lost_total counter\nmien_tracking_lost_total {}\n\
-             # TYPE mien_sensor_connected gauge\nmien_sensor_connected {}\n\
-             # TYPE mien_uptime_seconds gauge\nmien_uptime_seconds {:.1}\n\
-             # TYPE mien_output_sent_total counter\n\
-             # TYPE mien_output_errors_total counter\n\
-             # TYPE mien_output_refused_total counter\n\
-             # TYPE mien_output_connected gauge\n\
-             # TYPE mien_users gauge\n",
-            env!("CARGO_PKG_VERSION"),
-            self.frames,
-            self.lost,
-            u8::from(self.sensor),
-            self.start.elapsed().as_secs_f64()
-        )?;
-        for state in &TrackingState::ALL[1..] {
-            let count = users().filter(|user| user.state == *state).count();
-            writeln!(text, "mien_users{{state=\"{}\"}} {count}", state.name())?;
-        }
-        for tally in outputs {
-            let name = tally.name;
-            writeln!(
-                text,
-                "mien_output_sent_total{{output=\"{name}\"}} {}\n\
-                 mien_output_errors_total{{output=\"{name}\"}} {}\n\
-                 mien_output_refused_total{{output=\"{name}\"}} {}\n\
-                 mien_output_connected{{output=\"{name}\"}} {}",
-                tally.sent,
-                tally.dropped,
-                tally.commands[1],
-                u8::from(tally.connected)
-            )?;
+        for metric in METRICS {
+            let (name, kind, help) = metric;
+            writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}")?;
+            match *name {
+                "mien_build_info" => {
+                    let version = env!("CARGO_PKG_VERSION");
+                    writeln!(text, "{name}{{version=\"{version}\"}} 1")?;
+                }
+                "mien_frames_captured_total" => writeln!(text, "{name} {}", self.frames)?,
+                "mien_capture_to_send_seconds" => {
+                    for (share, seconds) in [("0.5", median), ("0.99", p99)] {
+                        writeln!(text, "{name}{{quantile=\"{share}\"}} {seconds:.6}")?;
+                    }
+                }
+                "mien_face_present" => writeln!(text, "{name} {faces}")?,
+                "mien_tracking_lost_total" => writeln!(text, "{name} {}", self.lost)?,
+                "mien_sensor_connected" => writeln!(text, "{name} {}", u8::from(self.sensor))?,
+                "mien_uptime_seconds" => {
+                    writeln!(text, "{name} {:.1}", self.start.elapsed().as_secs_f64())?;
+                }
+                "mien_users" => {
+                    for state in &TrackingState::ALL[1..] {
+                        let count = users().filter(|user| user.state == *state).count();
+                        writeln!(text, "{name}{{state=\"{}\"}} {count}", state.name())?;
+                    }
+                }
+                _ => {
+                    for tally in outputs.clone() {
+                        let value = of_output(name, &tally);
+                        writeln!(text, "{name}{{output=\"{}\"}} {value}", tally.name)?;
+                    }
+                }
+            }
         }
         Ok(())
+    }
+}
+
+/// Name, kind and meaning of each metric; a metric's samples follow each other, as the format requires.
+const METRICS: &[(&str, &str, &str)] = &[
+    (
+        "mien_build_info",
+        "gauge",
+        "The program's version; always 1.",
+    ),
+    (
+        "mien_frames_captured_total",
+        "counter",
+        "Frames since the start.",
+    ),
+    (
+        "mien_capture_to_send_seconds",
+        "summary",
+        "From a frame's arrival until all outputs had it, over the last 1024 frames.",
+    ),
+    (
+        "mien_face_present",
+        "gauge",
+        "People whose face is followed.",
+    ),
+    (
+        "mien_tracking_lost_total",
+        "counter",
+        "How often a person was lost.",
+    ),
+    ("mien_sensor_connected", "gauge", "1 while frames arrive."),
+    ("mien_uptime_seconds", "gauge", "Time since the start."),
+    ("mien_users", "gauge", "People by state."),
+    (
+        "mien_output_sent_total",
+        "counter",
+        "Messages that the system took.",
+    ),
+    (
+        "mien_output_errors_total",
+        "counter",
+        "Messages that it did not take.",
+    ),
+    (
+        "mien_output_refused_total",
+        "counter",
+        "Commands that were malformed or not allowed.",
+    ),
+    (
+        "mien_output_connected",
+        "gauge",
+        "1 while the output has its device or its receiver.",
+    ),
+];
+
+/// An output's value of a metric.
+fn of_output(metric: &str, tally: &Tally) -> u64 {
+    match metric {
+        "mien_output_sent_total" => tally.sent,
+        "mien_output_errors_total" => tally.dropped,
+        "mien_output_refused_total" => tally.commands[1],
+        _ => tally.connected.into(),
     }
 }
 
@@ -431,6 +487,16 @@ mod tests {
             "mien_users{state=\"posed\"} 0",
         ] {
             assert!(prom.lines().any(|told| told == line), "{line} in {prom}");
+        }
+        // Each metric is explained once, and all its samples stand below that.
+        let mut metric = "";
+        for line in prom.lines() {
+            if let Some(help) = line.strip_prefix("# HELP ") {
+                metric = help.split(' ').next().unwrap();
+            } else {
+                let line = line.strip_prefix("# TYPE ").unwrap_or(line);
+                assert_eq!(line.split([' ', '{']).next(), Some(metric), "{prom}");
+            }
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
         // A head without a face is told as one, and is no face.

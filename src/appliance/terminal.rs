@@ -27,6 +27,8 @@ const LINE: usize = WIDE + OVER.len();
 const USUAL: usize = 80;
 /// Weights below this are not shown.
 const SHOWN: f32 = 0.15;
+/// Where `mien-studio preview` receives OSC unless told otherwise.
+const LIVE_PAGE_HEARS: &str = "OSC to 127.0.0.1:9130";
 /// Units of one person on the line, at most.
 const MOST: usize = 8;
 
@@ -211,6 +213,8 @@ impl Live {
         let to = if wires.is_empty() { "nowhere" } else { wires };
         let next = if wires.is_empty() {
             "enable an output in the configuration (`mien print-config`), or add --csv FILE; Ctrl-C ends"
+        } else if wires.contains(LIVE_PAGE_HEARS) {
+            "`mien-studio preview` shows the face at http://127.0.0.1:9180, `mien send-test` tries a receiver; Ctrl-C ends"
         } else {
             "`mien send-test` moves every shape once, to try a receiver; Ctrl-C ends"
         };

@@ -65,7 +65,7 @@ outputs! { s units
     "MQTT" mqtt "wires": s.mqtt.enabled, from_ref(&s.mqtt.broker) =>
         output::mqtt::open(&s.mqtt, &s.name, units, &s.gesture_names())?;
     "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys_device) =>
-        output::keys::Keys::new(&s.keys_device)?;
+        output::keys::Keys::new(&s.keys_device);
 }
 
 /// Rows of the enabled outputs.

@@ -12,9 +12,10 @@ use std::io::{self, Write};
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::gesture::{Press, Switch};
+use super::limits::BackOff;
 use super::{Output, OutputError, Report, Tally};
 use crate::base::capacity::USERS;
 
@@ -48,6 +49,8 @@ const NAME: &[u8] = b"mien gestures";
 /// How often, and at which interval, the last keys are let go.
 const TRIES: u32 = 100;
 const TRY: Duration = Duration::from_millis(2);
+/// First and longest pause before the device is tried again.
+const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
 /// Keys of a HID report.
 const REPORT_KEYS: usize = 6;
 
@@ -58,7 +61,12 @@ pub fn is_key(name: &str) -> bool {
 
 /// Presses keys.
 pub struct Keys {
-    device: File,
+    path: String,
+    /// `None` while it is not there or may not be used.
+    device: Option<File>,
+    /// When it is tried again.
+    again: Instant,
+    back_off: BackOff,
     /// Whether it takes reports of a boot keyboard, not events of the kernel.
     is_gadget: bool,
     /// Gestures that hold each key, a bit each; whether it is tapped; and whether the device was told that it is down.
@@ -69,56 +77,70 @@ pub struct Keys {
 }
 
 impl Keys {
-    /// Opens the device.
-    ///
-    /// # Errors
-    /// If it cannot be opened.
-    pub fn new(path: &str) -> Result<Self, OutputError> {
-        let failed = |source| OutputError::Keys(path.to_owned(), source);
-        let mut device = OpenOptions::new()
-            .write(true)
-            .custom_flags(libc::O_NONBLOCK)
-            .open(path)
-            .map_err(failed)?;
+    /// Opens the device, or tries it again until it is there.
+    pub fn new(path: &str) -> Self {
         let name = Path::new(path).file_name().unwrap_or_default();
-        let is_gadget = name.to_string_lossy().starts_with("hidg");
-        let kind = device.metadata().map_err(failed)?.file_type();
-        if kind.is_char_device() && !is_gadget {
-            create(&mut device).map_err(failed)?;
-        }
         let mut keys = Self {
-            device,
-            is_gadget,
+            path: path.to_owned(),
+            device: None,
+            again: Instant::now(),
+            back_off: BackOff::new(PAUSES),
+            is_gadget: name.to_string_lossy().starts_with("hidg"),
             held: [0; KEYS.len()],
             tapped: [false; KEYS.len()],
             is_down: [false; KEYS.len()],
             tally: Tally::of("keys"),
         };
-        if is_gadget {
-            // Without a host there is nobody to tell.
-            let _ = keys.device.write_all(&keys.report());
+        if let Err(problem) = keys.open() {
+            tracing::warn!("{problem}; trying again");
         }
-        Ok(keys)
+        keys
+    }
+
+    /// Opens the device; what is held is pressed with the next frame.
+    fn open(&mut self) -> Result<(), OutputError> {
+        self.again = Instant::now() + self.back_off.pause();
+        let opened = opened(&self.path, self.is_gadget);
+        let mut device = opened.map_err(|problem| OutputError::Keys(self.path.clone(), problem))?;
+        self.is_down = [false; KEYS.len()];
+        if self.is_gadget {
+            // Without a host there is nobody to tell.
+            let _ = device.write_all(&self.report());
+        }
+        self.device = Some(device);
+        self.back_off.reset();
+        Ok(())
     }
 
     /// Tells the device what changed; what it does not take at once is told again with the next frame.
     fn sync(&mut self) {
+        if self.device.is_none() {
+            // A tap is of its moment.
+            self.tapped = [false; KEYS.len()];
+            return;
+        }
         for i in 0..KEYS.len() {
             let is_down = self.held[i] != 0 || self.tapped[i];
             if is_down == self.is_down[i] {
                 continue;
             }
             let before = std::mem::replace(&mut self.is_down[i], is_down);
-            let written = if self.is_gadget {
-                self.device.write_all(&self.report())
-            } else {
-                self.device.write_all(&press(KEYS[i].1, is_down))
-            };
-            if written.is_ok() {
+            let report = self.report();
+            let events = press(KEYS[i].1, is_down);
+            let bytes: &[u8] = if self.is_gadget { &report } else { &events };
+            let written = self.device.as_mut().map(|device| device.write_all(bytes));
+            if let Some(Ok(())) = written {
                 self.tally.sent += 1;
-            } else {
-                self.tally.dropped += 1;
-                self.is_down[i] = before;
+                continue;
+            }
+            self.tally.dropped += 1;
+            self.is_down[i] = before;
+            // Gone, not only busy or without a host.
+            if matches!(written, Some(Err(problem)) if problem.raw_os_error() == Some(libc::ENODEV))
+            {
+                tracing::warn!("{} is gone; trying again", self.path);
+                self.device = None;
+                return;
             }
         }
     }
@@ -136,6 +158,9 @@ impl Keys {
 
 impl Output for Keys {
     fn send(&mut self, _: &Report) -> Result<(), OutputError> {
+        if self.device.is_none() && Instant::now() >= self.again && self.open().is_ok() {
+            tracing::info!("keys are pressed through {}", self.path);
+        }
         for (tapped, is_down) in self.tapped.iter_mut().zip(self.is_down) {
             *tapped &= !is_down;
         }
@@ -156,7 +181,10 @@ impl Output for Keys {
     }
 
     fn tally(&self) -> Tally {
-        self.tally
+        Tally {
+            connected: self.device.is_some(),
+            ..self.tally
+        }
     }
 }
 
@@ -166,12 +194,24 @@ impl Drop for Keys {
         // A gadget takes one report at a time, and whoever is at its other end may have gone.
         for _ in 0..TRIES {
             self.sync();
-            if !self.is_down.contains(&true) {
+            if self.device.is_none() || !self.is_down.contains(&true) {
                 return;
             }
             std::thread::sleep(TRY);
         }
     }
+}
+
+/// Opens a device for writing without waiting; `uinput` becomes a keyboard.
+fn opened(path: &str, is_gadget: bool) -> io::Result<File> {
+    let mut device = OpenOptions::new()
+        .write(true)
+        .custom_flags(libc::O_NONBLOCK)
+        .open(path)?;
+    if device.metadata()?.file_type().is_char_device() && !is_gadget {
+        create(&mut device)?;
+    }
+    Ok(device)
 }
 
 /// Two events of the kernel, whose time it fills in: a key, and that this is all.
@@ -230,7 +270,7 @@ mod tests {
             gesture("brows", "space"),
             gesture("kiss", ""),
         ];
-        let mut keys = Keys::new(path.to_str().unwrap()).unwrap();
+        let mut keys = Keys::new(path.to_str().unwrap());
         for (index, is_on) in [(0, true), (0, true), (1, true), (2, true), (0, false)] {
             keys.switch(&Switch {
                 index,
@@ -277,7 +317,7 @@ mod tests {
             key: "a".into(),
             ..Gesture::named("smile")
         };
-        let mut keys = Keys::new(path.to_str().unwrap()).unwrap();
+        let mut keys = Keys::new(path.to_str().unwrap());
         let mut downs = Vec::new();
         for (is_on, is_new) in [(true, true), (true, false), (false, true), (true, true)] {
             keys.switch(&Switch {
@@ -325,7 +365,7 @@ mod tests {
         let mut pressed = 0;
         for round in 0..1000 {
             std::fs::write(&path, []).unwrap();
-            let mut keys = Keys::new(path.to_str().unwrap()).unwrap();
+            let mut keys = Keys::new(path.to_str().unwrap());
             let mut gestures = Gestures::new(&all, &["AU26"]);
             let mut frame = |gestures: &mut Gestures, reports: &mut [Report<'_>]| {
                 gestures.observe(reports);
@@ -380,11 +420,35 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_is_not_there_is_named() {
-        let error = Keys::new("/dev/none/uinput").err().unwrap().to_string();
+    fn a_device_that_comes_later_is_named_until_then_and_used_from_then_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("uinput");
+        let gesture = Gesture {
+            key: "a".into(),
+            press: Press::Hold,
+            ..Gesture::named("smile")
+        };
+        let mut keys = Keys::new(path.to_str().unwrap());
+        let error = keys.open().unwrap_err().to_string();
         assert!(
-            error.starts_with("cannot press keys through \"/dev/none/uinput\": "),
+            error.starts_with(&format!("cannot press keys through {path:?}: ")),
             "{error}"
         );
+        keys.switch(&Switch {
+            index: 0,
+            gesture: &gesture,
+            user: None,
+            is_on: true,
+            is_new: true,
+        });
+        keys.send(&Report::default()).unwrap();
+        assert!(!keys.tally().connected && keys.tally().dropped == 0);
+        std::fs::write(&path, []).unwrap();
+        keys.again = Instant::now();
+        keys.send(&Report::default()).unwrap();
+        assert!(keys.tally().connected);
+        drop(keys);
+        // What is held at that time goes down, and up at the end.
+        assert_eq!(presses(&std::fs::read(&path).unwrap()), [true, false]);
     }
 }

@@ -37,6 +37,7 @@ use face::{OneFace, WireWeights};
 pub(crate) use report::finite;
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
+pub(crate) use view::other_side;
 pub use view::{LossPolicy, UnitView, View, is_name};
 
 /// A command from a receiver.

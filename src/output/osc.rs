@@ -7,6 +7,7 @@
 //! | `/face/<u>/au/<unit>` | one weight | every report (styles scalar, both) |
 //! | `/face/<u>/pose` | x y z in metres, sensor frame, quaternion x y z w | every report with a pose |
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
+//! | `/face/<u>/frozen` | 0 or 1: learning is frozen | the same |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, seconds since the start | every second, even with nobody |
 //! | `/mien/gesture/<name>`, `/mien/gesture/<name>/<u>` of each | 1 or 0 | on change and every 2 s, a datagram each |
@@ -23,7 +24,7 @@ pub mod faceosc;
 #[cfg(feature = "std")]
 mod listener;
 pub(crate) mod packet;
-pub(super) mod parameters;
+pub(crate) mod parameters;
 #[cfg(feature = "std")]
 pub(super) mod udp;
 pub mod vmc;
@@ -118,6 +119,7 @@ struct User {
     /// Whether any report has named this user.
     known: bool,
     present: bool,
+    frozen: bool,
     presence: Every,
     range: Every,
     weights: WireWeights,
@@ -201,12 +203,14 @@ impl Osc {
         if let Some(pose) = self.view.pose_numbers(report) {
             wire.message(format_args!("/{slot}/pose"), pose.map(Argument::Float));
         }
-        let changed = user.present != present;
-        user.present = present;
+        let changed = (user.present, user.frozen) != (present, report.frozen);
+        (user.present, user.frozen) = (present, report.frozen);
         // Asked in any case: a change starts the second anew.
         if user.presence.due(report.at, ALIVE_PERIOD_S) || changed {
-            let argument = Argument::Int(present.into());
-            wire.message(format_args!("/{slot}/present"), [argument]);
+            for (what, is) in [("present", present), ("frozen", report.frozen)] {
+                let argument = Argument::Int(is.into());
+                wire.message(format_args!("/{slot}/{what}"), [argument]);
+            }
         }
         // Ranges are of the unit itself, not of its reflection nor its gain.
         let wanted = self.ranges && present && !report.ranges.is_empty();

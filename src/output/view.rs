@@ -118,7 +118,7 @@ pub fn is_name(text: &str) -> bool {
 }
 
 /// `AU12R` for `AU12L`, and eyes that look right for those that look left; `None` for a unit without sides.
-fn other_side(unit: &str) -> Option<String> {
+pub(crate) fn other_side(unit: &str) -> Option<String> {
     let (stem, side) = match (unit, unit.strip_suffix('L')) {
         ("AU61", _) => ("AU62", ""),
         ("AU62", _) => ("AU61", ""),

@@ -538,8 +538,8 @@ fn vrchat_hears_what_has_changed() {
     drop(vrchat);
     let datagrams = received(&socket);
     let sizes: Vec<usize> = datagrams.iter().map(Vec::len).collect();
-    // Three switches and four parameters; the closed eye; nothing; all again; all at rest.
-    assert_eq!(sizes, [7, 1, 7, 7]);
+    // Three switches, four parameters and eleven others; the closed eye in six of them; nothing; all again; all at rest.
+    assert_eq!(sizes, [18, 6, 18, 18]);
     let name = |name: &str| format!("/avatar/parameters/FT/v2/{name}");
     let lid = find(&datagrams, &name("EyeLidLeft"));
     assert_eq!(

@@ -32,8 +32,9 @@ fn the_unit_backs_off_keeps_its_files_to_itself_and_reaches_local_targets() {
     // Nothing that can be written can be run.
     assert_eq!(unit("NoExecPaths"), ["/"]);
     assert!(unit("ExecPaths")[0].starts_with("/usr"));
-    let seconds = |key: &str| unit(key)[0].trim_end_matches('s').parse::<u32>().unwrap();
-    assert!(seconds("RestartSteps") > 1 && (10..=60).contains(&seconds("RestartMaxDelaySec")));
+    // It comes back soon; Debian 12's systemd warns of the keys of growing delays, so the program itself waits.
+    assert_eq!(unit("RestartSec"), ["2"]);
+    assert!(unit("RestartSteps").is_empty() && unit("RestartMaxDelaySec").is_empty());
     for network in ["localhost", "link-local", "192.168.0.0/16", "fc00::/7"] {
         assert!(unit("IPAddressAllow").contains(&network), "{network}");
     }

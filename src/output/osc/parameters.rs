@@ -13,17 +13,19 @@ const SHIPPED: &str = include_str!("../../../config/rigs.toml");
 type Term = (f32, Box<[usize]>);
 
 /// A parameter that can be computed.
-pub(in crate::output) struct Parameter {
-    pub(in crate::output) name: String,
+pub(crate) struct Parameter {
+    pub(crate) name: String,
     /// Value at rest.
     rest: f32,
+    /// What it does not go below.
+    least: f32,
     /// Summed.
     terms: Box<[Term]>,
 }
 
 impl Parameter {
     /// The parameters of a rig for which there are units, by name.
-    pub(in crate::output) fn of_rig(rig: &str, units: &[&str]) -> Vec<Self> {
+    pub(crate) fn of_rig(rig: &str, units: &[&str]) -> Vec<Self> {
         Self::read(SHIPPED, rig, units).expect("the shipped table is read by a test")
     }
 
@@ -35,7 +37,7 @@ impl Parameter {
     }
 
     /// ARKit's shapes: those that are measured, and if asked for those that are derived too.
-    pub(in crate::output) fn of_arkit(derived: bool, units: &[&str]) -> Vec<Self> {
+    pub(crate) fn of_arkit(derived: bool, units: &[&str]) -> Vec<Self> {
         let mut shapes = Self::of_rig("arkit", units);
         if derived {
             let others = Self::of_rig("derived", units).into_iter();
@@ -47,8 +49,12 @@ impl Parameter {
 
     /// A sum such as `0.75 - 0.75 AU43L|AU43 + AU5L`; `None` unless a unit of its first term is there: what is not measured is
     /// not sent.
-    pub(in crate::output) fn of_sum(name: &str, sum: &str, units: &[&str]) -> Option<Self> {
+    pub(crate) fn of_sum(name: &str, sum: &str, units: &[&str]) -> Option<Self> {
         let (mut rest, mut sign, mut gain) = (0.0, 1.0, None);
+        let (sum, least) = match sum.split_once(" >= ") {
+            Some((sum, least)) => (sum, least.parse().ok()?),
+            None => (sum, -1.0),
+        };
         let mut terms: Vec<Term> = Vec::new();
         for word in sum.split_whitespace() {
             match word {
@@ -69,6 +75,7 @@ impl Parameter {
         measured.then(|| Self {
             name: name.to_owned(),
             rest,
+            least,
             terms: terms.into(),
         })
     }
@@ -80,6 +87,7 @@ impl Parameter {
             .map(|(unit, name)| Self {
                 name: name.to_owned(),
                 rest: 0.0,
+                least: 0.0,
                 terms: Box::new([(1.0, Box::from([unit]))]),
             })
             .collect()
@@ -88,19 +96,16 @@ impl Parameter {
     /// Whether there are weights that make it negative.
     pub(super) fn can_be_negative(&self) -> bool {
         let least = |(gain, units): &Term| if units.is_empty() { 0.0 } else { gain.min(0.0) };
-        self.rest + self.terms.iter().map(least).sum::<f32>() < 0.0
+        self.least < 0.0 && self.rest + self.terms.iter().map(least).sum::<f32>() < 0.0
     }
 
-    /// Value for weights of 0…1, limited to −1…1.
-    pub(in crate::output) fn value(
-        &self,
-        weights: impl ExactSizeIterator<Item = f32> + Clone,
-    ) -> f32 {
+    /// Value for weights of 0…1, limited to −1…1 or to what the sum says.
+    pub(crate) fn value(&self, weights: impl ExactSizeIterator<Item = f32> + Clone) -> f32 {
         let weight = |index: usize| weights.clone().nth(index).unwrap_or(0.0);
         let term = |(gain, units): &Term| {
             gain * units.iter().map(|&unit| weight(unit)).fold(0.0, f32::max)
         };
-        (self.rest + self.terms.iter().map(term).sum::<f32>()).clamp(-1.0, 1.0)
+        (self.rest + self.terms.iter().map(term).sum::<f32>()).clamp(self.least, 1.0)
     }
 }
 
@@ -138,11 +143,22 @@ mod tests {
         let table: BTreeMap<String, BTreeMap<String, String>> =
             toml::from_str(SHIPPED).expect("TOML");
         let sections: Vec<&str> = table.keys().map(String::as_str).collect();
-        assert_eq!(sections, ["arkit", "derived", "unified", "vrm0", "vrm1"]);
+        assert_eq!(
+            sections,
+            [
+                "arkit",
+                "derived",
+                "unified",
+                "unified_more",
+                "vrm0",
+                "vrm1"
+            ]
+        );
         assert_eq!(table["arkit"].len(), 52);
         for (name, text) in table.values().flatten() {
             // Signs stand between terms, gains before units, a number by itself only first.
-            let terms: Vec<&str> = text.split([' ']).collect();
+            let sum = text.strip_suffix(" >= 0").unwrap_or(text);
+            let terms: Vec<&str> = sum.split([' ']).collect();
             let terms: Vec<&[&str]> = terms.split(|word| ["+", "-"].contains(word)).collect();
             for (i, term) in terms.into_iter().enumerate() {
                 let is_number = |word: &str| word.parse().is_ok_and(|n: f32| n >= 0.0);

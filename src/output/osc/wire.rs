@@ -115,6 +115,16 @@ impl Wire {
         }
     }
 
+    /// Appends a message to the datagram if that has been begun and has room; says whether it did.
+    pub(super) fn message_if_room<'a>(
+        &mut self,
+        address: core::fmt::Arguments,
+        arguments: impl IntoIterator<Item = Argument<'a>, IntoIter: Clone>,
+    ) -> bool {
+        let arguments = arguments.into_iter();
+        !self.packet.is_empty() && self.packet.push(&self.prefix, address, arguments)
+    }
+
     /// Sends a message of one number with an address of its own, in a datagram of its own.
     pub(super) fn alone(&mut self, address: core::fmt::Arguments, number: i32) {
         self.flush();

@@ -1,7 +1,8 @@
 //! `mien-studio animate`: the weights of a recorded run become an animation of a head's morph targets.
 //!
 //! A target is driven by the CSV column `w_<unit>` of the unit that baking wrote beside it, by `w_<name>` of its own name, or,
-//! in files from elsewhere, by the unit the shipped recipe gives to its name. The corrective of two targets has the product of
+//! in files from elsewhere, by the unit the shipped recipe gives to its name. Of several units (`AU34L|AU34R`) the largest
+//! weight counts. The corrective of two targets has the product of
 //! their weights. Rows without weights (nobody there, lost)
 //! are neutral. The head turns as the pose says ([`head_turn`]) and stays as it was while there is none. Times count
 //! from the first row of the chosen user.
@@ -71,8 +72,8 @@ fn slots(table: &csv::Table, slot: usize) -> String {
 struct Columns {
     time: usize,
     slot: usize,
-    /// Of each target.
-    weights: Vec<Option<usize>>,
+    /// Of each target, of which the largest counts; none if nothing drives it.
+    weights: Vec<Vec<usize>>,
     pose: Option<[usize; 4]>,
 }
 
@@ -82,9 +83,18 @@ fn finite(cell: &str) -> Option<f32> {
 }
 
 impl Columns {
-    /// Of a table, `targets` the names wanted per target; `None` without time and user.
+    /// Of a table, `targets` the units that may drive each target; `None` without time and user.
     fn find(table: &csv::Table, targets: &[Vec<String>]) -> Option<Self> {
-        let of = |names: &Vec<String>| names.iter().find_map(|name| table.find(name));
+        let columns = |units: &String| -> Vec<usize> {
+            let units = units.split('|');
+            units
+                .filter_map(|unit| table.find(&format!("w_{unit}")))
+                .collect()
+        };
+        let of = |names: &Vec<String>| {
+            let mut found = names.iter().map(columns);
+            found.find(|found| !found.is_empty()).unwrap_or_default()
+        };
         let pose = ["qx", "qy", "qz", "qw"].iter();
         let pose: Option<Vec<usize>> = pose.map(|name| table.find(name)).collect();
         Some(Self {
@@ -98,9 +108,13 @@ impl Columns {
     /// Weights of a row's targets, 0 where nothing stands, those of correctives the product of their `pairs`'; the first
     /// cell that is no number instead.
     fn weights<'a>(&self, cells: &[&'a str], pairs: &[Pair]) -> Result<Vec<[f32; 1]>, &'a str> {
-        let weight = |at: &Option<usize>| match at.map_or("", |at| cells[at]) {
-            "" => Ok([0.0]),
-            cell => finite(cell).map(|weight| [weight]).ok_or(cell),
+        let cell = |at: &usize| match cells[*at] {
+            "" => Ok(0.0),
+            cell => finite(cell).ok_or(cell),
+        };
+        let weight = |columns: &Vec<usize>| {
+            let largest = |most: f32, at| Ok(most.max(cell(at)?));
+            Ok([columns.iter().try_fold(0.0, largest)?])
         };
         let weights = self.weights.iter().map(weight);
         let mut weights = weights.collect::<Result<Vec<_>, _>>()?;
@@ -141,7 +155,7 @@ fn track(
 ) -> Result<(Track, usize), Fault> {
     let refuse = |line, expected, found: &str| Fault::at_line(path, line, expected, found);
     let table = csv::Table::new(text);
-    let columns = Columns::find(&table, &targets.columns).ok_or_else(|| {
+    let columns = Columns::find(&table, &targets.units).ok_or_else(|| {
         let expected = "a header with time_us, user and w_<unit> columns";
         refuse(1, expected, &table.columns.join(","))
     })?;
@@ -183,13 +197,14 @@ fn track(
             "expected rows of {wanted}, found {found}; give --user a slot from the column user"
         )));
     }
-    Ok((out, columns.weights.iter().flatten().count()))
+    let driven = columns.weights.iter().filter(|columns| !columns.is_empty());
+    Ok((out, driven.count()))
 }
 
 /// The morph targets of a mesh.
 struct Targets {
-    /// The columns that may drive each, the best first.
-    columns: Vec<Vec<String>>,
+    /// The units that may drive each, the best first.
+    units: Vec<Vec<String>>,
     /// The two targets that one is the corrective of: it counts as much as both.
     pairs: Vec<Pair>,
 }
@@ -201,12 +216,12 @@ impl Targets {
             .as_array()
             .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array())?;
         let names: Vec<&str> = names.iter().map(Value::as_str).collect::<Option<_>>()?;
-        let columns = names.iter().enumerate().map(|(k, name)| {
+        let units = names.iter().enumerate().map(|(k, name)| {
             let written = mesh["extras"]["mien"]["units"][k].as_str();
             let mut shipped = recipe.iter().filter(|(n, _)| n.eq_ignore_ascii_case(name));
             let shipped = shipped.next().map(|(_, unit)| unit.as_str());
             let units = [written, Some(*name), shipped].into_iter().flatten();
-            units.map(|unit| format!("w_{unit}")).collect()
+            units.map(str::to_owned).collect()
         });
         let place = |name: &str| names.iter().position(|n| *n == name);
         let pairs = names.iter().map(|name| {
@@ -214,7 +229,7 @@ impl Targets {
             Some([place(a)?, place(b)?])
         });
         Some(Self {
-            columns: columns.collect(),
+            units: units.collect(),
             pairs: pairs.collect(),
         })
     }
@@ -255,7 +270,7 @@ fn animated(
         let Some(targets) = Targets::of(mesh, &recipe) else {
             continue;
         };
-        total += targets.columns.len();
+        total += targets.units.len();
         let (track, driven) = track(csv, path, user, &targets)?;
         if driven == 0 {
             continue;

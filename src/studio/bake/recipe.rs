@@ -8,8 +8,9 @@ use serde::Deserialize;
 
 use super::head::Head;
 use super::mesh::Vec3;
-use super::names::{self, NAMES, mirrored, swapped};
+use super::names::{self, NAMES, mirrored};
 use super::shape::{Deed, Promise, Target, Undo};
+use crate::output::other_side;
 use crate::studio::fault::Fault;
 
 /// The shipped recipe.
@@ -195,10 +196,12 @@ impl<'a> Side<'a> {
 
     fn unit(&self) -> Option<String> {
         let unit = self.entry.unit.as_ref()?;
-        Some(match self.mirror {
-            true => swapped(unit),
-            false => unit.clone(),
-        })
+        if !self.mirror {
+            return Some(unit.clone());
+        }
+        let units = unit.split('|');
+        let units = units.map(|one| other_side(one).unwrap_or_else(|| one.to_owned()));
+        Some(units.collect::<Vec<_>>().join("|"))
     }
 
     /// −1 where left and right are swapped.
@@ -393,6 +396,30 @@ fn axis(head: &Head, k: usize) -> Unit<Vec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::expression::units::Units;
+    use crate::output::osc::parameters::Parameter;
+
+    #[test]
+    fn what_drives_a_shape_of_arkit_on_a_head_is_what_outputs_send_under_its_name() {
+        let units = Units::shipped().columns(false);
+        let units: Vec<&str> = units.iter().map(|unit| unit.as_str()).collect();
+        let recipe = Recipe::read(SHIPPED).unwrap();
+        let drives = recipe.units();
+        for parameter in Parameter::of_arkit(false, &units) {
+            let name = &parameter.name;
+            // Heads have a shape for each side.
+            if name == "browInnerUp" {
+                continue;
+            }
+            let driver = drives.iter().find(|(shape, _)| shape == name);
+            let (_, driver) = driver.unwrap_or_else(|| panic!("nothing drives {name}"));
+            for (k, unit) in units.iter().enumerate() {
+                let weights = (0..units.len()).map(|i| f32::from(u8::from(i == k)));
+                let on_the_head = f32::from(u8::from(driver.split('|').any(|one| one == *unit)));
+                assert_eq!(parameter.value(weights), on_the_head, "{name} by {unit}");
+            }
+        }
+    }
 
     #[test]
     fn the_shipped_recipe_has_67_shapes_and_all_of_arkit() {

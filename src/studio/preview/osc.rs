@@ -145,6 +145,7 @@ impl Receiver {
                 };
                 let number = u64::try_from(number).ok()?;
                 let weights = std::mem::take(&mut user.sample.weights);
+                let frozen = user.sample.frozen;
                 user.sample = Sample {
                     user: Some(slot),
                     number,
@@ -152,10 +153,12 @@ impl Receiver {
                     state: state as u8,
                     confidence,
                     latency_ms: latency,
+                    frozen,
                     weights,
                     ..Sample::default()
                 };
             }
+            ("frozen", &[Value::Int(frozen @ 0..=1)]) => user.sample.frozen = frozen == 1,
             ("au", values) if named && values.len() == count => {
                 user.sample.weights = floats(values)?;
             }
@@ -340,6 +343,38 @@ mod tests {
         *bytes.iter_mut().rfind(|byte| **byte == 5).unwrap() = 6;
         receiver.take(&bytes, &hub);
         assert_eq!(hub.counts().refused, refused + 1);
+    }
+
+    #[test]
+    fn who_is_frozen_is_known_to_every_page_and_until_the_box_says_otherwise() {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let timeout = Some(Duration::from_millis(200));
+        socket.set_read_timeout(timeout).unwrap();
+        let settings = Settings {
+            targets: vec![socket.local_addr().unwrap().to_string()],
+            ..Settings::default()
+        };
+        let mut osc = Osc::new(settings, &["AU26"]).unwrap();
+        for (frame, frozen) in [false, true, true, false].into_iter().enumerate() {
+            let report = Report {
+                at: Timestamp::from_us(33_000 * frame as u64),
+                user: Some(0),
+                state: TrackingState::Tracking,
+                frozen,
+                weights: &[0.5],
+                ..Report::default()
+            };
+            osc.send(&report).unwrap();
+        }
+        let (hub, mut receiver) = (Hub::new(true), Receiver::default());
+        let mut bytes = [0; 2000];
+        while let Ok(length) = socket.recv(&mut bytes) {
+            receiver.take(&bytes[..length], &hub);
+        }
+        assert_eq!(hub.counts().refused, 0);
+        let samples = events(&hub).into_iter().filter(|event| event["u"] == 0);
+        let frozen: Vec<bool> = samples.map(|sample| sample["f"] == 1).collect();
+        assert_eq!(frozen, [false, true, true, false]);
     }
 
     #[test]

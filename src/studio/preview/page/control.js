@@ -56,26 +56,23 @@ export function tabs() {
 // Neutral, forget and freeze of whoever is shown.
 export class Commands {
   constructor(slot) {
-    this.frozen = new Set();
+    this.frozen = false;
     this.slot = slot;
     byId("neutral").addEventListener("click", () => this.send("neutral"));
     byId("forget").addEventListener("click", () => this.send("forget"));
-    byId("freeze").addEventListener("click", async () => {
-      const slot = this.slot();
-      const on = !this.frozen.has(slot);
-      if (await this.send("freeze", { on: Number(on) })) this.frozen[on ? "add" : "delete"](slot);
-    });
+    byId("freeze").addEventListener("click", () => this.send("freeze", { on: Number(!this.frozen) }));
   }
 
   send(what, more = {}) {
     return ask("/command", { what, user: this.slot(), ...more });
   }
 
-  // `sample` says whether somebody is there, and in a stream that knows it, whether they are frozen.
+  // `sample` says whether somebody is there, and whether the tracker has them frozen, whoever asked for it.
   draw(source, sample) {
     const possible = Boolean(source?.commands && sample);
     for (const id of ["neutral", "freeze", "forget"]) byId(id).disabled = !possible;
-    const frozen = Boolean(sample?.f || this.frozen.has(this.slot()));
+    const frozen = Boolean(sample?.f);
+    this.frozen = frozen;
     if (byId("freeze").ariaPressed !== String(frozen)) {
       byId("freeze").ariaPressed = String(frozen);
       byId("freeze").textContent = frozen ? "Frozen" : "Freeze";

@@ -255,8 +255,8 @@ export function readGlb(buffer, units) {
           const name = given[k] ?? `target_${k}`;
           let target = byName.get(name);
           if (!target) {
-            const unit = mesh.extras?.mien?.units?.[k] ?? units[name.toLowerCase()] ?? null;
-            target = { name, unit, entries: new Map() };
+            const written = mesh.extras?.mien?.units?.[k] ?? units[name.toLowerCase()];
+            target = { name, units: [...(written?.split("|") ?? []), name], entries: new Map() };
             byName.set(name, target);
             targets.push(target);
           }

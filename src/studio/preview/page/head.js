@@ -211,11 +211,16 @@ class Head {
     this.size = Math.max(high[0] - low[0], high[1] - low[1]) || 1;
   }
 
-  // Weights by unit: a target follows its unit, or else a unit of its own name; what is held by name goes before.
+  // Weights by unit: a target follows the largest of its units, one of its own name among them; what is held by name goes before.
   drive(byUnit, held) {
     this.targets.forEach((target, k) => {
-      this.weights[k] = held?.get(target.name) ?? byUnit.get(target.unit) ?? byUnit.get(target.name) ?? 0;
+      this.weights[k] = held?.get(target.name) ?? Math.max(0, ...target.units.map((unit) => byUnit.get(unit) ?? 0));
     });
+  }
+
+  // How many of its shapes something moves when these units are sent.
+  driven(units) {
+    return this.targets.filter((target) => target.entries.size && target.units.some((unit) => units.includes(unit))).length;
   }
 
   draw(program, pose, view, clip, wireframe, ground) {

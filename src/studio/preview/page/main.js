@@ -38,6 +38,12 @@ fetch("/words.json").then((answer) => answer.json()).then((words) => {
   receivers = new Receivers(words, stream);
 });
 
+// Which shapes follow is known once the source has named its units.
+function count() {
+  if (!stream.units.length || !view?.heads.length) return;
+  say(view.heads.map((head) => `${head.name}: ${head.driven(stream.units)} of ${head.targets.length} shapes follow the face`).join("; "));
+}
+
 async function show(files) {
   if (!view) return;
   try {
@@ -45,8 +51,7 @@ async function show(files) {
     for (const { name, bytes } of files) heads.push(view.load(name, readGlb(await bytes, await units)));
     view.heads = heads;
     shapes.name(heads);
-    const driven = heads.map((head) => head.targets.filter((target) => target.unit).length);
-    say(heads.map((head, k) => `${head.name}: ${driven[k]} of ${head.targets.length} shapes follow the face`).join("; "));
+    count();
   } catch (error) {
     say(`cannot show this head: ${error.message}`);
   }
@@ -59,7 +64,7 @@ stream.onSource = (source) => {
   say("preparing the head…");
   show(source.meshes.map((name, k) => ({ name, bytes: fetch(`/mesh/${k}`).then((answer) => answer.arrayBuffer()) })));
 };
-stream.onSchema = (names) => bars.name(names);
+stream.onSchema = (names) => { bars.name(names); count(); };
 stream.onGesture = (gesture) => lamps.take(gesture);
 stream.onSample = (sample) => recorder.take(sample, STATES);
 stream.open("/events");
