@@ -1,5 +1,8 @@
 // What the page lets be done: commands, recording, gains, shapes by hand, the sweep, receivers.
 
+import { isFrozen } from "./panels.js";
+import { FREEZE } from "./units.js";
+
 const byId = (id) => document.getElementById(id);
 
 export function say(text, bad = false) {
@@ -56,14 +59,15 @@ export function tabs() {
 // Neutral, forget and freeze of whoever is shown.
 export class Commands {
   constructor(slot) {
-    this.frozen = new Set();
+    // What was asked for here, for boxes that do not tell it; null once one does.
+    this.asked = new Set();
     this.slot = slot;
     byId("neutral").addEventListener("click", () => this.send("neutral"));
     byId("forget").addEventListener("click", () => this.send("forget"));
     byId("freeze").addEventListener("click", async () => {
       const slot = this.slot();
-      const on = !this.frozen.has(slot);
-      if (await this.send("freeze", { on: Number(on) })) this.frozen[on ? "add" : "delete"](slot);
+      const on = byId("freeze").ariaPressed !== "true";
+      if (await this.send("freeze", { on: Number(on) })) this.asked?.[on ? "add" : "delete"](slot);
     });
   }
 
@@ -71,14 +75,15 @@ export class Commands {
     return ask("/command", { what, user: this.slot(), ...more });
   }
 
-  // `sample` says whether somebody is there, and in a stream that knows it, whether they are frozen.
+  // `sample` says whether somebody is there and, where the box tells it, whether they are frozen.
   draw(source, sample) {
     const possible = Boolean(source?.commands && sample);
     for (const id of ["neutral", "freeze", "forget"]) byId(id).disabled = !possible;
-    const frozen = Boolean(sample?.f || this.frozen.has(this.slot()));
+    if (isFrozen(sample)) this.asked = null;
+    const frozen = this.asked ? this.asked.has(this.slot()) : isFrozen(sample);
     if (byId("freeze").ariaPressed !== String(frozen)) {
       byId("freeze").ariaPressed = String(frozen);
-      byId("freeze").textContent = frozen ? "Frozen" : "Freeze";
+      byId("freeze").textContent = frozen ? FREEZE.end : FREEZE.wish;
     }
   }
 }
