@@ -126,6 +126,7 @@ async function judge(page, name, { check, shots, panels = [], tabs = [] }) {
       await page.emulateMedia({ colorScheme });
       await page.evaluate(() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn))));
       await page.waitForTimeout(400);
+      await page.evaluate(() => scrollTo(0, 0));
       const at = `${name}-${width}-${colorScheme}`;
       await page.screenshot({ path: path.join(shots, `${at}.png`), fullPage: width < 760, timeout: 180000 });
       const empty = [];

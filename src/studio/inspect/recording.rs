@@ -89,7 +89,7 @@ type Values = Vec<Option<f64>>;
 fn name_of(curve: usize, units: &[&str]) -> String {
     match curve {
         0..STATES => CURVES[curve].to_owned(),
-        STATES..WEIGHTS => format!("user {}", curve - STATES),
+        STATES..WEIGHTS => format!("person {}", curve - STATES + 1),
         _ => format!("w_{}", units[curve - WEIGHTS]),
     }
 }
@@ -157,8 +157,8 @@ fn draw_depth(
         let whose = reports.iter().find(|one| one.head_box.is_some_and(is_in));
         let state = whose.map_or(TrackingState::Absent, |one| one.state);
         let words = match whose.and_then(|one| one.user) {
-            Some(user) => format!("user {user} {}", state.name()),
-            None => "no user".to_owned(),
+            Some(user) => format!("person {} {}", user + 1, state.name()),
+            None => "nobody".to_owned(),
         };
         (cloud, words, colour_of(state))
     });
@@ -221,7 +221,7 @@ impl Counts {
         album.fact("frames with a head", share(self.heads));
         album.fact("frames with a pose", share(self.posed));
         album.fact("frames with a face", share(self.faces));
-        album.fact("states of users, frames", states);
+        album.fact("states of people, frames", states);
     }
 }
 
@@ -389,7 +389,7 @@ const PLOTS: [PlotOf; 5] = [
     (CONFIDENCE, 6..7, Some((0.0, 1.0))),
     ("Heads found in depth", 7..8, Some((0.0, 2.0))),
     (
-        "State of each user: 1 warming, 2 tracking, 3 held, 4 lost, 5 posed",
+        "State of each person: 1 warming, 2 tracking, 3 held, 4 lost, 5 posed",
         STATES..STATES + USERS,
         Some((0.0, 5.0)),
     ),

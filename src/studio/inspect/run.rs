@@ -260,7 +260,7 @@ pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Fault> {
     for &user in &users {
         let rows: Vec<&Row> = table.rows.iter().filter(|row| row.user == user).collect();
         let suffix = match user {
-            Some(user) if users.len() > 1 => format!(" (user {user})"),
+            Some(user) if users.len() > 1 => format!(" (person {})", user + 1),
             _ => String::new(),
         };
         album.plots.extend(plots(&table, &rows, &suffix));

@@ -95,7 +95,7 @@ class Chart {
 
   draw() {
     drawLegend(this.legend, this.curves);
-    drawCurves(this.canvas, { from: first, to: last, low: this.low, high: this.high, curves: this.curves, name: (t) => `${(t - first).toFixed(last - first < 10 ? 1 : 0)} s` });
+    drawCurves(this.canvas, { from: first, to: last, origin: first, low: this.low, high: this.high, curves: this.curves, name: (t) => `${(t - first).toFixed(last - first < 10 ? 1 : 0)} s` });
   }
 
   move() {

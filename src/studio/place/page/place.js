@@ -301,8 +301,6 @@ async function load() {
 let baking = false;
 let again = false;
 async function bake() {
-  const [first] = unsure();
-  if (first !== undefined) choose(first, 0.3);
   if (baking) {
     again = true;
     return;
@@ -358,7 +356,12 @@ byId("look").addEventListener("change", ({ target }) => {
 });
 byId("front").addEventListener("click", front);
 byId("undo").addEventListener("click", undo);
-byId("bake").addEventListener("click", bake);
+byId("bake").addEventListener("click", () => {
+  // What it waits for is shown.
+  const [first] = unsure();
+  if (first !== undefined) choose(first, 0.3);
+  bake();
+});
 byId("confirm").addEventListener("click", confirm);
 // Where one looks closely, the view goes along.
 const go = (by) => choose(chosen === null ? 0 : (chosen + by + 68) % 68, view.distance < 0.7 ? view.distance : 0);

@@ -13,8 +13,8 @@ const short = (value) => String(Number(value.toFixed(3)));
 const [LEFT, RIGHT] = [38, 12];
 
 // Draws `curves`, each `{ hue, dotted, points }` with points `[t, value]` in order of time and null for a gap, from time `from` to
-// `to`; `name` says what is written at a time on the axis.
-export function drawCurves(canvas, { from, to, low, high, curves, name }) {
+// `to`; `name` says what is written at a time on the axis, of which one is `origin`.
+export function drawCurves(canvas, { from, to, origin, low, high, curves, name }) {
   const scale = window.devicePixelRatio || 1;
   const style = getComputedStyle(canvas);
   const [faint, dim, light] = ["--line", "--dim", "--curve"].map((one) => style.getPropertyValue(one).trim());
@@ -36,14 +36,16 @@ export function drawCurves(canvas, { from, to, low, high, curves, name }) {
   pen.lineWidth = scale;
   pen.fillStyle = dim;
   pen.textAlign = "right";
-  const up = step(((high - low) / (bottom - top)) * 34 * scale);
+  const up = step(((high - low) / (bottom - top)) * 28 * scale);
   for (let w = Math.ceil(low / up - 1e-6) * up; w <= high + 1e-9; w += up) {
     line(left, y(w), right, y(w), faint);
     pen.fillText(short(w), left - 6 * scale, y(w) + 4 * scale);
   }
   pen.textAlign = "center";
   const along = step(((to - from) / (right - left)) * 70 * scale || 1);
-  for (let t = to; t >= from - 1e-9; t -= along) pen.fillText(name(t), Math.min(x(t), right - 8 * scale), height - 4 * scale);
+  for (let k = Math.ceil((from - origin) / along - 1e-6); origin + k * along <= to + 1e-9; k++) {
+    pen.fillText(name(origin + k * along), Math.min(x(origin + k * along), right - 8 * scale), height - 4 * scale);
+  }
   pen.save();
   pen.beginPath();
   pen.rect(left, 0, right - left, height);

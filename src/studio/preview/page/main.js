@@ -125,8 +125,9 @@ for (const one of views) {
 }
 function arrange() {
   const seen = views.filter((one) => !one.hidden);
-  byId("scenes").dataset.views = seen.length;
-  if (!seen.some((one) => one.classList.contains("large"))) views[0].classList.add("large");
+  if (byId("scenes").dataset.views !== String(seen.length)) byId("scenes").dataset.views = seen.length;
+  if (seen.some((one) => one.classList.contains("large"))) return;
+  for (const one of views) one.classList.toggle("large", one === views[0]);
 }
 
 const toggle = (id, take) => byId(id).addEventListener("click", (event) => {

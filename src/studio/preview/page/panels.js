@@ -15,7 +15,7 @@ export class Lamps {
   }
 
   take({ name, u, on }) {
-    const key = u === null ? name : `${name} ${u + 1}`;
+    const key = u === null ? name : `${name}, person ${u + 1}`;
     if (!this.lamps.has(key)) {
       this.parent.hidden = false;
       const row = element("span", this.parent, "lamp");
@@ -115,7 +115,7 @@ export class Curves {
     });
     const name = (t) => (t > now - 0.01 ? "now" : `-${(now - t).toFixed(0)} s`);
     drawLegend(this.legend, curves);
-    drawCurves(this.canvas, { from: now - WINDOW_S, to: now, low: 0, high: 1.2, curves, name });
+    drawCurves(this.canvas, { from: now - WINDOW_S, to: now, origin: now, low: 0, high: 1.2, curves, name });
   }
 }
 
