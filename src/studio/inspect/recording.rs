@@ -27,9 +27,9 @@ use crate::studio::fault::Fault;
 use crate::studio::picture_files::jpeg;
 use crate::users::TrackingState;
 
-/// Frames of a recording on the sheet, and in the page at most: some 15 MB.
+/// Frames of a recording on the sheet, and in the page at most: some 17 MB.
 const ON_SHEET: usize = 6;
-const PLAYED: usize = 160;
+const PLAYED: usize = 120;
 /// Frames that the colours of depth are fitted to.
 const FITTED: usize = 12;
 const JPEG_QUALITY: u8 = 72;
