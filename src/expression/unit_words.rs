@@ -77,13 +77,48 @@ pub const REGIONS: [(&str, &[u32]); 5] = [
 /// Where units stand that were renamed, after all regions.
 pub const OTHER: &str = "Other";
 
-/// The region of a unit.
-pub fn region(words: &UnitWords) -> &'static str {
-    let number = words.code.trim_start_matches("AU").parse().ok();
-    let found = REGIONS
-        .iter()
-        .find(|(_, all)| number.is_some_and(|number| all.contains(&number)));
-    found.map_or(OTHER, |(title, _)| title)
+/// Units as pages order them: by region, there in the order of rows. Each is its place in `units`.
+pub fn by_region(units: &[&str]) -> Vec<(&'static str, Vec<usize>)> {
+    let number = |unit: &&str| of(unit).and_then(|(words, _)| words.code[2..].parse::<u32>().ok());
+    let numbers: Vec<Option<u32>> = units.iter().map(number).collect();
+    let known = REGIONS.map(|(title, all)| {
+        let rows = all.iter().flat_map(|&wanted| {
+            let places = numbers.iter().enumerate();
+            places.filter_map(move |(k, number)| (*number == Some(wanted)).then_some(k))
+        });
+        (title, rows.collect::<Vec<usize>>())
+    });
+    let is_shown = |k: &usize| known.iter().any(|(_, rows)| rows.contains(k));
+    let others = (0..units.len()).filter(|k| !is_shown(k)).collect();
+    let mut regions = known.to_vec();
+    regions.push((OTHER, others));
+    regions.retain(|(_, rows)| !rows.is_empty());
+    regions
+}
+
+/// What pages show of the units: `[[region, [[place, unit, name, what the face does]]]]`.
+#[cfg(feature = "std")]
+pub fn regions_json(units: &[&str]) -> serde_json::Value {
+    let row = |k: usize| {
+        let unit = units[k];
+        let mut name = plain(unit).unwrap_or_else(|| unit.to_owned());
+        let first = name.chars().next().map_or(0, char::len_utf8);
+        name[..first].make_ascii_uppercase();
+        let about = of(unit).map_or_else(String::new, |(words, side)| {
+            let whose = match side {
+                "L" => " (the subject's left)",
+                "R" => " (the subject's right)",
+                _ => "",
+            };
+            format!("{unit}, {}: {}{whose}", words.facs, words.does)
+        });
+        serde_json::json!([k, unit, name, about])
+    };
+    let regions = by_region(units).into_iter();
+    let rows = |rows: Vec<usize>| rows.into_iter().map(row).collect::<Vec<_>>();
+    regions
+        .map(|(title, all)| serde_json::json!([title, rows(all)]))
+        .collect()
 }
 
 /// A unit's plain name with its side in words, as `smile left`; `None` for a name that is no unit's.
@@ -118,11 +153,20 @@ mod tests {
         }
         let columns = units.columns(false);
         for words in &ALL {
-            assert_ne!(region(words), OTHER, "{}", words.code);
             let has = |name: &str| columns.iter().any(|column| column == name);
             let side = |side: &str| has(&format!("{}{side}", words.code));
             assert!(has(words.code) || side("L") && side("R"), "{}", words.code);
         }
+        let names: Vec<&str> = columns.iter().map(|name| &**name).collect();
+        let regions = by_region(&names);
+        assert!(regions.iter().all(|(title, _)| *title != OTHER));
+        let mut shown: Vec<usize> = regions.into_iter().flat_map(|(_, rows)| rows).collect();
+        shown.sort_unstable();
+        assert!(shown.into_iter().eq(0..names.len()), "each unit once");
+        assert_eq!(
+            by_region(&["AU26", "AU12R", "mine", "AU12L"]),
+            [("Mouth", vec![1, 3]), ("Jaw", vec![0]), (OTHER, vec![2])]
+        );
         assert_eq!(
             of("AU12L").map(|(words, side)| (words.plain, side)),
             Some(("smile", "L"))

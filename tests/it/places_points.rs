@@ -132,6 +132,24 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
             "{twin}: the other corner is its mirror image"
         );
 
+        // A step outwards and upwards from there is to another vertex, on that side, near by, and of the pair only.
+        for towards in [Vec3::x(), Vec3::y(), -Vec3::x(), -Vec3::y()] {
+            let (x, y) = (towards.x, towards.y);
+            let step = format!("/step?point=54&mirror=1&sight=0,0,-1&towards={x},{y},0&");
+            let stepped = served.post(&step, &after);
+            assert_eq!(stepped["ok"], true);
+            let went = place(&stepped, 54) - corner;
+            assert!(went.dot(&towards) > 0.7 * went.xy().norm(), "{went:?}");
+            assert!((1e-4..0.15).contains(&(went.norm() / eyes)), "{went:?}");
+            let points = numbers(&stepped["points"]);
+            let same = (0..68).filter(|&k| points[k] == after[k]).count();
+            assert_eq!(same, 66, "{towards:?}");
+        }
+        // A point of the middle stays in it.
+        let step = "/step?point=8&mirror=1&sight=0,0,-1&towards=0,1,0&";
+        let chin = place(&served.post(step, &after), 8) - place(&moved, 8);
+        assert!(chin.y > 0.0 && chin.x.abs() < 0.02 * eyes, "{chin:?}");
+
         assert_eq!(served.post("/bake?", &after)["ok"], true);
         let shaped = displacement(&served.get(smile));
         let change = before.iter().zip(&shaped).map(|(a, b)| (a - b).abs());

@@ -5,7 +5,7 @@ const { spawn, execFileSync } = require("node:child_process");
 const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
-const layout = require("./layout.cjs");
+const { judge } = require("./layout.cjs");
 
 const [programs, shots] = process.argv.slice(2);
 const work = fs.mkdtempSync(path.join(os.tmpdir(), "mien-place-"));
@@ -17,19 +17,33 @@ function check(what, holds, found = "") {
   if (!holds) failures += 1;
 }
 
-async function lies(page, width) {
-  await page.setViewportSize({ width, height: width < 1000 ? 1024 : 900 });
-  await page.waitForTimeout(500);
-  const found = await page.evaluate(layout);
-  check(`nothing is cut or covered at ${width} px`, !found.length, found.slice(0, 4).join("; "));
-  await page.screenshot({ path: path.join(shots, `place-${width}.png`) });
-}
-
 const seen = (k) => {
   const box = document.querySelector("#view").getBoundingClientRect();
   const [x, y] = window.mien.onScreen(window.mien.now.places[k]);
   return [x + box.left, y + box.top];
 };
+
+// A point by the keyboard alone: chosen, moved by a vertex and back where it was.
+async function keys(page) {
+  await page.selectOption("#look", "48-67");
+  await page.waitForTimeout(1000);
+  await page.evaluate(() => { document.activeElement.blur(); window.mien.choose(53); });
+  await page.keyboard.press("n");
+  check("N chooses the next point", /^54 /.test(await page.textContent("#which")), await page.textContent("#which"));
+  const before = await page.evaluate(() => window.mien.now.points.slice());
+  const [x, y] = await page.evaluate(seen, 54);
+  await page.keyboard.press("ArrowUp");
+  await page.waitForFunction((was) => window.mien.now.points[54] !== was, before[54]);
+  await page.waitForTimeout(800);
+  const [p, q] = await page.evaluate(seen, 54);
+  const after = await page.evaluate(() => window.mien.now.points.slice());
+  const changed = before.map((v, k) => [v, k]).filter(([v, k]) => v !== after[k]).map(([, k]) => k);
+  check("an arrow key moves the point and its twin up, by a vertex", y - q > 0.5 && y - q > Math.abs(p - x) && y - q < 40 && changed.join() === "48,54", `${(p - x).toFixed(1)}, ${(q - y).toFixed(1)} px; ${changed}`);
+  await page.click("#undo");
+  check("a step can be undone", (await page.evaluate(() => window.mien.now.points.join())) === before.join());
+  await page.keyboard.press("p");
+  check("P chooses the one before", /^53 /.test(await page.textContent("#which")));
+}
 
 (async () => {
   const mesh = path.join(work, "head.obj");
@@ -50,14 +64,26 @@ const seen = (k) => {
   page.on("console", (message) => { if (["error", "warning"].includes(message.type())) complaints.push(message.text()); });
   page.on("pageerror", (error) => complaints.push(error.message));
   await page.goto(url);
-  // What was guessed is not baked before somebody has said that it is right.
-  await page.waitForFunction(() => window.mien?.baked || (window.mien && !document.querySelector("#confirm").hidden));
-  const guessed = await page.isVisible("#confirm");
-  check("guessed points are not baked", guessed !== (await page.evaluate(() => window.mien.baked)));
+  // What was guessed is not baked before somebody has said, of each point, that it is right.
+  await page.waitForFunction(() => window.mien?.baked || (window.mien && document.querySelector("#first button")));
+  const guessed = await page.evaluate(() => window.mien.unsure);
+  check("guessed points are not baked", Boolean(guessed) !== (await page.evaluate(() => window.mien.baked)), `${guessed} unsure`);
   check("it says that nothing is saved", (await page.textContent("#state")) === "not saved yet" && !fs.existsSync(out));
-  if (guessed) await page.click("#confirm");
+  if (guessed) {
+    await page.click("#bake");
+    await page.waitForFunction(() => /^not baked: /.test(document.querySelector("#said").textContent));
+    const said = await page.textContent("#said");
+    check("Bake says why it waits", new RegExp(`${guessed} points? `).test(said), said);
+    await page.keyboard.press("Escape");
+    await page.click("#confirm");
+    const left = await page.evaluate(() => window.mien.unsure);
+    check("a point is confirmed, and no other", left === guessed - 1, `${left} of ${guessed}`);
+    for (let k = 0; k < left; k++) await page.click("#confirm");
+  }
   await page.waitForFunction(() => window.mien.baked);
-  await lies(page, 1600);
+  await keys(page);
+  await judge(page, "place", { check, shots, panels: ["#scene", "aside"] });
+  await page.setViewportSize({ width: 1600, height: 900 });
 
   await page.selectOption("#look", "48-67");
   await page.waitForTimeout(1500);
@@ -88,10 +114,6 @@ const seen = (k) => {
   await page.waitForTimeout(1500);
   check("the shape is shown", !none.equals(await page.locator("#view").screenshot()));
   await page.screenshot({ path: path.join(shots, "place-shape.png") });
-  await lies(page, 768);
-  await lies(page, 390);
-  await page.setViewportSize({ width: 1600, height: 900 });
-
   await page.click("#undo");
   check("a drag can be undone", (await page.evaluate(() => window.mien.now.points.join())) === before.join());
   await page.click("#save");

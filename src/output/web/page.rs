@@ -31,7 +31,17 @@ use crate::output::gesture::Gesture;
 use crate::output::limits::Listening;
 use crate::output::{Command, OutputError, identity};
 
-const PAGE: &str = include_str!("page.html");
+/// One document, so that a phone asks once. What other pages of mien look like too is in `look.css` and `units.js`.
+const PAGE: &str = concat!(
+    include_str!("page/box.html"),
+    "<style>\n",
+    include_str!("page/look.css"),
+    include_str!("page/box.css"),
+    "</style>\n<script type=\"module\">\n",
+    include_str!("page/units.js"),
+    include_str!("page/box.js"),
+    "</script>\n</html>\n"
+);
 /// Headers of the page.
 const HTML: &str = "Content-Type: text/html; charset=utf-8\r\nContent-Security-Policy: default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\nX-Content-Type-Options: nosniff\r\n";
 /// Room for a reply's header and for a message with four users.
@@ -216,24 +226,13 @@ impl Page {
 
 /// What never changes, as JSON. `sends` is where weights go.
 fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> String {
-    let region = |unit: &str| {
-        unit_words::of(unit).map_or(unit_words::OTHER, |(words, _)| unit_words::region(words))
-    };
-    let titles = unit_words::REGIONS.iter().map(|(title, _)| *title);
-    let regions = titles.chain([unit_words::OTHER]).filter_map(|title| {
-        let rows = units.iter().enumerate();
-        let rows = rows.filter(|(_, unit)| region(unit) == title);
-        let rows =
-            rows.map(|(i, &unit)| json!([i, unit, unit_words::plain(unit).unwrap_or(unit.into())]));
-        let rows: Vec<Value> = rows.collect();
-        (!rows.is_empty()).then(|| json!([title, rows]))
-    });
     let gestures = gestures.iter().map(|gesture| {
         let [on, off] =
             [gesture.on, gesture.off].map(|level| (f64::from(level) * 1e6).round() / 1e6);
         json!({"name": gesture.name, "sums": gesture.indexed(units), "on": on, "off": off})
     });
-    let (regions, gestures): (Vec<Value>, Vec<Value>) = (regions.collect(), gestures.collect());
+    let gestures: Vec<Value> = gestures.collect();
+    let regions = unit_words::regions_json(units);
     json!({"name": name, "slots": USERS, "sends": sends, "gestures": gestures, "regions": regions})
         .to_string()
 }
@@ -444,9 +443,9 @@ mod tests {
                 "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
                 "gestures": [{"name": "smile", "sums": [[[1, 1.0], [0, -1.0]]], "on": 0.25, "off": 0.15}],
                 "regions": [
-                    ["Brows", [[2, "AU1R", "inner brow up right"]]],
-                    ["Mouth", [[1, "AU12L", "smile left"]]],
-                    ["Jaw", [[0, "AU26", "jaw drop"]]],
+                    ["Brows", [[2, "AU1R", "Inner brow up right", "AU1R, inner brow raiser: the inner end of the brow rises (the subject's right)"]]],
+                    ["Mouth", [[1, "AU12L", "Smile left", "AU12L, lip corner puller: the corner of the mouth moves up and out (the subject's left)"]]],
+                    ["Jaw", [[0, "AU26", "Jaw drop", "AU26, jaw drop: the jaw drops, the mouth opens"]]],
                 ],
             })
         );

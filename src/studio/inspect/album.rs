@@ -1,14 +1,8 @@
-//! The result of an inspection, as one self-contained HTML page or one PNG contact sheet.
-//!
-//! The page embeds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no network and no script.
+//! The result of an inspection: of it a page ([`super::page`]) or a PNG contact sheet is made.
 
-use std::fmt::Write;
-
-use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
 
 use crate::studio::chart::{self, Plot};
-use crate::studio::picture_files::png;
 
 /// All of it.
 #[derive(Default)]
@@ -23,20 +17,24 @@ pub struct Album {
     pub pictures: Vec<(String, RgbImage)>,
     /// Curves.
     pub plots: Vec<Plot>,
+    /// What the page plays, in order of time.
+    pub frames: Vec<Shown>,
+    /// Depths at which the colours of depth are 0, 1/4, 2/4, 3/4, 1 of the way from far to near, metres.
+    pub depth_key: Option<[f32; 5]>,
+    /// Seconds, user and points x, y, x, y, … of faces that are drawn where there are no pictures.
+    pub faces: Vec<(f64, usize, Vec<i32>)>,
 }
 
-/// Text safe between tags and in attributes.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-}
-
-fn cells<'a>(tag: &str, texts: impl IntoIterator<Item = &'a String>) -> String {
-    let texts = texts.into_iter();
-    let cells = texts.map(|text| format!("<{tag}>{}</{tag}>", escaped(text)));
-    cells.collect()
+/// A frame of the player: JPEGs.
+pub struct Shown {
+    /// When it was taken.
+    pub seconds: f64,
+    /// Its number in the recording.
+    pub number: u64,
+    /// Picture with landmarks, if there is one.
+    pub colour: Option<Vec<u8>>,
+    /// Depth with heads.
+    pub depth: Vec<u8>,
 }
 
 impl Album {
@@ -56,43 +54,6 @@ impl Album {
     /// Begins the table with the names of its columns.
     pub fn header<const N: usize>(&mut self, columns: [&str; N]) {
         self.table.push(columns.map(str::to_owned).to_vec());
-    }
-
-    /// The page.
-    pub fn html(&self) -> String {
-        let title = escaped(&self.title);
-        let mut html = format!(
-            "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title><style>\
-             body{{font:14px/1.45 system-ui,sans-serif;margin:24px auto;max-width:1340px;padding:0 16px;color:#222;background:#fff}}\
-             h1{{font-size:22px}}h2{{font-size:15px;margin:18px 0 2px}}table{{border-collapse:collapse}}\
-             td,th{{padding:2px 14px 2px 0;text-align:left;vertical-align:top}}th{{font-weight:600;color:#555}}\
-             figure{{display:inline-block;margin:0 14px 18px 0;vertical-align:top}}figcaption{{color:#555}}\
-             img{{max-width:100%;display:block}}svg{{width:900px;max-width:100%;height:auto}}</style></head><body><h1>{title}</h1>"
-        );
-        html += "<table>";
-        for (name, value) in &self.facts {
-            html = html + "<tr>" + &cells("th", [name]) + &cells("td", [value]) + "</tr>";
-        }
-        html += "</table>";
-        if let Some((header, rows)) = self.table.split_first() {
-            html = html + "<h2>Values</h2><table><tr>" + &cells("th", header) + "</tr>";
-            for row in rows {
-                html = html + "<tr>" + &cells("td", row) + "</tr>";
-            }
-            html += "</table>";
-        }
-        for (caption, picture) in &self.pictures {
-            let caption = escaped(caption);
-            let _ = write!(
-                html,
-                "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>",
-                STANDARD.encode(png(picture))
-            );
-        }
-        for plot in &self.plots {
-            let _ = write!(html, "<h2>{}</h2>{}", escaped(&plot.title), plot.svg());
-        }
-        html + "</body></html>\n"
     }
 
     /// The contact sheet: pictures side by side as long as they fit, each under its caption, then the plots.
@@ -148,20 +109,6 @@ mod tests {
             pictures: vec![("p".into(), RgbImage::new(20, 10))],
             ..Album::default()
         }
-    }
-
-    #[test]
-    fn the_page_stands_alone_and_escapes() {
-        let html = album().html();
-        assert!(
-            html.contains("a &lt;b&gt; &amp; c") && html.contains("data:image/png;base64,iVBOR")
-        );
-        assert!(
-            !html
-                .replace("http://www.w3.org/2000/svg", "")
-                .contains("http")
-                && !html.contains("<script")
-        );
     }
 
     #[test]

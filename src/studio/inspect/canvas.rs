@@ -9,13 +9,25 @@ use crate::base::capacity::LANDMARKS;
 /// A colour.
 pub type Colour = [u8; 3];
 
-/// Blue (0) over green to red (1); outside is cut.
+/// Dark blue (0) over purple and orange to light yellow (1), ever lighter; outside is cut.
 pub fn false_colour(share: f32) -> Colour {
-    let t = share.clamp(0.0, 1.0);
-    // Three overlapping triangles: the eye sees steps of depth at every hue.
-    let channel = |centre: f32| ((1.5 - (4.0 * t - centre).abs()).clamp(0.0, 1.0) * 255.0) as u8;
-    [channel(3.0), channel(2.0), channel(1.0)]
+    let t = share.clamp(0.0, 1.0) * (DEPTHS.len() - 1) as f32;
+    let k = (t as usize).min(DEPTHS.len() - 2);
+    let along = t - k as f32;
+    let [from, to] = [DEPTHS[k], DEPTHS[k + 1]];
+    std::array::from_fn(|c| (f32::from(from[c]) * (1.0 - along) + f32::from(to[c]) * along) as u8)
 }
+
+/// Colours from far to near, evenly apart in lightness.
+pub const DEPTHS: [Colour; 7] = [
+    [26, 20, 84],
+    [84, 26, 134],
+    [142, 36, 132],
+    [198, 58, 104],
+    [238, 108, 66],
+    [250, 172, 56],
+    [246, 240, 150],
+];
 
 /// Sets one pixel, if it is in the picture.
 pub fn dot(picture: &mut RgbImage, x: f32, y: f32, colour: Colour) {
@@ -109,11 +121,14 @@ mod tests {
     }
 
     #[test]
-    fn false_colour_runs_from_blue_to_red() {
-        let (near, middle, far) = (false_colour(1.0), false_colour(0.5), false_colour(0.0));
-        assert!(
-            near[0] > near[2] && far[2] > far[0] && middle[1] == 255,
-            "{near:?} {middle:?} {far:?}"
-        );
+    fn false_colour_is_lighter_the_nearer() {
+        let light = |share: f32| {
+            let [r, g, b] = false_colour(share).map(f32::from);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        };
+        let shares = (0..=20).map(|k| k as f32 / 20.0);
+        let lights: Vec<f32> = shares.map(light).collect();
+        assert!(lights.windows(2).all(|w| w[1] > w[0] + 4.0), "{lights:?}");
+        assert_eq!((light(-1.0), light(2.0)), (lights[0], lights[20]));
     }
 }

@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use super::album::Album;
 use super::{mesh, model, ranges, recording, run};
 use crate::appliance::settings::Settings;
-use crate::appliance::source::Source;
 use crate::face_model::{FaceModel, file::MAGIC};
 use crate::studio::atomic_write::write_out;
 use crate::studio::fault::Fault;
@@ -27,7 +26,7 @@ pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Albu
     let unreadable = Fault::cannot("read", path, &advice);
     let name = name_of(path);
     if std::fs::metadata(path).map_err(&unreadable)?.is_dir() {
-        return recording::inspect(&name, Source::recording(path)?, model, settings);
+        return recording::inspect(&name, path, model, settings);
     }
     let bytes = crate::base::bounded_read::read(path, MOST).map_err(&unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
@@ -80,6 +79,7 @@ mod tests {
     use std::fmt::Write as _;
 
     use super::*;
+    use crate::appliance::source::Source;
     use crate::studio::golden::{coloured, hold_every};
     use crate::studio::record::record;
 

@@ -1,13 +1,17 @@
-//! A recording as pictures: depth in false colour with every head found and its user's state; the colour picture, if there is
-//! one, with landmarks and head axes; and pose, confidence and states over time. All frames run through the stages, as in a
-//! run; some are drawn. Pose curves are those of the user that single-person outputs show.
+//! A recording as pictures: depth, in colours fitted to the depth of the recording, with every head found and its user's state;
+//! the colour picture, if there is one, with landmarks and head axes; and pose, confidence, states and weights over time. All
+//! frames run through the stages, as in a run; some are drawn. Curves of pose and weights are those of the user that
+//! single-person outputs show.
 
 use std::ops::Range;
+use std::path::Path;
 
 use image::RgbImage;
 
-use super::album::Album;
+use super::album::{Album, Shown};
 use super::canvas;
+use super::depth_colours::DepthColours;
+use super::run::weight_groups;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::Source;
 use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
@@ -15,33 +19,20 @@ use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
 use crate::segment::{HeadCloud, PixelRect, Segmenter};
-use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::studio::chart::{self, Curve, Plot};
 use crate::studio::fault::Fault;
+use crate::studio::picture_files::jpeg;
 use crate::users::TrackingState;
 
-/// Frames drawn of a recording.
-const SHOWN: usize = 6;
-/// Depth that is drawn red and blue, metres.
-const NEAR_M: f32 = 0.4;
-const FAR_M: f32 = 3.0;
-
-/// Depth in false colour: near is red, far is blue, no measurement is black.
-pub(in crate::studio) fn depth_picture(depth: &[u16; PIXELS], camera: &Camera) -> RgbImage {
-    RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |x, y| {
-        let raw = depth[y as usize * WIDTH + x as usize];
-        let z = camera.depth_m(raw);
-        if raw == NO_DEPTH || z <= 0.0 {
-            return image::Rgb([0; 3]);
-        }
-        // Even in 1/z, as the sensor's steps are.
-        let share = (1.0 / z - 1.0 / FAR_M) / (1.0 / NEAR_M - 1.0 / FAR_M);
-        image::Rgb(canvas::false_colour(share))
-    })
-}
+/// Frames of a recording on the sheet, and in the page at most: some 17 MB.
+const ON_SHEET: usize = 6;
+const PLAYED: usize = 120;
+/// Frames that the colours of depth are fitted to.
+const FITTED: usize = 12;
+const JPEG_QUALITY: u8 = 72;
 
 fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera, colour: [u8; 3]) {
     for point in &cloud.points {
@@ -88,23 +79,37 @@ const CURVES: [&str; 8] = ["x", "y", "z", "yaw", "pitch", "roll", "confidence", 
 /// Behind them are the states of the users.
 const STATES: usize = CURVES.len();
 
+/// Behind the states are the weights of the units.
+const WEIGHTS: usize = STATES + USERS;
+
 /// Values of the curves at a frame.
-type Values = [Option<f64>; STATES + USERS];
+type Values = Vec<Option<f64>>;
+
+/// What its curves are called.
+fn name_of(curve: usize, units: &[&str]) -> String {
+    match curve {
+        0..STATES => CURVES[curve].to_owned(),
+        STATES..WEIGHTS => format!("person {}", curve - STATES + 1),
+        _ => format!("w_{}", units[curve - WEIGHTS]),
+    }
+}
 
 /// A plot of those of its curves that have any value.
-fn plot(all: &[(f64, Values)], (title, range, at_least): PlotOf) -> Plot {
-    let known = range.filter(|&k| all.iter().any(|(_, values)| values[k].is_some()));
+fn plot(
+    all: &[(f64, Values)],
+    units: &[&str],
+    (title, curves, at_least): (String, Vec<usize>, Option<(f64, f64)>),
+) -> Plot {
+    let is_known = |&k: &usize| all.iter().any(|(_, values)| values[k].is_some());
     let curve = |k: usize| Curve {
-        name: CURVES
-            .get(k)
-            .map_or_else(|| format!("user {}", k - STATES), ToString::to_string),
+        name: name_of(k, units),
         values: all.iter().map(|(_, values)| values[k]).collect(),
     };
     Plot {
-        title: title.into(),
+        title,
         x: all.iter().map(|(seconds, _)| *seconds).collect(),
         x_name: "s".into(),
-        curves: known.map(curve).collect(),
+        curves: curves.into_iter().filter(is_known).map(curve).collect(),
         at_least,
     }
 }
@@ -134,9 +139,14 @@ fn label(picture: &mut RgbImage, rect: &PixelRect, words: &str, colour: [u8; 3])
 }
 
 /// Depth with every head that was cut out, and what became of it.
-fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline, heads: &[HeadCloud]) -> RgbImage {
+fn draw_depth(
+    frame: &KinectFrame,
+    colours: &DepthColours,
+    pipeline: &Pipeline,
+    heads: &[HeadCloud],
+) -> RgbImage {
     let camera = pipeline.camera();
-    let mut picture = depth_picture(&frame.depth, camera);
+    let mut picture = colours.picture(&frame.depth, camera);
     let reports = pipeline.reports();
     let heads = heads.iter().map(|cloud| {
         let [x, y] = camera.depth_pixel(&cloud.centre);
@@ -147,8 +157,8 @@ fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline, heads: &[HeadCloud]) -> 
         let whose = reports.iter().find(|one| one.head_box.is_some_and(is_in));
         let state = whose.map_or(TrackingState::Absent, |one| one.state);
         let words = match whose.and_then(|one| one.user) {
-            Some(user) => format!("user {user} {}", state.name()),
-            None => "no user".to_owned(),
+            Some(user) => format!("person {} {}", user + 1, state.name()),
+            None => "nobody".to_owned(),
         };
         (cloud, words, colour_of(state))
     });
@@ -211,14 +221,16 @@ impl Counts {
         album.fact("frames with a head", share(self.heads));
         album.fact("frames with a pose", share(self.posed));
         album.fact("frames with a face", share(self.faces));
-        album.fact("states of users, frames", states);
+        album.fact("states of people, frames", states);
     }
 }
 
 /// Values of the curves at one frame.
 fn values(pipeline: &Pipeline, heads: &[HeadCloud]) -> Values {
-    let mut values = [None; STATES + USERS];
+    let mut values = vec![None; WEIGHTS];
     let report = pipeline.report();
+    values.extend(report.weights.iter().map(|&weight| Some(f64::from(weight))));
+    values.resize(WEIGHTS + pipeline.unit_names().len(), None);
     if let Some(pose) = report.sensor_from_face {
         let t = pose.translation.vector;
         let (yaw, pitch, roll) = yaw_pitch_roll(&pose.rotation);
@@ -237,26 +249,6 @@ fn values(pipeline: &Pipeline, heads: &[HeadCloud]) -> Values {
     values
 }
 
-/// Pictures of one frame: depth, and colour if there is one.
-fn pictures(
-    frame: &KinectFrame,
-    seconds: f64,
-    pipeline: &Pipeline,
-    heads: &[HeadCloud],
-    album: &mut Album,
-) {
-    let at = format!("frame {}, {seconds:.2} s", frame.index);
-    let none = if frame.has_colour { "" } else { ", no colour" };
-    let caption = format!("{at}: depth, {NEAR_M} m red to {FAR_M} m blue{none}");
-    album
-        .pictures
-        .push((caption, draw_depth(frame, pipeline, heads)));
-    if frame.has_colour {
-        let caption = format!("{at}: colour, landmarks, axes of the head");
-        album.pictures.push((caption, draw_colour(frame, pipeline)));
-    }
-}
-
 /// Colour with the landmarks and axes of everybody.
 fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let mut picture = colour_picture(&frame.original.bayer);
@@ -272,37 +264,117 @@ fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     picture
 }
 
+/// Colours for the depth of a recording.
+fn fitted(path: &Path, camera: &Camera) -> Result<DepthColours, Fault> {
+    let (mut recording, mut colours) = (Source::recording(path)?, DepthColours::default());
+    let mut frame = KinectFrame::default();
+    let frames = recording.frames();
+    for number in (0..frames).step_by(frames.div_ceil(FITTED).max(1)) {
+        recording.go_to(number);
+        if recording.next_frame(&mut frame)? {
+            colours.add(&frame.depth, camera);
+        }
+    }
+    Ok(colours.fitted())
+}
+
+/// The album of a recording, and which frames it gets.
+struct Drawn {
+    album: Album,
+    colours: DepthColours,
+    /// Of the page and of the sheet: every which frame, and the next.
+    page: (usize, usize),
+    sheet: (usize, usize),
+}
+
+impl Drawn {
+    fn new(name: &str, colours: DepthColours, frames: usize) -> Self {
+        let every = |most: usize| frames.div_ceil(most).max(1);
+        let mut album = Album::new(format!("Recording {name}"));
+        album.depth_key = Some(colours.key_m());
+        Self {
+            album,
+            colours,
+            page: (every(PLAYED), 0),
+            sheet: (every(ON_SHEET), every(ON_SHEET) / 2),
+        }
+    }
+
+    /// Takes frame `k` of those that are whole, if it is its turn.
+    fn add(&mut self, k: usize, frame: &KinectFrame, pipeline: &Pipeline, heads: &[HeadCloud]) {
+        let is_next = |(every, next): &mut (usize, usize)| {
+            let is_next = k >= *next;
+            *next += if is_next { *every } else { 0 };
+            is_next
+        };
+        let (page, sheet) = (is_next(&mut self.page), is_next(&mut self.sheet));
+        if !page && !sheet {
+            return;
+        }
+        let seconds = frame.at.as_us() as f64 * 1e-6;
+        let depth = draw_depth(frame, &self.colours, pipeline, heads);
+        let colour = frame.has_colour.then(|| draw_colour(frame, pipeline));
+        if page {
+            self.album.frames.push(Shown {
+                seconds,
+                number: frame.index,
+                colour: colour.as_ref().map(|picture| jpeg(picture, JPEG_QUALITY)),
+                depth: jpeg(&depth, JPEG_QUALITY),
+            });
+        }
+        if sheet {
+            let at = format!("frame {}, {seconds:.2} s", frame.index);
+            let [far, .., near] = self.colours.key_m();
+            let none = if frame.has_colour { "" } else { ", no colour" };
+            let caption = format!("{at}: depth, {near:.1} m light to {far:.1} m dark{none}");
+            let pictures = &mut self.album.pictures;
+            pictures.push((caption, depth));
+            let caption = format!("{at}: colour, landmarks, axes of the head");
+            pictures.extend(colour.map(|colour| (caption, colour)));
+        }
+    }
+}
+
 /// Plays the recording through the stages and draws it.
 pub(super) fn inspect(
     name: &str,
-    mut recording: Source,
+    path: &Path,
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<Album, Fault> {
+    let mut recording = Source::recording(path)?;
     let mut pipeline = Pipeline::new(&settings.stages, recording.camera(), model)?;
     // Of its own: the pipeline does not look at every frame.
     let mut segmenter = Segmenter::new(settings.stages.segment);
-    let mut album = Album::new(format!("Recording {name}"));
+    let colours = fitted(path, pipeline.camera())?;
+    let mut drawn = Drawn::new(name, colours, recording.frames());
     let mut all: Vec<(f64, Values)> = Vec::new();
     let mut frame = KinectFrame::default();
-    let every = recording.frames().div_ceil(SHOWN).max(1);
-    let (mut counts, mut next) = (Counts::default(), every / 2);
+    let mut counts = Counts::default();
     while recording.next_frame(&mut frame)? {
         pipeline.follow(&frame);
         segmenter.segment(&frame, pipeline.camera());
         let heads = segmenter.heads();
+        drawn.add(counts.frames, &frame, &pipeline, heads);
         counts.add(&frame, &pipeline, heads);
         let seconds = frame.at.as_us() as f64 * 1e-6;
         all.push((seconds, values(&pipeline, heads)));
-        if counts.frames > next {
-            next += every;
-            pictures(&frame, seconds, &pipeline, heads, &mut album);
-        }
     }
+    let mut album = drawn.album;
     let ends = all.first().zip(all.last());
     let duration = ends.map_or(0.0, |(first, last)| last.0 - first.0);
     counts.tell(&mut album, recording.skipped(), duration);
-    album.plots = PLOTS.map(|of| plot(&all, of)).into();
+    let played = format!("{} of {}", album.frames.len(), counts.frames);
+    album.fact("frames in this page", played);
+    let units = pipeline.unit_names();
+    let fixed = PLOTS.map(|(title, curves, least)| (title.to_owned(), curves.collect(), least));
+    let of_weights = weight_groups(&units).into_iter();
+    let of_weights = of_weights.map(|(title, places)| {
+        let curves = places.into_iter().map(|k| WEIGHTS + k).collect();
+        (title, curves, Some((0.0, 1.0)))
+    });
+    let plots = of_weights.chain(fixed).map(|of| plot(&all, &units, of));
+    album.plots = plots.filter(|plot| !plot.curves.is_empty()).collect();
     Ok(album)
 }
 
@@ -317,7 +389,7 @@ const PLOTS: [PlotOf; 5] = [
     (CONFIDENCE, 6..7, Some((0.0, 1.0))),
     ("Heads found in depth", 7..8, Some((0.0, 2.0))),
     (
-        "State of each user: 1 warming, 2 tracking, 3 held, 4 lost, 5 posed",
+        "State of each person: 1 warming, 2 tracking, 3 held, 4 lost, 5 posed",
         STATES..STATES + USERS,
         Some((0.0, 5.0)),
     ),

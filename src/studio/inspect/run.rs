@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::album::Album;
+use crate::base::capacity::LANDMARKS;
 use crate::studio::chart::{Curve, Plot};
 use crate::studio::csv;
 use crate::studio::fault::Fault;
@@ -79,6 +80,32 @@ impl Table {
     }
 }
 
+/// Faces in the page at most.
+const FACES: usize = 2000;
+
+impl Table {
+    /// The faces of rows that have all points: seconds, user, points.
+    fn faces(&self) -> Vec<(f64, usize, Vec<i32>)> {
+        let column = |name: String| self.header.iter().position(|one| *one == name);
+        let names = (0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]);
+        let Some(columns) = names.map(column).collect::<Option<Vec<usize>>>() else {
+            return Vec::new();
+        };
+        let face = |row: &Row| {
+            let points = columns
+                .iter()
+                .map(|&k| row.cells[k].map(|at| at.round() as i32));
+            Some((
+                row.seconds,
+                row.user.unwrap_or(0),
+                points.collect::<Option<_>>()?,
+            ))
+        };
+        let every = self.rows.len().div_ceil(FACES).max(1);
+        self.rows.iter().step_by(every).filter_map(face).collect()
+    }
+}
+
 /// Least span of a plot.
 type Least = Option<(f64, f64)>;
 
@@ -98,18 +125,38 @@ const PLOTS: [(&str, &str, Least); 3] = [
         Some((-0.3, 0.3)),
     ),
 ];
-/// Weights of the next ones. Left and right, and both directions of one measure, belong together.
-const WEIGHTS: [(&str, &str); 6] = [
-    ("Mouth opening and jaw", "AU25 AU26 AU29"),
+/// Weights that share a plot, from above. Left and right, and both directions of one measure, belong together.
+const WEIGHTS: [(&str, &str); 8] = [
+    ("brows", "AU1L AU1R AU2L AU2R AU4L AU4R"),
+    ("lids", "AU5L AU5R AU43L AU43R"),
+    ("gaze", "AU61 AU62 AU63 AU64"),
+    ("nose and cheeks", "AU6L AU6R AU9L AU9R AU34L AU34R"),
     (
-        "Mouth width: grin and pout",
-        "AU12L AU12R AU20 AU18 AU15L AU15R",
+        "corners of the mouth",
+        "AU12L AU12R AU15L AU15R AU14L AU14R",
     ),
-    ("Lips sideways, forward, back", "AU30L AU30R AU22 AU28"),
-    ("Brows", "AU2L AU2R AU4L AU4R AU1L AU1R"),
-    ("Lids", "AU43L AU43R AU5L AU5R"),
-    ("Nose", "AU9L AU9R"),
+    ("shape of the mouth", "AU20 AU18 AU22 AU28"),
+    ("lips", "AU25 AU10L AU10R AU17"),
+    ("jaw", "AU26 AU29 AU30L AU30R"),
 ];
+
+/// Headings of the plots of units, and which of the units are in each.
+pub(super) fn weight_groups(units: &[&str]) -> Vec<(String, Vec<usize>)> {
+    let find = |name| units.iter().position(|unit| *unit == name);
+    let groups = WEIGHTS.iter().map(|(of, names)| {
+        let places: Vec<usize> = names.split(' ').filter_map(find).collect();
+        (format!("Weights: {of}"), places)
+    });
+    let mut groups: Vec<_> = groups.collect();
+    let is_shown = |k: &usize| groups.iter().any(|(_, places)| places.contains(k));
+    let others: Vec<usize> = (0..units.len()).filter(|k| !is_shown(k)).collect();
+    let others = others
+        .chunks(6)
+        .map(|some| ("Weights: others".to_owned(), some.to_vec()));
+    groups.extend(others.collect::<Vec<_>>());
+    groups.retain(|(_, places)| !places.is_empty());
+    groups
+}
 
 /// Heading, columns, least span.
 type Group = (String, Vec<usize>, Least);
@@ -122,13 +169,17 @@ fn groups(table: &Table) -> Vec<Group> {
         columns.filter_map(at).collect::<Vec<usize>>()
     };
     let first = PLOTS.map(|(title, names, least)| (title.to_owned(), find(names, ""), least));
-    let weights = WEIGHTS.map(|(of, units)| (format!("Weights: {of}"), find(units, "w_"), SHARE));
-    let mut groups: Vec<Group> = first.into_iter().chain(weights).collect();
-    let shown: Vec<usize> = groups.iter().flat_map(|group| group.1.clone()).collect();
-    let others = table.columns("w_").filter(|k| !shown.contains(k));
-    for some in others.collect::<Vec<_>>().chunks(6) {
-        groups.push(("Weights: others".into(), some.to_vec(), SHARE));
-    }
+    let columns: Vec<usize> = table.columns("w_").collect();
+    let units: Vec<&str> = columns.iter().map(|&k| &table.header[k][2..]).collect();
+    let weights = weight_groups(&units).into_iter();
+    let weights = weights.map(|(title, places)| {
+        (
+            title,
+            places.into_iter().map(|k| columns[k]).collect(),
+            SHARE,
+        )
+    });
+    let mut groups: Vec<Group> = weights.chain(first).collect();
     let mut measures: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for k in table.columns("m_") {
         let stem = table.header[k].trim_end_matches("_L");
@@ -204,11 +255,12 @@ pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Fault> {
     }
     let named = users.iter().flatten().map(ToString::to_string);
     album.fact("users", named.collect::<Vec<_>>().join(", "));
+    album.faces = table.faces();
     album.header(["column", "lowest", "5 %", "median", "95 %", "highest"]);
     for &user in &users {
         let rows: Vec<&Row> = table.rows.iter().filter(|row| row.user == user).collect();
         let suffix = match user {
-            Some(user) if users.len() > 1 => format!(" (user {user})"),
+            Some(user) if users.len() > 1 => format!(" (person {})", user + 1),
             _ => String::new(),
         };
         album.plots.extend(plots(&table, &rows, &suffix));
@@ -236,13 +288,13 @@ mod tests {
         assert_eq!(
             titles,
             [
-                "Confidence of the face",
-                "Weights: Mouth opening and jaw",
+                "Weights: lips",
                 "Weights: others",
+                "Confidence of the face",
                 "Measure m_lip_gap"
             ]
         );
-        assert_eq!(album.plots[1].curves[0].values, [Some(0.1), Some(0.8)]);
+        assert_eq!(album.plots[0].curves[0].values, [Some(0.1), Some(0.8)]);
         assert!(
             album
                 .facts

@@ -41,7 +41,13 @@ const PAGE: [(&str, &str); 3] = [
     ("/place.js", include_str!("page/place.js")),
 ];
 /// Those that are.
-const SHARED: [&str; 4] = ["/style.css", "/head.js", "/glb.js", "/matrix.js"];
+const SHARED: [&str; 5] = [
+    "/look.css",
+    "/style.css",
+    "/head.js",
+    "/glb.js",
+    "/matrix.js",
+];
 
 /// A head and its points, served.
 pub struct Place {
@@ -176,28 +182,26 @@ impl Place {
             .ok_or("expected 68 skin vertices; reload the page")?;
         match &*asked.path {
             "/move" => {
-                let ray = numbers::<f64>(word("ray")).unwrap_or_default();
-                let k = word("point").parse().ok().filter(|&k| k < LANDMARKS);
-                let (&[x, y, z, dx, dy, dz], Some(k)) = (&*ray, k) else {
-                    return Err("expected a point and a ray of six numbers".into());
-                };
-                let ray = Ray {
-                    from: Vec3::new(x, y, z),
-                    along: Vec3::new(dx, dy, dz),
-                };
-                if !(ray.along.norm() > 0.0 && ray.from.iter().all(|x| x.is_finite())) {
+                let (k, mirror) = point(asked)?;
+                let [from, along] = vectors(word("ray")).ok_or("expected a ray of six numbers")?;
+                if along.norm() == 0.0 {
                     return Err("expected a ray with a direction".into());
                 }
-                let mirror = word("mirror") == "1";
+                let ray = Ray { from, along };
                 Ok(self.told(&self.surface.moved(&points, k, &ray, mirror)))
+            }
+            "/step" => {
+                let (k, mirror) = point(asked)?;
+                let both = format!("{},{}", word("sight"), word("towards"));
+                let both = vectors(&both).filter(|both| both.iter().all(|v| v.norm() > 0.0));
+                let both = both.ok_or("expected the lines of sight and of the step")?;
+                Ok(self.told(&self.surface.stepped(&points, k, both, mirror)))
             }
             "/bake" => {
                 let set = numbers::<usize>(word("hand")).unwrap_or_default();
                 let guessed = self.guessed(&points, &set);
                 if guessed > 0 {
-                    return Err(format!(
-                        "{guessed} points are hardly more than guessed: set them, or press Confirm if they are right"
-                    ));
+                    return Err(waits_for(guessed));
                 }
                 let seconds = self.bake(&points).map_err(|error| error.to_string())?;
                 let baked = self.baked.lock().unwrap_or_else(PoisonError::into_inner);
@@ -213,6 +217,30 @@ impl Place {
             _ => Err("nothing to change here".into()),
         }
     }
+}
+
+/// Why nothing is baked while points are unsure.
+fn waits_for(guessed: usize) -> String {
+    match guessed {
+        1 => "not baked: 1 point was found with low confidence; move it, or press Confirm if it is right".into(),
+        n => format!("not baked: {n} points were found with low confidence; move or confirm each of them"),
+    }
+}
+
+/// The landmark that is meant, and whether its partner follows.
+fn point(asked: &Asked) -> Result<(usize, bool), String> {
+    let k = asked.word("point").parse().ok().filter(|&k| k < LANDMARKS);
+    let k = k.ok_or("expected a point from 0 to 67")?;
+    Ok((k, asked.word("mirror") == "1"))
+}
+
+/// Two vectors of finite numbers.
+fn vectors(text: &str) -> Option<[Vec3; 2]> {
+    let all = numbers::<f64>(text).filter(|all| all.iter().all(|x| x.is_finite()))?;
+    let &[x, y, z, a, b, c] = &*all else {
+        return None;
+    };
+    Some([Vec3::new(x, y, z), Vec3::new(a, b, c)])
 }
 
 /// Numbers between commas, which may be escaped.

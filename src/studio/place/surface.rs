@@ -16,6 +16,8 @@ const AWAY: f64 = 0.5;
 const WRONG_EDGE: f64 = 0.01;
 /// A mirrored vertex has its twin this near, in sizes of the skin.
 const TWIN: f64 = 0.005;
+/// How much farther a vertex counts for its distance from the middle of the head, for points that stay in it.
+const OFF_MIDDLE: f64 = 20.0;
 /// Share of the vertices looked at that have a twin in a mirrored head.
 const MOST: f64 = 0.95;
 /// Vertices looked at.
@@ -188,17 +190,57 @@ impl Surface {
             Some(plane) if partner == k => p - plane.across * plane.off(&p),
             _ => p,
         });
+        self.placed(points, k, &sight, plane, &|p| match place {
+            Some(place) => (p - place).norm(),
+            None => (p - ray.from).cross(&sight).norm(),
+        })
+    }
+
+    /// The points after landmark `k` was moved to the nearest vertex towards a direction in the view along `sight`, within 45° of
+    /// it; `mirror` as for [`Self::moved`].
+    pub fn stepped(
+        &self,
+        points: &[u64],
+        k: usize,
+        [sight, towards]: [Vec3; 2],
+        mirror: bool,
+    ) -> Vec<u64> {
+        let (sight, towards) = (sight.normalize(), towards.normalize());
+        let plane = mirror.then(|| self.plane(points));
+        let middle = plane.filter(|_| mirrored(k) == k);
+        let (from, _) = self.at(points[k]);
+        self.placed(points, k, &sight, plane, &|p| {
+            let off = p - from;
+            let (along, far) = (off.dot(&towards), off.norm());
+            let seen = (off - sight * off.dot(&sight)).norm();
+            if along <= std::f64::consts::FRAC_1_SQRT_2 * seen || seen < 1e-6 * self.size {
+                return f64::INFINITY;
+            }
+            // In the middle of the head, along it.
+            far + middle.map_or(0.0, |plane| OFF_MIDDLE * plane.off(p).abs())
+        })
+    }
+
+    /// The points with landmark `k` on the vertex for which `far` is least, and its twin opposite if there is a plane; all as they
+    /// were if there is none.
+    fn placed(
+        &self,
+        points: &[u64],
+        k: usize,
+        sight: &Vec3,
+        plane: Option<Plane>,
+        far: &dyn Fn(&Vec3) -> f64,
+    ) -> Vec<u64> {
+        let partner = mirrored(k);
         let mut now = points.to_vec();
         // What moves leaves its place free.
         now[k] = u64::MAX;
-        if mirror {
+        if plane.is_some() {
             now[partner] = u64::MAX;
         }
-        let found = match place {
-            Some(place) => self.snapped(k, &sight, &now, &|p| (p - place).norm()),
-            None => self.snapped(k, &sight, &now, &|p| (p - ray.from).cross(&sight).norm()),
-        };
-        let Some(found) = found else {
+        let found = self.snapped(k, sight, &now, far);
+        let is_there = |&v: &u64| far(&self.positions[v as usize]).is_finite();
+        let Some(found) = found.filter(is_there) else {
             return points.to_vec();
         };
         now[k] = found;

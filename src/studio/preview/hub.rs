@@ -13,6 +13,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::sample::{Sample, UnitRange, ranges_json};
+use crate::expression::unit_words;
 
 /// Events of a live source that wait for pages at most: some ten seconds of four users.
 const LIVE_LINES: usize = 1200;
@@ -23,11 +24,11 @@ const BATCH: usize = 256;
 
 /// What the sensor saw in a frame.
 #[derive(Clone)]
-pub enum Seen {
-    /// Bayer mosaic of the colour picture.
-    Colour(Arc<[u8]>),
-    /// Raw depth, where there is no colour.
-    Depth(Arc<[u16]>),
+pub struct Seen {
+    /// Bayer mosaic of the colour picture, if there is one.
+    pub colour: Option<Arc<[u8]>>,
+    /// Raw depth.
+    pub depth: Arc<[u16]>,
 }
 
 /// A picture of the sensor and the number of its frame.
@@ -191,6 +192,10 @@ impl Hub {
             let _ = onward.try_send(Passed::Units(names.to_vec()));
         }
         self.fact("schema", "schema", &json!(names).to_string());
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let regions = unit_words::regions_json(&names).to_string();
+        // Behind the schema for pages that come later, too.
+        self.fact("regions", "schema regions", &regions);
     }
 
     /// A user at a frame.

@@ -38,7 +38,6 @@ use super::bake::glb::Glb;
 use super::bake::recipe::{Recipe, SHIPPED};
 use crate::appliance::service;
 use crate::appliance::source::{self, Missing};
-use crate::expression::unit_words;
 use crate::output::Command;
 use crate::pipeline::Pipeline;
 use crate::studio::fault::Fault;
@@ -59,9 +58,19 @@ const COMMANDS: usize = 16;
 /// How often counts are told, which also finds out who is gone.
 const COUNTS_EVERY: Duration = Duration::from_millis(500);
 
+/// What the box's own page and the player of `inspect` look like too.
+pub const LOOK: &str = include_str!("../../output/web/page/look.css");
+/// Rows of units, of the box's page too.
+pub const UNITS: &str = include_str!("../../output/web/page/units.js");
+/// Curves and faces, of the player too.
+pub const DRAWING: &str = include_str!("page/drawing.js");
+
 /// The files of the page: path and text.
-pub const PAGE: [(&str, &str); 10] = [
+pub const PAGE: [(&str, &str); 13] = [
     ("/", include_str!("page/index.html")),
+    ("/look.css", LOOK),
+    ("/units.js", UNITS),
+    ("/drawing.js", DRAWING),
     ("/style.css", include_str!("page/style.css")),
     ("/main.js", include_str!("page/main.js")),
     ("/stream.js", include_str!("page/stream.js")),
@@ -164,8 +173,6 @@ struct Preview {
     forwarder: Forwarder,
     /// The configuration that gains are saved in.
     gains: Option<PathBuf>,
-    /// What units are called, and the receivers that can be connected by name.
-    words: Value,
     /// Our own head, baked when it is first asked for.
     own: OnceLock<Option<Arc<[u8]>>>,
     /// Heads shown in its place.
@@ -183,14 +190,14 @@ impl Preview {
                 "sensor pictures are served on this machine and to this page only\n",
             );
         }
-        let wanted = asked.query.strip_prefix("n=");
+        let wants_depth = asked.word("view") == "depth";
         let found = || {
             if let Some(directory) = &self.recording {
-                let number = wanted?.parse().ok()?;
-                return Some((number, sensor::recorded(directory, number)?));
+                let number = asked.word("n").parse().ok()?;
+                return Some((number, sensor::recorded(directory, number, wants_depth)?));
             }
             let (number, seen) = self.hub.picture()?;
-            Some((number, sensor::picture(&seen)?))
+            Some((number, sensor::picture(&seen, wants_depth)?))
         };
         let Some((number, (of_depth, jpeg))) = found() else {
             return Answer::Missing("no picture of this frame\n");
@@ -259,7 +266,7 @@ impl Site for Preview {
             "/events" if asked.elsewhere => Answer::Forbidden("allowed for this page only\n"),
             "/events" => Answer::Events,
             "/units.json" => Answer::json(&self.units),
-            "/words.json" => Answer::json(&self.words),
+            "/words.json" => Answer::json(&json!({"receivers": *forward::RECEIVERS})),
             "/picture" => self.picture(asked),
             path => {
                 let Some(number) = path.strip_prefix("/mesh/") else {
@@ -302,16 +309,6 @@ fn read_mesh(path: &Path) -> Result<Arc<[u8]>, Fault> {
     Ok(bytes.into())
 }
 
-/// What units are called, and the receivers that can be connected by name.
-fn words() -> Value {
-    let units = unit_words::ALL.iter().map(|unit| {
-        let words = json!({"plain": unit.plain, "facs": unit.facs, "does": unit.does});
-        (unit.code.to_owned(), words)
-    });
-    let units: serde_json::Map<String, Value> = units.collect();
-    json!({"units": units, "regions": unit_words::REGIONS, "receivers": *forward::RECEIVERS})
-}
-
 /// Kind and name of a feed.
 fn named(feed: &Feed) -> (&'static str, String) {
     match feed {
@@ -347,7 +344,6 @@ impl Preview {
                 _ => Obeys::Nobody,
             },
             gains: args.config.clone(),
-            words: words(),
             own: OnceLock::new(),
             given,
             recording,

@@ -1,8 +1,6 @@
 //! A source on this computer: a recording, a sensor or the simulated one, tracked by the pipeline in this process, so that
 //! pictures, landmarks, ranges and readiness can be shown.
 //!
-//! Without colour, depth is shown instead, with the heads found in it.
-//!
 //! A recording is processed as fast as possible and every frame is kept; its pictures are read again on request. A live
 //! source is processed in real time.
 
@@ -17,7 +15,7 @@ use crate::output::{Command, Report};
 use crate::pipeline::Pipeline;
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::sensor::kinect::geometry;
-use crate::studio::inspect::{colour_picture, depth_picture};
+use crate::studio::inspect::{DepthColours, colour_picture};
 use crate::studio::picture_files::jpeg;
 
 /// Between two tellings of the ranges, seconds of the stream.
@@ -109,30 +107,33 @@ pub fn follow(
 }
 
 fn seen(frame: &KinectFrame) -> Seen {
-    if frame.has_colour {
-        Seen::Colour(frame.original.bayer.as_slice().into())
-    } else {
-        Seen::Depth(frame.depth.as_slice().into())
+    let bayer = || frame.original.bayer.as_slice().into();
+    Seen {
+        colour: frame.has_colour.then(bayer),
+        depth: frame.depth.as_slice().into(),
     }
 }
 
-/// What was seen as JPEG, and whether it is of the depth camera: then in false colour.
-pub fn picture(seen: &Seen) -> Option<(bool, Vec<u8>)> {
-    let (of_depth, picture) = match seen {
-        Seen::Colour(bayer) => (false, colour_picture((&**bayer).try_into().ok()?)),
-        Seen::Depth(depth) => {
-            let depth = (&**depth).try_into().ok()?;
-            (true, depth_picture(depth, &geometry::nominal()))
+/// What was seen as JPEG, and whether it is of the depth camera, in colours fitted to it: as wanted, or where there is nothing
+/// else.
+pub fn picture(seen: &Seen, wants_depth: bool) -> Option<(bool, Vec<u8>)> {
+    let picture = match seen.colour.as_ref().filter(|_| !wants_depth) {
+        Some(bayer) => (false, colour_picture((&**bayer).try_into().ok()?)),
+        None => {
+            let (depth, camera) = ((&*seen.depth).try_into().ok()?, geometry::nominal());
+            let mut colours = DepthColours::default();
+            colours.add(depth, &camera);
+            (true, colours.fitted().picture(depth, &camera))
         }
     };
-    Some((of_depth, jpeg(&picture, JPEG_QUALITY)))
+    Some((picture.0, jpeg(&picture.1, JPEG_QUALITY)))
 }
 
 /// Picture of frame `number` of a recording, as [`picture()`]; `None` if it is damaged or not there.
-pub fn recorded(directory: &Path, number: u64) -> Option<(bool, Vec<u8>)> {
+pub fn recorded(directory: &Path, number: u64, wants_depth: bool) -> Option<(bool, Vec<u8>)> {
     let mut recording = Source::recording(directory).ok()?;
     let mut frame = KinectFrame::default();
     recording.go_to(usize::try_from(number).ok()?);
     let found = recording.next_frame(&mut frame).ok()? && frame.index == number;
-    found.then(|| picture(&seen(&frame)))?
+    found.then(|| picture(&seen(&frame), wants_depth))?
 }

@@ -101,15 +101,30 @@ function makePoints() {
     const at = LEFT.has(k) ? { x: -8, y: 4, "text-anchor": "end" } : RIGHT.has(k) ? { x: 8, y: 4 } : { x: 0, y: BELOW.has(k) ? 17 : -9, "text-anchor": "middle" };
     make("text", group, at).textContent = k;
     group.addEventListener("pointerdown", (event) => grab(event, k));
-    group.addEventListener("pointerenter", () => tell(k));
     group.addEventListener("dblclick", () => look([k], 0.25));
     groups.push(group);
   }
 }
 
-function tell(k) {
-  const sure = start.confidence && !now.hand.has(k) ? `, found with confidence ${start.confidence[k].toFixed(2)}` : "";
-  byId("message").textContent = `${k} ${start.names[k].replaceAll("_", " ")}${sure}`;
+const named = (k) => `${k} ${start.names[k].replaceAll("_", " ")}`;
+const isUnsure = (k) => Boolean(start.confidence) && start.confidence[k] < start.low && !now.hand.has(k);
+// Points that wait for somebody's word, the least certain first.
+const unsure = () => all.filter(isUnsure).sort((a, b) => start.confidence[a] - start.confidence[b]);
+
+// The point that keys move and Confirm is about.
+let chosen = null;
+function choose(k, near) {
+  chosen = k;
+  if (near) look([k], Math.min(view.distance, near));
+  tell();
+}
+
+function tell() {
+  const k = chosen;
+  if (k === null) return;
+  const how = !start.confidence ? "" : now.hand.has(k) ? ", set or confirmed" : `, found with confidence ${start.confidence[k].toFixed(2)}`;
+  byId("which").textContent = named(k) + how;
+  byId("confirm").disabled = !start.confidence || now.hand.has(k);
 }
 
 // Points that look away from the viewer are behind the head.
@@ -131,6 +146,7 @@ function drawPoints() {
     group.style.display = faces > -0.25 ? "" : "none";
     group.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})`);
     group.style.setProperty("--of", colour(k));
+    group.classList.toggle("chosen", k === chosen);
   });
   byId("points").classList.toggle("far", eyes < ROOM);
 }
@@ -146,7 +162,7 @@ function grab(event, k) {
   groups[k].setPointerCapture(event.pointerId);
   groups[k].classList.add("held");
   if (mirrors()) groups[start.partners[k]].classList.add("partner");
-  tell(k);
+  choose(k);
 }
 addEventListener("pointermove", (event) => {
   if (!held || held.done) return;
@@ -177,27 +193,63 @@ async function follow() {
   const d = shift(k);
   const answer = await post("/move", { point: k, mirror: Number(mirrors()), ray: [...from.map((c, axis) => c - d[axis]), ...along].join() });
   held.busy = false;
-  if (answer.ok) {
-    const hand = new Set(now.hand);
-    answer.points.forEach((v, j) => { if (v !== now.points[j]) hand.add(j); });
-    // To put a point back where it was is a choice too.
-    now = { ...answer, hand: hand.add(k) };
-  } else {
-    say(answer.said, true);
-  }
+  take(answer, k);
   follow();
 }
 
+// What the server says where points lie now.
+function take(answer, k) {
+  if (!answer.ok) return say(answer.said, true);
+  const hand = new Set(now.hand);
+  answer.points.forEach((v, j) => { if (v !== now.points[j]) hand.add(j); });
+  // To put a point back where it was is a choice too.
+  now = { ...answer, hand: hand.add(k) };
+}
+
 function drop() {
-  const { before, k } = held;
+  const { before } = held;
   held = null;
   for (const group of groups) group.classList.remove("held", "partner");
+  settle(before);
+}
+
+// After a move: remembered, told, baked if that is wished.
+function settle(before) {
   if (now !== before) {
     past.push(before);
     changed();
     if (byId("live").checked && now.points.join() !== bakedOf) bake();
   }
-  tell(k);
+  tell();
+}
+
+// Moves the chosen point to the next vertex in a direction of the screen, right and up.
+let stepping = false;
+async function step(right, up, count) {
+  if (held || stepping || chosen === null) return;
+  stepping = true;
+  const [before, { view: m }] = [now, view.camera];
+  const towards = [0, 1, 2].map((k) => right * m[4 * k] + up * m[4 * k + 1]);
+  const sight = [0, 1, 2].map((k) => -m[4 * k + 2]);
+  for (let k = 0; k < count; k++) {
+    take(await post("/step", { point: chosen, mirror: Number(mirrors()), towards: towards.join(), sight: sight.join() }), chosen);
+  }
+  stepping = false;
+  settle(before);
+}
+
+// Somebody has looked: this point is right; on to the next that is unsure.
+function confirm() {
+  if (chosen === null || byId("confirm").disabled) return;
+  past.push(now);
+  now = { ...now, hand: new Set(now.hand).add(chosen) };
+  changed();
+  const [next] = unsure();
+  if (next !== undefined) choose(next, 0.3);
+  else {
+    tell();
+    if (bakedOf === null) bake();
+  }
 }
 
 function changed() {
@@ -208,18 +260,18 @@ function changed() {
   byId("undo").disabled = !past.length;
   byId("stale").hidden = bakedOf === null || bakedOf === points;
   document.title = `${unsaved ? "* " : ""}mien place – ${start.name}`;
-  const unsure = start.confidence ? start.confidence.map((c, k) => [c, k]).filter(([c, k]) => c < start.low && !now.hand.has(k)) : [];
-  byId("confirm").hidden = !unsure.length;
-  unsure.sort((a, b) => a[0] - b[0]);
-  byId("first").replaceChildren(...unsure.slice(0, 8).map(([, k]) => {
-    const button = Object.assign(document.createElement("button"), { textContent: `${k} ${start.names[k].replaceAll("_", " ")}` });
+  const waiting = unsure();
+  byId("first").replaceChildren(...waiting.slice(0, 8).map((k) => {
+    const button = Object.assign(document.createElement("button"), { textContent: named(k) });
     button.style.setProperty("--of", colour(k));
-    button.addEventListener("click", () => { look([k], 0.3); tell(k); });
+    button.addEventListener("click", () => choose(k, 0.3));
     return button;
   }));
-  byId("about").textContent = !start.confidence ? "Read from the file given." : unsure.length
-    ? `Found in a rendering of the head. Uncertain: ${unsure.length}. Check these first:`
+  const few = waiting.length === 1;
+  byId("about").textContent = !start.confidence ? "Read from the file given." : waiting.length
+    ? `Found in a rendering of the head. Bake waits for ${waiting.length} uncertain ${few ? "point" : "points"}: move or confirm ${few ? "it" : "each"}.`
     : "Found in a rendering of the head. Check them all before saving.";
+  tell();
 }
 
 function undo() {
@@ -304,14 +356,17 @@ byId("look").addEventListener("change", ({ target }) => {
 });
 byId("front").addEventListener("click", front);
 byId("undo").addEventListener("click", undo);
-byId("bake").addEventListener("click", bake);
-// Somebody has looked: all points count as set.
-byId("confirm").addEventListener("click", () => {
-  past.push(now);
-  now = { ...now, hand: new Set(now.points.keys()) };
-  changed();
+byId("bake").addEventListener("click", () => {
+  // What it waits for is shown.
+  const [first] = unsure();
+  if (first !== undefined) choose(first, 0.3);
   bake();
 });
+byId("confirm").addEventListener("click", confirm);
+// Where one looks closely, the view goes along.
+const go = (by) => choose(chosen === null ? 0 : (chosen + by + 68) % 68, view.distance < 0.7 ? view.distance : 0);
+byId("next").addEventListener("click", () => go(1));
+byId("previous").addEventListener("click", () => go(-1));
 byId("shape").addEventListener("change", load);
 byId("weight").addEventListener("input", ({ target }) => { byId("weighs").textContent = Number(target.value).toFixed(2); });
 for (const [id, take] of [["mirror", () => {}], ["wire", (on) => { view.wireframe = on; }]]) {
@@ -334,9 +389,14 @@ addEventListener("keydown", (event) => {
     event.preventDefault();
     undo();
   }
-  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|BUTTON)$/.test(event.target.tagName)) return;
-  const button = { w: "wire", m: "mirror", r: "front" }[event.key];
-  if (button) byId(button).click();
+  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT)$/.test(event.target.tagName)) return;
+  const arrow = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+  const button = { w: "wire", m: "mirror", r: "front", n: "next", p: "previous", Enter: "confirm" }[event.key];
+  // Enter on a button presses that.
+  if (!arrow && (!button || (event.key === "Enter" && event.target.tagName === "BUTTON"))) return;
+  event.preventDefault();
+  if (arrow) step(...arrow, event.shiftKey ? 4 : 1);
+  else byId(button).click();
 });
 addEventListener("beforeunload", (event) => { if (now && now.points.join() !== saved && past.length) event.preventDefault(); });
 
@@ -346,7 +406,7 @@ function frame() {
   if (head) {
     const weight = Number(byId("weight").value);
     const { yaw, pitch, distance, wireframe, canvas } = view;
-    const key = [yaw, pitch, distance, wireframe, view.ground, canvas.clientWidth, canvas.clientHeight, weight, head.centre, now.points].join() + bakedOf + byId("shape").value + [...now.hand].length;
+    const key = [yaw, pitch, distance, wireframe, view.ground, canvas.clientWidth, canvas.clientHeight, weight, head.centre, now.points].join() + bakedOf + byId("shape").value + [...now.hand].length + chosen;
     if ((key !== shown || head !== frame.head) && view.draw([{ head, weights: new Map(head.targets.map(({ name }) => [name, weight])), pose: null }])) {
       [shown, frame.head] = [key, head];
       drawPoints();
@@ -362,7 +422,7 @@ async function begin() {
   byId("why").textContent = start.name;
   byId("file").textContent = `Save writes ${start.out}${start.exists ? ", replacing the existing file" : ""}: the vertex numbers that mien-studio bake --landmarks reads.`;
   byId("mirror").title += start.symmetric ? " (about the middle of the head)" : " (about the middle of the points, as the head is not symmetric)";
-  const keys = start.confidence ? SURE.map(([, of, word]) => [of, word]).concat([[HAND, "set by hand"]]) : [[HAND, "as given"]];
+  const keys = start.confidence ? SURE.map(([, of, word]) => [of, word]).concat([[HAND, "set or confirmed"]]) : [[HAND, "as given"]];
   byId("key").replaceChildren(...keys.map(([of, word]) => {
     const one = document.createElement("span");
     const dot = one.appendChild(document.createElement("i"));
@@ -381,4 +441,4 @@ async function begin() {
 begin().catch((error) => say(`cannot show this head: ${error.message}`, true));
 
 // For tests and the console.
-window.mien = { view, groups, get now() { return now; }, get head() { return head; }, get drawn() { return drawn; }, get baked() { return bakedOf !== null && !baking; }, onScreen };
+window.mien = { view, groups, choose, get unsure() { return unsure().length; }, get now() { return now; }, get head() { return head; }, get drawn() { return drawn; }, get baked() { return bakedOf !== null && !baking; }, onScreen };

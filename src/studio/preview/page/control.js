@@ -1,5 +1,8 @@
 // What the page lets be done: commands, recording, gains, shapes by hand, the sweep, receivers.
 
+import { isFrozen } from "./panels.js";
+import { FREEZE } from "./units.js";
+
 const byId = (id) => document.getElementById(id);
 
 export function say(text, bad = false) {
@@ -56,26 +59,24 @@ export function tabs() {
 // Neutral, forget and freeze of whoever is shown.
 export class Commands {
   constructor(slot) {
-    this.frozen = false;
     this.slot = slot;
     byId("neutral").addEventListener("click", () => this.send("neutral"));
     byId("forget").addEventListener("click", () => this.send("forget"));
-    byId("freeze").addEventListener("click", () => this.send("freeze", { on: Number(!this.frozen) }));
+    byId("freeze").addEventListener("click", () => this.send("freeze", { on: Number(byId("freeze").ariaPressed !== "true") }));
   }
 
   send(what, more = {}) {
     return ask("/command", { what, user: this.slot(), ...more });
   }
 
-  // `sample` says whether somebody is there, and whether the tracker has them frozen, whoever asked for it.
+  // `sample` says whether somebody is there, and whether the tracker has frozen their ranges, whoever asked for it.
   draw(source, sample) {
     const possible = Boolean(source?.commands && sample);
     for (const id of ["neutral", "freeze", "forget"]) byId(id).disabled = !possible;
-    const frozen = Boolean(sample?.f);
-    this.frozen = frozen;
+    const frozen = isFrozen(sample);
     if (byId("freeze").ariaPressed !== String(frozen)) {
       byId("freeze").ariaPressed = String(frozen);
-      byId("freeze").textContent = frozen ? "Frozen" : "Freeze";
+      byId("freeze").textContent = frozen ? FREEZE.end : FREEZE.wish;
     }
   }
 }

@@ -6,7 +6,8 @@ import { readGlb } from "./glb.js";
 import { View } from "./head.js";
 import { Bars, Curves, Lamps, figures } from "./panels.js";
 import { Picture } from "./picture.js";
-import { STATES, Stream } from "./stream.js";
+import { Stream } from "./stream.js";
+import { STATES } from "./units.js";
 
 const byId = (id) => document.getElementById(id);
 const stream = new Stream();
@@ -15,8 +16,8 @@ const shapes = new Shapes();
 const recorder = new Recorder(stream);
 const bars = new Bars(byId("bars"), (unit, row) => gains.row(unit, row));
 const lamps = new Lamps(byId("gestures"), byId("sound"));
-const curves = new Curves(byId("curves"));
-const picture = new Picture(byId("picture"));
+const curves = new Curves(byId("curves"), byId("legend"));
+const pictures = [new Picture(byId("picture"), "colour"), new Picture(byId("depth"), "depth")];
 const say = (text) => { byId("message").textContent = text; };
 
 let view = null;
@@ -33,8 +34,6 @@ const units = fetch("/units.json")
 
 let receivers = null;
 fetch("/words.json").then((answer) => answer.json()).then((words) => {
-  bars.words = words;
-  bars.name(stream.units);
   receivers = new Receivers(words, stream);
 });
 
@@ -44,48 +43,97 @@ function count() {
   say(view.heads.map((head) => `${head.name}: ${head.driven(stream.units)} of ${head.targets.length} shapes follow the face`).join("; "));
 }
 
+// How far the heads are loaded: a text, and a share if it is known; nothing when they are there.
+function loading(text, share) {
+  const [words, bar] = byId("loading").children;
+  byId("loading").hidden = !text;
+  words.textContent = text;
+  if (share === undefined) bar.removeAttribute("value");
+  else bar.value = share;
+}
+
+async function download(path) {
+  const answer = await fetch(path);
+  const whole = Number(answer.headers.get("Content-Length"));
+  const parts = [];
+  let count = 0;
+  for (let reader = answer.body.getReader(), part = await reader.read(); !part.done; part = await reader.read()) {
+    parts.push(part.value);
+    count += part.value.length;
+    loading(`Loading the head: ${(count / 1e6).toFixed(1)} of ${(whole / 1e6).toFixed(1)} MB`, count / whole);
+  }
+  return new Blob(parts).arrayBuffer();
+}
+
 async function show(files) {
-  if (!view) return;
+  if (!view) return loading("");
   try {
     const heads = [];
-    for (const { name, bytes } of files) heads.push(view.load(name, readGlb(await bytes, await units)));
+    for (const { name, bytes } of files) {
+      const read = await bytes;
+      loading("Preparing the head");
+      // That is drawn before the page is busy.
+      await new Promise((done) => setTimeout(done, 50));
+      heads.push(view.load(name, readGlb(read, await units)));
+    }
     view.heads = heads;
     shapes.name(heads);
     count();
   } catch (error) {
     say(`cannot show this head: ${error.message}`);
   }
+  loading("");
 }
 
 stream.onSource = (source) => {
   byId("source").textContent = source.name;
   document.title = `mien preview – ${source.name}`;
   if (view?.heads.length) return;
-  say("preparing the head…");
-  show(source.meshes.map((name, k) => ({ name, bytes: fetch(`/mesh/${k}`).then((answer) => answer.arrayBuffer()) })));
+  show(source.meshes.map((name, k) => ({ name, bytes: download(`/mesh/${k}`) })));
 };
-stream.onSchema = (names) => { bars.name(names); count(); };
+stream.onUnits = count;
+stream.onRegions = (regions) => bars.name(regions);
 stream.onGesture = (gesture) => lamps.take(gesture);
 stream.onSample = (sample) => recorder.take(sample, STATES);
 stream.open("/events");
 
-// Who is shown: a slot, or everybody who is there, side by side.
+// Whose head is shown: a slot's, or everybody's, side by side; and whose bars and curves.
 let chosen = null;
+let slot = 0;
 let tabsOf = "";
+const person = (who) => `Person ${who + 1}`;
 function whom() {
   const present = stream.present();
+  const shown = chosen !== null && present.includes(chosen) ? [chosen] : present;
+  if (!shown.includes(slot)) slot = shown[0] ?? chosen ?? 0;
   const key = present.join() + chosen;
   if (key !== tabsOf) {
     tabsOf = key;
     byId("users").replaceChildren(...(present.length > 1 || chosen !== null ? [...present, "all"] : []).map((who) => {
       const tab = document.createElement("button");
-      tab.textContent = who === "all" ? "all" : `person ${who + 1}`;
+      tab.textContent = who === "all" ? "All" : person(who);
       tab.ariaPressed = String(who === (chosen ?? "all"));
       tab.addEventListener("click", () => { chosen = who === chosen || who === "all" ? null : who; });
       return tab;
     }));
+    byId("whose").hidden = present.length < 2;
   }
-  return chosen !== null && present.includes(chosen) ? [chosen] : present;
+  byId("whose").lastElementChild.textContent = person(slot);
+  return shown;
+}
+
+// One view is large, the others stand beside it.
+const views = [...document.querySelectorAll("#scenes > .view")];
+for (const one of views) {
+  one.querySelector("button.plate:last-child").addEventListener("click", () => {
+    for (const other of views) other.classList.toggle("large", other === one);
+  });
+}
+function arrange() {
+  const seen = views.filter((one) => !one.hidden);
+  if (byId("scenes").dataset.views !== String(seen.length)) byId("scenes").dataset.views = seen.length;
+  if (seen.some((one) => one.classList.contains("large"))) return;
+  for (const one of views) one.classList.toggle("large", one === views[0]);
 }
 
 const toggle = (id, take) => byId(id).addEventListener("click", (event) => {
@@ -150,33 +198,33 @@ const byUnit = (sample) => (sample ? new Map(stream.units.map((unit, k) => [unit
 let last = performance.now();
 let frames = 0;
 let chosenAt = 0;
-let slot = 0;
 const commands = new Commands(() => slot);
 function frame(now) {
   stream.pass(Math.min(0.25, (now - last) / 1000));
   last = now;
   const users = whom();
-  slot = users[0] ?? chosen ?? 0;
   const samples = users.map((user) => stream.at(user));
-  const sample = samples[0] ?? null;
+  const sample = samples[users.indexOf(slot)] ?? null;
   if (view) {
     view.held = shapes.now(say);
     const shown = samples.length ? samples : [null];
     const columns = shown.flatMap((one) => view.heads.map((head) => ({ head, weights: byUnit(one), pose: posed ? one?.p : null })));
     if (view.draw(columns)) frames += 1;
-    label(columns.map(({ head }, k) => {
-      const user = users[Math.floor(k / view.heads.length)];
-      return columns.length > 1 ? [users.length > 1 ? `person ${user + 1}` : "", view.heads.length > 1 ? head.name : ""].filter(Boolean).join(" · ") : "";
-    }));
+    label(columns.map(({ head }, k) => ({
+      user: users.length > 1 ? users[Math.floor(k / view.heads.length)] : null,
+      head: view.heads.length > 1 ? head.name : "",
+    })));
   }
   const window = stream.window(slot);
   if (now - chosenAt > 500) {
     chosenAt = now;
     curves.choose(stream.units, window, bars.chosen);
   }
-  bars.draw(sample?.w ?? [], stream.users[slot].ranges, curves.colours);
+  bars.draw(sample?.w ?? [], stream.users[slot].ranges, curves.units);
   curves.draw(stream.units, window, stream.empty ? 0 : stream.now(), bars.names);
-  picture.draw(stream.source?.pictures, samples, stream.unpeopled(), (user, number) => stream.users[user].samples.findLast((one) => one.n === number));
+  const find = (user, number) => stream.users[user].samples.findLast((one) => one.n === number);
+  for (const picture of pictures) picture.draw(stream.source?.pictures, samples, stream.unpeopled(), find);
+  arrange();
   figures(byId, stream, slot, sample);
   commands.draw(stream.source, sample);
   recorder.draw();
@@ -193,11 +241,22 @@ function frame(now) {
   requestAnimationFrame(frame);
 }
 let labels = "";
-function label(texts) {
-  const key = texts.join("|");
+// A plate over each head: whose it is, pressed for their bars, and which head.
+function label(columns) {
+  const key = JSON.stringify([columns, slot]);
   if (key === labels) return;
   labels = key;
-  byId("names").replaceChildren(...texts.map((text) => Object.assign(document.createElement("span"), { textContent: text })));
+  byId("names").replaceChildren(...columns.map(({ user, head }) => {
+    const column = document.createElement("span");
+    if (user !== null) {
+      const plate = Object.assign(document.createElement("button"), { className: "plate", textContent: person(user), title: "show this person's bars and curves" });
+      plate.ariaPressed = String(user === slot);
+      plate.addEventListener("click", () => { slot = user; });
+      column.append(plate, " ");
+    }
+    if (head) column.append(Object.assign(document.createElement("span"), { className: "plate", textContent: head }));
+    return column;
+  }));
 }
 requestAnimationFrame(frame);
 

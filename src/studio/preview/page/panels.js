@@ -1,35 +1,12 @@
 // Bars, curves and figures beside the head.
 
+import { drawCurves, drawLegend } from "./drawing.js";
 import { angles } from "./matrix.js";
-import { STATES, WINDOW_S } from "./stream.js";
+import { WINDOW_S } from "./stream.js";
+import { FREEZE, Rows, STATES, beep, element, hue, isRight } from "./units.js";
 
-const SIDES = { L: "left", R: "right" };
-const COLOURS = ["#4cb0ff", "#ff8a5c", "#57c785", "#d77cff", "#ffd24c", "#5ce0d8", "#ff6f91", "#a8b8c8"];
 // Curves shown unless units are chosen.
 const STRONGEST = 6;
-
-// Code, side and words of a unit; a unit that was renamed is its own name.
-function meaning(unit, { units, regions }) {
-  const [, code, side] = /^(AU\d+)([LR]?)$/.exec(unit) ?? [];
-  const known = units[code];
-  if (!known) return { plain: unit, about: unit, region: "Other", order: 0 };
-  const number = Number(code.slice(2));
-  const [region, all] = regions.find(([, numbers]) => numbers.includes(number)) ?? ["Other", []];
-  const text = side ? `${known.plain} ${SIDES[side]}` : known.plain;
-  return {
-    plain: text[0].toUpperCase() + text.slice(1),
-    about: `${unit}, ${known.facs}: ${known.does}${side ? ` (the subject's ${SIDES[side]})` : ""}`,
-    region,
-    order: all.indexOf(number),
-  };
-}
-
-function element(kind, parent, className = "") {
-  const made = document.createElement(kind);
-  if (className) made.className = className;
-  parent.append(made);
-  return made;
-}
 
 // A lamp per gesture, how often it went on, and a sound if wanted.
 export class Lamps {
@@ -38,7 +15,7 @@ export class Lamps {
   }
 
   take({ name, u, on }) {
-    const key = u === null ? name : `${name} ${u + 1}`;
+    const key = u === null ? name : `${name}, person ${u + 1}`;
     if (!this.lamps.has(key)) {
       this.parent.hidden = false;
       const row = element("span", this.parent, "lamp");
@@ -48,78 +25,41 @@ export class Lamps {
     const lamp = this.lamps.get(key);
     if (on && !lamp.on) {
       lamp.row.dataset.count = lamp.count += 1;
-      if (this.sound.checked) this.beep();
+      if (this.sound.checked) beep();
     }
     lamp.on = on;
     lamp.row.classList.toggle("on", on);
   }
-
-  beep() {
-    const audio = (this.audio ??= new AudioContext());
-    const [tone, gain] = [audio.createOscillator(), audio.createGain()];
-    tone.connect(gain).connect(audio.destination);
-    gain.gain.value = 0.1;
-    tone.start();
-    tone.stop(audio.currentTime + 0.12);
-  }
 }
 
-// One row per unit, by region: weight, and below it how far the range is this person's. The learnt numbers are in the title.
+// A row per unit: weight, and below it how far the range is this person's. The learnt numbers are in the title.
 export class Bars {
   constructor(parent, gain) {
-    this.parent = parent;
-    this.gain = gain;
-    this.rows = [];
-    this.units = [];
-    this.chosen = new Set();
-    // Replaced by what the server says.
-    this.words = { units: {}, regions: [] };
-    this.names = new Map();
+    [this.parent, this.gain] = [parent, gain];
+    [this.rows, this.chosen, this.names] = [null, new Set(), new Map()];
   }
 
-  name(units) {
-    this.units = units;
-    this.parent.replaceChildren();
-    this.chosen = new Set([...this.chosen].filter((unit) => units.includes(unit)));
-    const said = units.map((unit, k) => ({ unit, k, ...meaning(unit, this.words) }));
-    this.names = new Map(said.map(({ unit, plain }) => [unit, plain]));
-    const regions = [...this.words.regions.map(([region]) => region), "Other"];
-    this.rows = regions.flatMap((region) => {
-      const rows = said.filter((one) => one.region === region).sort((a, b) => a.order - b.order || a.k - b.k);
-      if (rows.length && this.words.regions.length) element("div", this.parent, "region").textContent = region;
-      return rows.map((one) => this.row(one));
-    });
+  name(regions) {
+    this.rows = new Rows(this.parent, regions);
+    const all = this.rows.all;
+    this.names = new Map(all.map(({ unit, plain }) => [unit, plain]));
+    this.chosen = new Set([...this.chosen].filter((unit) => this.names.has(unit)));
+    for (const one of all) {
+      one.ready = element("i", element("div", one.scale, "ready"));
+      one.name.style.borderLeftStyle = isRight(one.unit) ? "dotted" : "solid";
+      this.gain(one.unit, one.row);
+      one.row.addEventListener("click", () => {
+        if (!this.chosen.delete(one.unit)) this.chosen.add(one.unit);
+      });
+    }
   }
 
-  row({ unit, k, plain, about }) {
-    const row = element("div", this.parent, "unit");
-    row.dataset.unit = unit;
-    const name = element("span", row, "name");
-    name.textContent = plain;
-    if (plain !== unit) element("small", name).textContent = unit;
-    const scale = element("div", row, "scale");
-    const bar = element("div", scale, "bar");
-    const fill = element("i", bar);
-    const ready = element("i", element("div", scale, "ready"));
-    const value = element("span", row, "value");
-    this.gain(unit, row);
-    row.addEventListener("click", () => {
-      if (!this.chosen.delete(unit)) this.chosen.add(unit);
-    });
-    bar.dataset.unit = unit;
-    return { unit, k, row, name, bar, fill, ready, value, about, told: undefined };
-  }
-
-  // Weights and ranges in the order of the units; `colours` by unit where there is a curve.
-  draw(weights, ranges, colours) {
-    for (const row of this.rows) {
-      const weight = weights[row.k] ?? 0;
-      row.fill.style.transform = `scaleX(${Math.min(1, weight)})`;
-      row.bar.classList.toggle("over", weight > 1);
-      row.bar.dataset.weight = weight;
-      const text = weight < 0.005 ? "0" : weight.toFixed(2).replace(/^0/, "");
-      if (row.value.textContent !== text) row.value.textContent = text;
-      row.name.style.borderColor = colours.get(row.unit) ?? "transparent";
+  // Weights and ranges in the order of the units; `curves` are the units that have one.
+  draw(weights, ranges, curves) {
+    if (!this.rows) return;
+    this.rows.draw(weights);
+    for (const row of this.rows.all) {
+      row.name.style.borderLeftColor = curves.includes(row.unit) ? `oklch(var(--curve) .14 ${hue(row.unit)})` : "transparent";
       const range = ranges?.[row.k] ?? null;
       if (range === row.told) continue;
       row.told = range;
@@ -134,9 +74,9 @@ export class Bars {
 
 // The last 30 s of the chosen units, or of those that moved most.
 export class Curves {
-  constructor(canvas) {
-    this.canvas = canvas;
-    this.colours = new Map();
+  constructor(canvas, legend) {
+    [this.canvas, this.legend] = [canvas, legend];
+    this.units = [];
   }
 
   choose(units, samples, chosen) {
@@ -154,73 +94,33 @@ export class Curves {
       reach.sort((a, b) => b[0] - a[0]);
       shown = reach.slice(0, STRONGEST).filter(([r]) => r > 0.1).map(([, unit]) => unit);
     }
-    // Who had a colour keeps it.
-    const kept = new Map(shown.filter((unit) => this.colours.has(unit)).map((unit) => [unit, this.colours.get(unit)]));
-    for (const unit of shown) {
-      if (!kept.has(unit)) kept.set(unit, COLOURS.find((c) => ![...kept.values()].includes(c)) ?? COLOURS[0]);
-    }
-    this.colours = kept;
+    // In the order of the units, so that the legend stays as it is.
+    this.units = units.filter((unit) => shown.includes(unit));
   }
 
   // `names` are what the units are called, by unit.
   draw(units, samples, now, names) {
-    const { canvas } = this;
-    const scale = window.devicePixelRatio || 1;
-    const style = getComputedStyle(canvas);
-    const [faint, dim] = ["--line", "--dim"].map((name) => style.getPropertyValue(name));
-    const [width, height] = [Math.round(canvas.clientWidth * scale), Math.round(canvas.clientHeight * scale)];
-    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    const ink = canvas.getContext("2d");
-    ink.clearRect(0, 0, width, height);
-    ink.font = `${11 * scale}px system-ui, sans-serif`;
-    const labels = [...this.colours.keys()].map((unit) => names.get(unit) ?? unit);
-    const room = Math.max(60 * scale, ...labels.map((label) => ink.measureText(label).width));
-    const [left, right, top, bottom] = [30 * scale, width - room - 12 * scale, 8 * scale, height - 18 * scale];
-    const x = (t) => right - ((now - t) / WINDOW_S) * (right - left);
-    const y = (w) => bottom - (Math.min(w, 1.2) / 1.2) * (bottom - top);
-    ink.lineWidth = scale;
-    for (const w of [0, 0.5, 1]) {
-      ink.strokeStyle = faint;
-      ink.beginPath();
-      ink.moveTo(left, y(w));
-      ink.lineTo(right, y(w));
-      ink.stroke();
-      ink.fillStyle = dim;
-      ink.fillText(w.toString(), 4 * scale, y(w) + 4 * scale);
-    }
-    for (let s = 0; s <= WINDOW_S; s += width / scale < 500 ? 10 : 5) {
-      ink.fillText(s ? `-${s} s` : "now", x(now - s) - 12 * scale, height - 4 * scale);
-    }
-    ink.save();
-    ink.beginPath();
-    ink.rect(left, 0, right - left, height);
-    ink.clip();
-    ink.lineWidth = 1.6 * scale;
-    for (const [unit, colour] of this.colours) {
+    const curves = this.units.map((unit) => {
       const k = units.indexOf(unit);
-      ink.strokeStyle = colour;
-      ink.beginPath();
+      const points = [];
       let before = null;
       for (const sample of samples) {
         const w = sample.s === 0 ? undefined : sample.w[k];
         // A gap is a gap.
-        if (w === undefined) before = null;
-        else {
-          if (before === null || sample.t - before > 0.5) ink.moveTo(x(sample.t), y(w));
-          else ink.lineTo(x(sample.t), y(w));
-          before = sample.t;
-        }
+        if (w === undefined || (before !== null && sample.t - before > 0.5)) points.push(null);
+        if (w !== undefined) points.push([sample.t, Math.min(w, 1.2)]);
+        before = w === undefined ? null : sample.t;
       }
-      ink.stroke();
-    }
-    ink.restore();
-    let line = 0;
-    for (const [unit, colour] of this.colours) {
-      ink.fillStyle = colour;
-      ink.fillText(names.get(unit) ?? unit, right + 8 * scale, top + (8 + 14 * line++) * scale);
-    }
+      return { hue: hue(unit), dotted: isRight(unit), label: names.get(unit) ?? unit, points };
+    });
+    const name = (t) => (t > now - 0.01 ? "now" : `-${(now - t).toFixed(0)} s`);
+    drawLegend(this.legend, curves);
+    drawCurves(this.canvas, { from: now - WINDOW_S, to: now, origin: now, low: 0, high: 1.2, curves, name });
   }
 }
+
+// Whether learning is frozen, as the box says.
+export const isFrozen = (sample) => Boolean(sample?.f);
 
 // Why nothing moves, in one sentence; or how it is.
 function why(stream, sample, silent) {
@@ -248,7 +148,7 @@ export function figures(byId, stream, slot, sample) {
       : !stream.source?.session && !stream.paused && performance.now() - stream.arrived > 1500
         ? "no signal"
         : null;
-  text("state", silent ?? STATES[state] + (sample?.f ? ", frozen" : ""));
+  text("state", silent ?? STATES[state] + (isFrozen(sample) ? `, ${FREEZE.state}` : ""));
   byId("state").dataset.state = silent ? 0 : state;
   text("why", why(stream, sample, silent));
   byId("confidence").value = sample?.c ?? 0;

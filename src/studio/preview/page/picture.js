@@ -1,75 +1,88 @@
-// The sensor's picture with the landmarks, where this computer has it; landmarks alone from a table that has them. Without
-// colour it is the depth camera's picture with the heads' boxes.
+// What the sensor sees, where this computer has it: its picture with the landmarks, and its depth with the heads' boxes. From a
+// table that has them, landmarks alone.
 
-import { STATES } from "./stream.js";
+import { drawFace } from "./drawing.js";
+import { STATES } from "./units.js";
 
-// Lines between the 68 points: jaw, brows, nose, eyes, lips; [first, last, closed].
-const RUNS = [[0, 16, 0], [17, 21, 0], [22, 26, 0], [27, 30, 0], [31, 35, 0], [36, 41, 1], [42, 47, 1], [48, 59, 1], [60, 67, 1]];
 const [WIDTH, HEIGHT] = [640, 480];
 const LEAST_MS = 60;
 // By state.
-const COLOURS = ["#ffffff", "#ffdc00", "#3cff3c", "#ff9628", "#ff3c3c", "#ff5aff"];
+const COLOURS = ["#ffffff", "#ffdc00", "#3cff3c", "#ff9628", "#ff7a7a", "#ff9dff"];
 
 export class Picture {
-  constructor(canvas) {
-    this.canvas = canvas;
+  // `view`: colour or depth.
+  constructor(canvas, view) {
+    [this.canvas, this.view] = [canvas, view];
     [canvas.width, canvas.height] = [WIDTH, HEIGHT];
     this.bitmap = null;
     this.frame = null;
-    this.depth = false;
-    this.asking = false;
-    this.asked = 0;
+    this.asked = { number: null, at: 0, busy: false };
   }
 
-  // One question at a time; the answer says which frame it is.
+  get hidden() { return this.canvas.parentElement.hidden; }
+
+  // One question at a time; the answer says which frame it is, and of which camera.
   async ask(number) {
-    if (this.asking || performance.now() - this.asked < LEAST_MS || number === this.frame) return;
-    this.asking = true;
-    this.asked = performance.now();
+    const { asked } = this;
+    if (asked.busy || performance.now() - asked.at < LEAST_MS || number === asked.number) return;
+    Object.assign(asked, { busy: true, at: performance.now() });
     try {
-      const answer = await fetch(`/picture?n=${number}`);
+      const answer = await fetch(`/picture?n=${number}${this.view === "depth" ? "&view=depth" : ""}`);
       if (answer.ok) {
-        this.bitmap = await createImageBitmap(await answer.blob());
-        this.frame = Number(answer.headers.get("X-Frame"));
-        this.depth = answer.headers.get("X-View") === "depth";
+        const frame = Number(answer.headers.get("X-Frame"));
+        // The newest is asked for again and again.
+        asked.number = number < 0 ? null : number;
+        // A sensor without colour shows its depth once.
+        if (answer.headers.get("X-View") === this.view) [this.bitmap, this.frame] = [await createImageBitmap(await answer.blob()), frame];
       }
     } catch {
       // The state line says that the connection is gone.
     }
-    this.asking = false;
+    asked.busy = false;
   }
 
   // `shown` are the samples of now; `unpeopled` is the number of the frame if there are none, if known; `find` gives a user's
   // sample of a frame.
   draw(pictures, shown, unpeopled, find) {
-    const points = shown.some((sample) => sample.m || sample.b);
-    this.canvas.hidden = !(pictures ? this.bitmap || shown.length : points);
-    if (this.canvas.hidden && !pictures) return;
     const number = shown[0]?.n ?? unpeopled;
     if (pictures && number !== undefined) this.ask(number);
-    const ink = this.canvas.getContext("2d");
-    if (this.bitmap) ink.drawImage(this.bitmap, 0, 0, WIDTH, HEIGHT);
-    else ink.clearRect(0, 0, WIDTH, HEIGHT);
-    ink.lineWidth = 2;
-    ink.font = "20px system-ui, sans-serif";
+    const points = !pictures && this.view === "colour" && shown.some((sample) => sample.m || sample.b);
+    this.canvas.parentElement.hidden = !(this.bitmap || points);
+    if (this.hidden) return;
+    const pen = this.canvas.getContext("2d");
+    if (this.bitmap) pen.drawImage(this.bitmap, 0, 0, WIDTH, HEIGHT);
+    else pen.clearRect(0, 0, WIDTH, HEIGHT);
+    pen.lineWidth = 2;
+    const plates = [];
     for (const sample of shown) {
       // Points of the frame that is seen, not of a later one.
       const { m, b, s } = (this.bitmap ? find(sample.u, this.frame) : sample) ?? {};
       // Boxes are of the depth camera, points of the colour camera.
-      if (b && (this.bitmap ? this.depth : !m)) {
+      if (b && (this.view === "depth" || (!this.bitmap && !m))) {
         const [x0, y0, x1, y1] = b;
-        ink.strokeStyle = ink.fillStyle = COLOURS[s];
-        ink.strokeRect(x0, y0, x1 - x0, y1 - y0);
-        ink.fillText(`person ${sample.u + 1} ${STATES[s]}`, x0, y0 < 24 ? y1 + 22 : y0 - 6);
+        pen.strokeStyle = COLOURS[s];
+        pen.strokeRect(x0, y0, x1 - x0, y1 - y0);
+        plates.push([x0, y0, `Person ${sample.u + 1} ${STATES[s]}`, COLOURS[s]]);
       }
-      if (!m || (this.bitmap && this.depth)) continue;
-      ink.strokeStyle = "#00beff";
-      ink.beginPath();
-      for (const [first, last, closed] of RUNS) {
-        for (let k = first; k <= last; k++) ink[k === first ? "moveTo" : "lineTo"](m[2 * k], m[2 * k + 1]);
-        if (closed) ink.closePath();
-      }
-      ink.stroke();
+      if (!m || this.view === "depth") continue;
+      pen.strokeStyle = "#00beff";
+      drawFace(pen, m);
+      const brow = Math.min(...m.slice(34, 54).filter((_, k) => k % 2));
+      if (shown.length > 1) plates.push([m[0], brow - 24, `Person ${sample.u + 1}`, "#ffffff"]);
     }
+    for (const plate of plates) this.plate(pen, ...plate);
+  }
+
+  // Words on a dark plate above a place, within the picture.
+  plate(pen, x, y, text, colour) {
+    pen.font = "600 20px system-ui, sans-serif";
+    const wide = pen.measureText(text).width + 16;
+    const [left, top] = [Math.min(Math.max(x, 0), WIDTH - wide), Math.max(y - 32, 2)];
+    pen.fillStyle = "#000c";
+    pen.beginPath();
+    pen.roundRect(left, top, wide, 28, 6);
+    pen.fill();
+    pen.fillStyle = colour;
+    pen.fillText(text, left + 8, top + 21);
   }
 }

@@ -5,7 +5,6 @@ export const WINDOW_S = 30;
 // A little more than is drawn, so that the left edge of the curves is whole.
 const KEPT_S = WINDOW_S + 2;
 const USERS = 4;
-export const STATES = ["absent", "warming", "tracking", "held", "lost", "posed"];
 
 export class Stream {
   constructor() {
@@ -22,7 +21,8 @@ export class Stream {
     this.connected = false;
     this.arrived = 0;
     this.onSource = () => {};
-    this.onSchema = () => {};
+    this.onUnits = () => {};
+    this.onRegions = () => {};
     this.onSample = () => {};
     this.onGesture = () => {};
     this.receivers = {};
@@ -38,7 +38,8 @@ export class Stream {
     };
     events.onerror = () => { this.connected = false; };
     on("source", (source) => { this.source = source; this.onSource(source); });
-    on("schema", (units) => { this.units = units; this.onSchema(units); });
+    on("schema", (units) => { this.units = units; this.onUnits(); });
+    on("regions", (regions) => this.onRegions(regions));
     on("ranges", ({ u, r }) => { if (this.users[u]) this.users[u].ranges = r; });
     on("gesture", (gesture) => this.onGesture(gesture));
     on("receivers", (receivers) => { this.receivers = receivers; });
