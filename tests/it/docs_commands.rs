@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use mien::appliance::settings::Settings;
 
 /// Documents with commands, in the order of a reader who reads all.
-const DOCUMENTS: [&str; 11] = [
+const DOCUMENTS: [&str; 12] = [
     "README.md",
     "docs/receivers.md",
     "docs/examples/README.md",

@@ -249,7 +249,8 @@ mod tests {
             let (facts, next) = hub.start();
             assert_eq!(&*facts[0], "event: schema\ndata: [\"AU26\"]\n\n");
             let (lines, after) = hub.read(next, Duration::ZERO);
-            assert_eq!(lines.len(), if session { 6 } else { 0 });
+            // The schema brings its regions.
+            assert_eq!(lines.len(), if session { 7 } else { 0 });
             hub.sample(&sample(9));
             let (lines, _) = hub.read(after, Duration::ZERO);
             assert!(lines.len() == 1 && lines[0].contains("\"n\":9"));

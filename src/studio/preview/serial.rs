@@ -383,7 +383,8 @@ mod tests {
             let bytes: Vec<u8> = (0..random.usize(1..80)).map(|_| random.u8(..)).collect();
             receiver.take(&bytes, &hub);
         }
-        assert_eq!(hub.read(0, Duration::ZERO).0.len(), 1);
+        // The schema and its regions.
+        assert_eq!(hub.read(0, Duration::ZERO).0.len(), 2);
         assert!(hub.counts().refused > 1000);
         // A receiver that has seen garbage goes on at the next whole line.
         receiver.take(
