@@ -9,6 +9,8 @@
 //! Degenerate: an anchor of too few points is rejected. Limitation: points further than [`MARGIN_M`] from the surface have no
 //! nearest point; a start that far off can only be corrected by the search over starts.
 
+use alloc::collections::BTreeMap;
+
 use nalgebra::{SMatrix, SVector};
 
 use super::icp::{MIN_PAIRS, Target};
@@ -19,6 +21,8 @@ use crate::base::prelude::*;
 const CELL_M: f32 = 0.004;
 /// Distance from the surface up to which points are looked up, metres.
 pub(crate) const MARGIN_M: f32 = 0.040;
+/// Most cells of the grid, ten times those of a head.
+const MOST_CELLS: usize = 1 << 22;
 /// Neighbours of a point on the surface, for rim and smoothing.
 pub(crate) const NEIGHBOURS: usize = 8;
 /// A gap between neighbours wider than this angle means that the surface ends there.
@@ -103,7 +107,7 @@ pub struct Anchor {
 
 impl Anchor {
     /// Prepares points and outward unit normals (head frame, metres). `None` with fewer than [`MIN_PAIRS`] or more than
-    /// 65,534 points, or when a coordinate is not finite.
+    /// 65,534 points, when a coordinate is not finite, or when they extend farther than any head.
     pub fn new(standard_head: &[(Point, Vector)]) -> Option<Self> {
         let points: Vec<Point> = standard_head.iter().map(|(p, _)| *p).collect();
         let normals: Vec<Vector> = standard_head.iter().map(|(_, n)| *n).collect();
@@ -122,6 +126,10 @@ impl Anchor {
         let margin = Vector::repeat(MARGIN_M);
         let (low, high) = (low - margin, high + margin);
         let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / CELL_M).ceil() as usize + 1);
+        let cells = size.iter().try_fold(1_usize, |n, &k| n.checked_mul(k));
+        if cells.is_none_or(|cells| cells > MOST_CELLS) {
+            return None;
+        }
         let mut grid = vec![NOWHERE; size[0] * size[1] * size[2]];
         for (cell, slot) in grid.iter_mut().enumerate() {
             let (column, row) = (cell % size[0], cell / size[0] % size[1]);
@@ -164,7 +172,8 @@ impl Anchor {
     /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it moves in jumps.
     pub(crate) fn fine_surface(&self) -> Surface {
         let place = |p: &Point| p.coords.map(|c| (c / FINE_M).floor() as i32);
-        let mut fine: Vec<([i32; 3], Between)> = Vec::new();
+        // Most places are met many times: each is kept once, the first one.
+        let mut fine: BTreeMap<[i32; 3], Between> = BTreeMap::new();
         let near = |a: usize, b: usize| (self.points[a] - self.points[b]).norm() < NEIGHBOUR_M;
         for (i, beside) in self.neighbours.iter().enumerate() {
             for (n, &j) in beside.iter().enumerate() {
@@ -179,15 +188,13 @@ impl Anchor {
                             let shares = [u as u8, v as u8];
                             let between = Between { corners, shares };
                             let p = between.place(|i| self.points[i]);
-                            fine.push((place(&p).into(), between));
+                            fine.entry(place(&p).into()).or_insert(between);
                         }
                     }
                 }
             }
         }
-        fine.sort_by_key(|(cell, _)| *cell);
-        fine.dedup_by_key(|(cell, _)| *cell);
-        Surface(fine.into_iter().map(|(_, between)| between).collect())
+        Surface(fine.into_values().collect())
     }
 
     /// Whether a point is on the bare face.
