@@ -9,8 +9,6 @@
 //! Degenerate: an anchor of too few points is rejected. Limitation: points further than [`MARGIN_M`] from the surface have no
 //! nearest point; a start that far off can only be corrected by the search over starts.
 
-use alloc::collections::BTreeMap;
-
 use nalgebra::{SMatrix, SVector};
 
 use super::icp::{MIN_PAIRS, Target};
@@ -30,6 +28,8 @@ const RIM_GAP_RAD: f32 = 2.2;
 /// The fine surface: distance between points, metres; parts per edge; largest distance between corners, metres.
 const FINE_M: f32 = 0.0015;
 const PARTS: u32 = 4;
+/// Points of it that wait to be compared with the others.
+const FINE_AT_ONCE: usize = 1 << 16;
 const NEIGHBOUR_M: f32 = 0.012;
 /// No point near.
 const NOWHERE: u16 = u16::MAX;
@@ -172,10 +172,19 @@ impl Anchor {
     /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it moves in jumps.
     pub(crate) fn fine_surface(&self) -> Surface {
         let place = |p: &Point| p.coords.map(|c| (c / FINE_M).floor() as i32);
-        // Most places are met many times: each is kept once, the first one.
-        let mut fine: BTreeMap<[i32; 3], Between> = BTreeMap::new();
+        // Most places are met many times: each is kept once, the first one, and others go before they become many.
+        let mut fine: Vec<([i32; 3], Between)> = Vec::new();
+        let thin = |fine: &mut Vec<([i32; 3], Between)>| {
+            fine.sort_by_key(|(cell, _)| *cell);
+            fine.dedup_by_key(|(cell, _)| *cell);
+        };
+        let mut most = FINE_AT_ONCE;
         let near = |a: usize, b: usize| (self.points[a] - self.points[b]).norm() < NEIGHBOUR_M;
         for (i, beside) in self.neighbours.iter().enumerate() {
+            if fine.len() > most {
+                thin(&mut fine);
+                most = fine.len() + FINE_AT_ONCE;
+            }
             for (n, &j) in beside.iter().enumerate() {
                 for &k in &beside[n + 1..] {
                     let corners = [i as u16, j, k];
@@ -188,13 +197,14 @@ impl Anchor {
                             let shares = [u as u8, v as u8];
                             let between = Between { corners, shares };
                             let p = between.place(|i| self.points[i]);
-                            fine.entry(place(&p).into()).or_insert(between);
+                            fine.push((place(&p).into(), between));
                         }
                     }
                 }
             }
         }
-        Surface(fine.into_values().collect())
+        thin(&mut fine);
+        Surface(fine.into_iter().map(|(_, between)| between).collect())
     }
 
     /// Whether a point is on the bare face.
