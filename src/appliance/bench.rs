@@ -15,7 +15,7 @@ use crate::appliance::cli::Run;
 use crate::appliance::memory;
 use crate::appliance::service::{self, Failure};
 use crate::appliance::settings::Settings;
-use crate::appliance::source::{self, Missing, SourceError};
+use crate::appliance::source::{self, SourceError};
 use crate::output::Report;
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
@@ -138,7 +138,7 @@ fn time(
     settings: &Settings,
     allocations: fn() -> u64,
 ) -> Result<(Times, u64), Failure> {
-    let mut source = source::open(name, Missing::Refuse, settings.sensor.device)?;
+    let mut source = source::open(name, true, settings.sensor.device)?;
     let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &service::model(None)?)?;
     let mut times = Times::new(frames);
     let (mut resent, mut frame) = (Resent::default(), Frame::default());

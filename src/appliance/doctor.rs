@@ -50,10 +50,10 @@ impl Lines {
 pub fn report(config: Option<&Path>) -> (String, u8) {
     let mut lines = Lines::default();
     let found = service::settings(config);
-    let mut configured = found.is_ok();
+    let configured = found.is_ok();
     let known = found.as_ref().map(|_| "all keys are known and in range");
     lines.judge(FAIL, "configuration", known);
-    let settings = found.unwrap_or_default();
+    let settings = found.unwrap_or_else(|_| service::settings_unchecked(config));
     let model = service::model(settings.sensor.model()).map(|model| format!("{:08x}", model.id));
     lines.judge(FAIL, "face model", model);
     sensor(&mut lines, &settings, usb_devices::devices());
@@ -64,10 +64,6 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
         lines.say(WARN, "USB memory", text);
     }
     serial(&mut lines, &settings.serial.port);
-    if let Err(problem) = wires::check(&settings) {
-        configured = false;
-        lines.say(FAIL, "outputs", problem);
-    }
     targets(&mut lines, &settings);
     status(&mut lines, Path::new(&settings.status_path));
     let failed = lines.failed.into();
@@ -80,7 +76,7 @@ fn sensor(
     settings: &Settings,
     found: Result<Vec<usb_devices::Listed>, DeviceError>,
 ) {
-    let ("kinect", serial) = source::parts(&settings.sensor.source) else {
+    let ("kinect" | source::AUTO, serial) = source::parts(&settings.sensor.source) else {
         let text = format_args!("using {}, none needed on USB", settings.sensor.source);
         return lines.say(OK, "sensor", text);
     };
@@ -226,8 +222,12 @@ mod tests {
                     [status]\npath = \"/nowhere/status.json\"\n";
         std::fs::write(&config, text).unwrap();
         let (text, code) = report(Some(&config));
-        assert_eq!(code, 1);
-        let expected = ["OK  ", "FAIL", "OK  ", "WARN", "WARN", "WARN"];
+        assert_eq!(code, 2);
+        assert!(
+            text.contains("mien.toml:3:9: /nowhere/face.model: "),
+            "{text}"
+        );
+        let expected = ["FAIL", "FAIL", "OK  ", "WARN", "WARN", "WARN"];
         assert_eq!(verdicts(&text), expected, "{text}");
         for remedy in [
             "mien-studio train",

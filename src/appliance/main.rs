@@ -21,7 +21,6 @@ fn version() -> String {
     format!("mien {version} (features std{features}, model {model:08x})")
 }
 
-#[expect(clippy::print_stdout, reason = "the program's own output")]
 fn main() -> ExitCode {
     let started = std::time::Instant::now();
     let command = match cli::parse(std::env::args_os().skip(1)) {
@@ -32,38 +31,28 @@ fn main() -> ExitCode {
         }
     };
     let done = match command {
-        Command::Help(of) => {
-            print!("{}", cli::help(of));
+        Command::Help(of) => service::print(&cli::help(of)),
+        Command::Version => service::print(&(version() + "\n")),
+        Command::CheckConfig(file) => service::settings(file.as_deref()).map(drop),
+        Command::PrintConfig(file) => service::settings(file.as_deref()).and_then(|settings| {
+            service::print(&settings.to_toml())?;
+            let without = wires::not_built();
+            if !without.is_empty() {
+                // Not among what is printed, which may become a file for another build.
+                mien::appliance::log::say(format_args!(
+                    "mien: built without {}; build with --features wires, or install the package",
+                    without.join(", ")
+                ));
+            }
             Ok(())
-        }
-        Command::Version => {
-            println!("{}", version());
-            Ok(())
-        }
-        Command::CheckConfig(file) => {
-            service::settings(file.as_deref()).and_then(|settings| Ok(wires::check(&settings)?))
-        }
-        Command::PrintConfig(file) => {
-            service::settings(file.as_deref()).map(|settings| {
-                print!("{}", settings.to_toml());
-                let without = wires::not_built();
-                if !without.is_empty() {
-                    // Not among what is printed, which may become a file for another build.
-                    mien::appliance::log::say(format_args!(
-                        "mien: built without {}; build with --features wires, or install the package",
-                        without.join(", ")
-                    ));
-                }
-            })
-        }
-        Command::Devices => {
-            print!("{}", mien::appliance::devices::report());
-            Ok(())
-        }
+        }),
+        Command::Devices => service::print(&mien::appliance::devices::report()),
         Command::Doctor(file) => {
             let (lines, code) = mien::appliance::doctor::report(file.as_deref());
-            print!("{lines}");
-            return ExitCode::from(code);
+            match service::print(&lines) {
+                Ok(()) => return ExitCode::from(code),
+                failed => failed,
+            }
         }
         Command::Bench(bench) => {
             mien::appliance::bench::run(&bench, || MEMORY.requests(), &mut std::io::stdout().lock())
@@ -73,6 +62,7 @@ fn main() -> ExitCode {
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
+        Err(failure) if failure.is_reader_gone() => ExitCode::SUCCESS,
         Err(failure) => {
             mien::appliance::log::say(format_args!("mien: {failure}"));
             failure.back_off(started.elapsed());

@@ -1,11 +1,11 @@
 //! The process's memory: the system's allocator with a counter, so that `mien bench` and the tests can report allocations; and
 //! locking memory in RAM where the system permits it.
 //!
-//! Cost: a relaxed addition per request. One of five files with unsafe code, because an allocator and `mlockall` require
+//! Cost: a relaxed addition per request. One of six files with unsafe code, because an allocator and `mlockall` require
 //! it.
 #![expect(
     unsafe_code,
-    reason = "GlobalAlloc is an unsafe trait, whose calls are passed on unchanged, and mlockall a foreign function"
+    reason = "GlobalAlloc is an unsafe trait, whose calls are passed on unchanged, and mlockall and malloc_trim foreign functions"
 )]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -68,6 +68,15 @@ pub fn lock() -> io::Result<()> {
     match unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_ONFAULT) } {
         0 => Ok(()),
         _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// Returns freed memory to the system, as after a reload: what the next one needs is asked for anew.
+pub fn give_back() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: the call takes no pointers, and only memory that is free changes hands.
+    unsafe {
+        libc::malloc_trim(0);
     }
 }
 

@@ -12,7 +12,7 @@ use crate::appliance::service::{Failure, SYSTEM_CONFIG, model, settings};
 use crate::appliance::service_manager::ServiceManager;
 use crate::appliance::settings::{Settings, SettingsError};
 use crate::appliance::signals::Signals;
-use crate::appliance::source::{self, Missing, Pacer, Source, SourceError};
+use crate::appliance::source::{self, Pacer, Source, SourceError};
 use crate::appliance::status::Status;
 use crate::appliance::terminal::Live;
 use crate::appliance::{memory, wires};
@@ -60,6 +60,8 @@ struct Session<'r> {
     /// Frames still to come.
     left: u64,
     started: Instant,
+    /// Whether there was a frame.
+    begun: bool,
     /// When the last frame was taken up, and when it was whole in memory.
     taken: Instant,
     arrived: Instant,
@@ -72,19 +74,17 @@ impl<'r> Session<'r> {
         crate::appliance::log::start(run.level(settings.log_level));
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;
         let name = run.source.as_ref().unwrap_or(&settings.sensor.source);
-        let name = name.clone();
-        // Who names the sensor on the command line wants that one, now or when it is plugged in.
-        let missing = match (run.require_device, &run.source) {
-            (true, _) => Missing::Refuse,
-            (false, Some(_)) => Missing::Wait,
-            (false, None) => Missing::Simulate,
-        };
-        let source = source::open(&name, missing, settings.sensor.device)?;
-        let name = source.name(name);
+        let source = source::open(name, run.require_device, settings.sensor.device)?;
+        let name = if name == source::AUTO {
+            source.kind()
+        } else {
+            name
+        }
+        .to_owned();
         let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
         let signals = Signals::watch()?;
         let csv = run.csv.as_deref();
-        let csv = csv.map(|to| table(to, &signals, source.is_live(), &pipeline, &settings));
+        let csv = csv.map(|to| table(to, &signals, &source, &pipeline, &settings));
         let csv = match csv.transpose() {
             // Nobody came to read it.
             Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(None),
@@ -124,6 +124,7 @@ impl<'r> Session<'r> {
             pacer: Pacer::default(),
             left: run.frames.unwrap_or(u64::MAX),
             started: Instant::now(),
+            begun: false,
             taken: Instant::now(),
             arrived: Instant::now(),
         }))
@@ -147,27 +148,16 @@ impl<'r> Session<'r> {
         }
         self.manager.say("RELOADING=1");
         match self.reload() {
-            Ok(None) => tracing::info!("configuration reloaded, unchanged"),
-            Ok(Some((renewed, opened))) => {
-                tracing::info!("configuration reloaded");
-                if let Some(mut renewed) = renewed {
-                    renewed.adopt(&mut self.pipeline);
-                    self.pipeline = renewed;
-                }
-                self.release();
-                // Those before say goodbye, and leave their ports.
-                self.wires = opened;
-                (self.gestures, self.status) = shown(&self.settings, &self.name, &self.pipeline);
-                self.people = people(&self.settings, &self.source);
-            }
+            Ok(false) => tracing::info!("configuration reloaded, unchanged"),
+            Ok(true) => tracing::info!("configuration reloaded"),
             Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
         }
         self.manager.say("READY=1");
     }
 
-    /// Reloads the configuration; if it has changed, builds its outputs, and its stages where they differ. The settings are
-    /// replaced only if all of them succeed.
-    fn reload(&mut self) -> Result<Option<Standing>, Failure> {
+    /// Reloads the configuration; if it has changed (returned), its outputs are opened anew, and its stages rebuilt where they
+    /// differ. Nothing is replaced unless all of them succeed.
+    fn reload(&mut self) -> Result<bool, Failure> {
         let config = self.run.config.as_deref();
         let path = config.unwrap_or(Path::new(SYSTEM_CONFIG));
         // What a pipe would give is not waited for.
@@ -176,14 +166,15 @@ impl<'r> Session<'r> {
         }
         let (new, old) = (settings(config)?, &self.settings);
         if new == *old {
-            return Ok(None);
+            return Ok(false);
         }
+        let units = Pipeline::unit_names_with(&new.stages);
+        let units: Vec<&str> = units.iter().map(String::as_str).collect();
+        let opened = wires::open(&new, &units)?;
         // Another receiver is no reason to lose whoever is tracked.
-        let changed = new.stages != old.stages;
-        let stages = || Pipeline::new(&new.stages, self.source.camera(), &self.model);
-        let renewed = changed.then(stages).transpose()?;
-        let units = renewed.as_ref().unwrap_or(&self.pipeline).unit_names();
-        let wires = wires::open(&new, &units)?;
+        if new.stages != old.stages {
+            self.pipeline.rebuild(&new.stages, &self.model)?;
+        }
         let later = [
             ("sensor", new.sensor != old.sensor),
             ("log", new.log_level != old.log_level),
@@ -191,14 +182,27 @@ impl<'r> Session<'r> {
         for (section, _) in later.iter().filter(|(_, changed)| *changed) {
             tracing::warn!("the change in [{section}] needs a restart");
         }
+        self.release();
         self.settings = new;
-        Ok(Some((renewed, wires)))
+        let (gestures, status) = shown(&self.settings, &self.name, &self.pipeline);
+        let before = std::mem::replace(&mut self.status, status);
+        let tallies = self.wires.iter().map(|wire| wire.tally());
+        self.status.go_on_from(before, tallies);
+        self.gestures = gestures;
+        // Those before say goodbye, and leave their ports.
+        self.wires = opened;
+        self.people = people(&self.settings, &self.source);
+        memory::give_back();
+        Ok(true)
     }
 
     /// Takes the next frame, at its pace; `false` if there is none now, or the source has ended.
     fn next_frame(&mut self) -> Result<bool, Failure> {
         match self.source.next_frame(&mut self.frame) {
             Ok(true) => {}
+            Ok(false) if !self.begun => {
+                return Err(SourceError::Nothing(self.source.frames()).into());
+            }
             Ok(false) => {
                 self.left = 0;
                 return Ok(false);
@@ -213,6 +217,10 @@ impl<'r> Session<'r> {
         if !self.run.fast && !self.source.is_live() {
             self.pacer.wait(self.frame.at);
         }
+        if !std::mem::replace(&mut self.begun, true) {
+            // The frames' time begins only now.
+            self.pipeline.age(self.started.elapsed().as_secs_f64());
+        }
         self.taken = Instant::now();
         self.arrived = self.source.arrived().unwrap_or(self.taken);
         Ok(true)
@@ -220,10 +228,9 @@ impl<'r> Session<'r> {
 
     /// Half a second without a frame: outputs continue their heartbeat and let faces fade.
     fn wait(&mut self) -> Result<(), Failure> {
-        let since_us = self.taken.elapsed().as_micros() as u64;
         let mut nobody = Report {
             frame: self.frame.index,
-            at: Timestamp::from_us(self.frame.at.as_us() + since_us),
+            at: self.now(),
             ..Report::default()
         };
         self.gestures.observe(std::slice::from_mut(&mut nobody));
@@ -233,6 +240,8 @@ impl<'r> Session<'r> {
             wire.send(&nobody)?;
         }
         self.status.observe(&nobody, None);
+        self.pipeline.forget_older(self.now());
+        self.save_people();
         self.keep_up(format_args!("waiting for the sensor"));
         Ok(())
     }
@@ -276,12 +285,24 @@ impl<'r> Session<'r> {
         let state = self.pipeline.report().state;
         drop(reports);
         self.source.show_tracking(state.has_face());
-        if let Some(people) = self.people.as_mut().filter(|people| people.is_due()) {
-            people.save(self.pipeline.people().iter(), self.pipeline.at());
-        }
+        self.save_people();
         self.keep_up(format_args!("{}", state.name()));
         self.left -= 1;
         Ok(())
+    }
+
+    /// Time of the last frame and what has passed since: people age without a sensor too.
+    fn now(&self) -> Timestamp {
+        let since = self.taken.elapsed().as_micros() as u64;
+        Timestamp::from_us(self.frame.at.as_us() + since)
+    }
+
+    /// Saves the people remembered, once a minute.
+    fn save_people(&mut self) {
+        let now = self.now();
+        if let Some(people) = self.people.as_mut().filter(|people| people.is_due()) {
+            people.save(self.pipeline.people(now).iter(), now);
+        }
     }
 
     /// Switches off what gestures have switched on.
@@ -312,8 +333,9 @@ impl<'r> Session<'r> {
 
     fn finish(mut self) {
         self.manager.say("STOPPING=1");
+        let now = self.now();
         if let Some(people) = &mut self.people {
-            people.save(self.pipeline.people().iter(), self.pipeline.at());
+            people.save(self.pipeline.people(now).iter(), now);
         }
         if let Some(live) = self.live {
             live.end(self.started.elapsed());
@@ -332,7 +354,8 @@ fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
 /// What of the units is looked at besides sending them.
 fn shown(settings: &Settings, source: &str, pipeline: &Pipeline) -> (Gestures, Status) {
     let (units, names) = (pipeline.unit_names(), settings.gesture_names());
-    let status = Status::new(&settings.status_path, source, &units, &names);
+    let status = Status::new(&settings.status_path, source, &units, &names)
+        .with_ranges(settings.status_ranges);
     (Gestures::new(&settings.gestures, &units), status)
 }
 
@@ -363,14 +386,11 @@ fn people(settings: &Settings, source: &Source) -> Option<People> {
     saves.then(|| People::at(Path::new(&settings.state.path)))
 }
 
-/// Stages of a configuration, if they differ from those that run, and its outputs.
-type Standing = (Option<Pipeline>, Vec<Box<dyn Output>>);
-
 /// Opens the CSV requested.
 fn table(
     to: &Path,
     signals: &Signals,
-    is_live: bool,
+    source: &Source,
     pipeline: &Pipeline,
     settings: &Settings,
 ) -> Result<Csv<Rows>, OutputError> {
@@ -379,8 +399,9 @@ fn table(
     } else {
         Pipe::create(to, &signals.stop)
     };
-    let rows = pipe.map(|pipe| Rows::to(pipe, &signals.stop, is_live));
+    let rows = pipe.map(|pipe| Rows::to(pipe, &signals.stop, source.is_live()));
     let rows = rows.map_err(OutputError::Csv)?;
     let (units, gestures) = (pipeline.unit_names(), settings.gesture_names());
-    Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)
+    let csv = Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)?;
+    Ok(csv.of_reduced(source.reduced()))
 }

@@ -1,15 +1,16 @@
 //! Start-up common to the commands that process frames: configuration, model, source, and their errors.
 
-use std::io;
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::appliance::settings::{Settings, SettingsError};
-use crate::appliance::source::SourceError;
+use crate::appliance::settings::{Refused, Settings, SettingsError};
+use crate::appliance::source::{self, SourceError};
+use crate::appliance::wires;
 use crate::base::bounded_read;
 use crate::face_model::FaceModel;
 use crate::output::OutputError;
-use crate::pipeline::PipelineError;
+use crate::pipeline::{Pipeline, PipelineError};
 
 /// Default path of the configuration.
 pub(super) const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
@@ -37,7 +38,7 @@ pub enum Failure {
     #[error(transparent)]
     Output(#[from] OutputError),
     /// Standard output.
-    #[error("cannot write to standard output: {0}; is the reader of the pipe gone?")]
+    #[error("cannot write to standard output: {0}; is there space left?")]
     Print(io::Error),
     /// Signals cannot be watched.
     #[error("cannot watch for signals: {0}; is the system out of memory?")]
@@ -48,10 +49,15 @@ impl Failure {
     /// Exit code of the contract.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Settings(_) | Self::Output(OutputError::NotBuilt(_)) => 2,
+            Self::Settings(_) => 2,
             Self::Source(SourceError::Missing(_)) => 3,
             _ => 1,
         }
+    }
+
+    /// Whether only the reader of what is printed has gone away, as `| head` does: an end, not a failure.
+    pub fn is_reader_gone(&self) -> bool {
+        matches!(self, Self::Print(error) | Self::Output(OutputError::Csv(error)) if error.kind() == ErrorKind::BrokenPipe)
     }
 
     /// Delays the exit under a service manager of what failed soon after its start, as it will probably fail again until somebody
@@ -63,6 +69,16 @@ impl Failure {
     }
 }
 
+/// Prints what a command was asked for.
+///
+/// # Errors
+/// If standard output takes no more.
+pub fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    written.map_err(Failure::Print)
+}
+
 /// The configuration in force: the named file, else the system's, else the built-in defaults.
 ///
 /// # Errors
@@ -70,10 +86,54 @@ impl Failure {
 pub fn settings(file: Option<&Path>) -> Result<Settings, Failure> {
     let system = Path::new(SYSTEM_CONFIG);
     Ok(match file {
-        Some(path) => Settings::read(path)?,
-        None if system.exists() => Settings::read(system)?,
+        Some(path) => Settings::read(path, refused)?,
+        None if system.exists() => Settings::read(system, refused)?,
         None => Settings::default(),
     })
+}
+
+/// The same without what a run would refuse, to be looked at all the same; the built-in defaults if it cannot be read.
+pub(super) fn settings_unchecked(file: Option<&Path>) -> Settings {
+    let path = file.unwrap_or(Path::new(SYSTEM_CONFIG));
+    Settings::read(path, |_| None).unwrap_or_default()
+}
+
+/// The first thing that a run with these settings would refuse, by the constructors that it calls. Files that this user may not read
+/// are believed: the service's user may.
+fn refused(settings: &Settings) -> Option<Refused> {
+    let of = |section, key, problem: String| {
+        Some(Refused {
+            section,
+            key,
+            problem,
+        })
+    };
+    if let Err(problem) = source::check(&settings.sensor.source) {
+        return of("sensor", "source", problem.to_string());
+    }
+    // The built-in model has what every stage needs.
+    if let Some(path) = settings.sensor.model() {
+        let checked =
+            model(Some(path)).and_then(|model| Ok(Pipeline::check(&settings.stages, &model)?));
+        if let Err(problem) = checked {
+            return of("sensor", "model", problem.to_string());
+        }
+    }
+    if let Err((section, problem)) = wires::check(settings) {
+        let forbidden = match &problem {
+            OutputError::Password(_, error) | OutputError::Certificates(_, error) => {
+                error.kind() == ErrorKind::PermissionDenied
+            }
+            _ => false,
+        };
+        if !forbidden {
+            return of(section, problem.key(), problem.to_string());
+        }
+    }
+    let at = &settings.page.listen;
+    (wires::share_a_port(settings)).then_some(())?;
+    let problem = "expected page.listen at a port of its own, which is not the websocket's";
+    of("page", "listen", format!("{problem}, found {at}"))
 }
 
 /// The face model in a file, or the built-in one.

@@ -17,11 +17,11 @@ use crate::sensor::kinect::registration::Registration;
 use crate::sensor::rgbd::Rgbd;
 use crate::simulator::simulated::{Simulated, UnknownScene};
 
-/// The source unless another is named.
-pub const DEFAULT: &str = "kinect";
+/// The source unless another is named: a Kinect if one is plugged in, else the simulated sensor.
+pub const AUTO: &str = "auto";
 
-/// The kind of sensor that a source's name begins with, and what follows its colon; everything but `kinect` and `simulated` is a
-/// path, and `./kinect` is the directory of that name.
+/// The kind of sensor that a source's name begins with, and what follows its colon; everything but `auto`, `kinect` and
+/// `simulated` is a path, and `./kinect` is the directory of that name.
 ///
 /// ```
 /// use mien::appliance::source::parts;
@@ -42,9 +42,12 @@ pub enum SourceError {
     Recording(#[from] RecordingError),
     /// Neither a sensor nor a recording: the name, and a hint to the nearest one.
     #[error(
-        "expected kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {0}{1}"
+        "expected auto, kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {0}{1}"
     )]
     Unknown(String, String),
+    /// Of so many frames of a recording not one could be used.
+    #[error("none of the {0} frames of this recording can be used; the warnings above say why")]
+    Nothing(usize),
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
@@ -83,7 +86,7 @@ impl Source {
     /// If it cannot be opened.
     pub fn recording(directory: &Path) -> Result<Self, SourceError> {
         let name = directory.to_string_lossy();
-        let hint = hint(&name, ["kinect", "simulated"]);
+        let hint = hint(&name, ["kinect", "simulated", AUTO]);
         if !hint.is_empty() && !directory.exists() {
             return Err(SourceError::Unknown(name.into_owned(), hint));
         }
@@ -135,14 +138,6 @@ impl Source {
         }
     }
 
-    /// What it is called, if `wanted` was asked for: the simulated sensor may stand in for a Kinect.
-    pub fn name(&self, wanted: String) -> String {
-        match self {
-            Self::Simulated(_) if parts(&wanted).0 == DEFAULT => "simulated".to_owned(),
-            _ => wanted,
-        }
-    }
-
     /// When the last frame was complete in this machine's memory; `None` for simulated or recorded frames.
     pub fn arrived(&self) -> Option<Instant> {
         match self {
@@ -168,6 +163,23 @@ impl Source {
             Self::Rgbd(recording) => &recording.camera,
             Self::Simulated(simulated) => simulated.camera(),
             Self::Kinect(live) => &live.camera,
+        }
+    }
+
+    /// Pixels of the files to one of the frames, along each side: of depth, and of pictures.
+    pub fn reduced(&self) -> [usize; 2] {
+        match self {
+            Self::Rgbd(recording) => recording.reduced(),
+            _ => [1; 2],
+        }
+    }
+
+    /// What [`AUTO`] has become.
+    pub fn kind(&self) -> &'static str {
+        if self.is_live() {
+            "kinect"
+        } else {
+            "simulated"
         }
     }
 
@@ -212,39 +224,40 @@ impl Source {
     }
 }
 
-/// What to do when a sensor is requested and none is connected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Missing {
-    /// Play the simulated sensor in its place.
-    Simulate,
-    /// Wait until one is plugged in.
-    Wait,
-    /// Fail.
-    Refuse,
+/// Whether a source of this name can be opened, as far as that can be told without a sensor.
+///
+/// # Errors
+/// As [`open`].
+pub fn check(name: &str) -> Result<(), SourceError> {
+    match parts(name) {
+        ("kinect", _) | (AUTO, None) => Ok(()),
+        ("simulated", scene) => Ok(Simulated::scene(scene).map(drop)?),
+        _ => Source::recording(Path::new(name)).map(drop),
+    }
 }
 
-/// Opens a source by name; `settings` are for a sensor on USB.
+/// Opens a source by name; `settings` are for a sensor on USB. If none is connected, `required` fails, [`AUTO`] plays the
+/// simulated sensor in its place, and whoever names a Kinect waits until one is plugged in.
 ///
 /// # Errors
 /// If the source does not exist or cannot be opened.
-pub fn open(name: &str, missing: Missing, settings: SensorSettings) -> Result<Source, SourceError> {
+pub fn open(name: &str, required: bool, settings: SensorSettings) -> Result<Source, SourceError> {
     let (source, problem) = match parts(name) {
         ("kinect", serial) => Source::kinect(serial, settings),
+        (AUTO, None) => Source::kinect(None, settings),
         ("simulated", scene) => return Source::simulated(scene),
         _ => return Source::recording(Path::new(name)),
     };
-    match (missing, problem) {
-        (Missing::Refuse, Some(problem)) => Err(SourceError::Missing(problem)),
-        (Missing::Simulate, Some(problem)) => {
+    match problem {
+        Some(problem) if required => return Err(SourceError::Missing(problem)),
+        Some(problem) if name == AUTO => {
             tracing::warn!("{problem}; using the simulated sensor until mien is started again");
-            Source::simulated(None)
+            return Source::simulated(None);
         }
-        (Missing::Wait, Some(problem)) => {
-            tracing::warn!("waiting for the Kinect: {problem}");
-            Ok(source)
-        }
-        (_, None) => Ok(source),
+        Some(problem) => tracing::warn!("waiting for the Kinect: {problem}"),
+        None => {}
     }
+    Ok(source)
 }
 
 /// Plays frames in real time, for sources that would otherwise deliver them as fast as possible.

@@ -7,13 +7,14 @@
 //! One file: both formats and their figures.
 
 use std::fmt::Write as _;
-use std::fs::{Metadata, Permissions};
-use std::io::{ErrorKind, Write as _};
-use std::os::unix::fs::{MetadataExt, PermissionsExt};
-use std::path::{Path, PathBuf};
+use std::fs::Metadata;
+use std::io::ErrorKind;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crate::appliance::settings::STATUS_PATH;
+use crate::base::atomic_write::AtomicFile;
 use crate::base::capacity::{UNITS, USERS};
 use crate::base::defaults;
 use crate::base::json::Quoted;
@@ -25,6 +26,8 @@ use crate::output::{Report, Tally, TrackingState, finite};
 const PERIOD: Duration = Duration::from_secs(1);
 /// Frames whose latency is kept.
 const LATENCIES: usize = 1024;
+/// Kinds of outputs, with the CSV, and one to spare.
+const OUTPUTS: usize = 12;
 /// Initial capacity of a text; it grows at the first write if necessary.
 const TEXT: usize = 24 * 1024;
 
@@ -43,7 +46,11 @@ pub struct Status {
     sensor: bool,
     latencies: Latencies,
     users: [Option<User>; USERS],
+    /// What outputs had counted before a reload replaced them.
+    before: heapless::Vec<Tally, OUTPUTS>,
     text: String,
+    /// Whether learned ranges are written: whoever can read the file sees them.
+    ranges: bool,
 }
 
 /// A user as last reported.
@@ -74,8 +81,38 @@ impl Status {
             sensor: false,
             latencies: Latencies::default(),
             users: [const { None }; USERS],
+            before: heapless::Vec::new(),
             text: String::with_capacity(TEXT),
+            ranges: false,
         }
+    }
+
+    /// Whether learned ranges are written too.
+    pub fn with_ranges(self, ranges: bool) -> Self {
+        Self { ranges, ..self }
+    }
+
+    /// Continues the figures of the run before a reload, whose outputs had counted so much.
+    pub fn go_on_from(&mut self, before: Self, outputs: impl Iterator<Item = Tally>) {
+        (self.start, self.frames, self.lost) = (before.start, before.frames, before.lost);
+        (self.time_us, self.sensor) = (before.time_us, before.sensor);
+        (self.latencies, self.users) = (before.latencies, before.users);
+        // Each name once: a reload adds to what was counted before the last one.
+        let mut sums = before.before;
+        for tally in outputs {
+            match sums.iter_mut().find(|sum| sum.name == tally.name) {
+                Some(sum) => *sum = sum.plus(tally),
+                // There is room for all outputs that there are.
+                None => drop(sums.push(tally)),
+            }
+        }
+        self.before = sums;
+    }
+
+    /// An output's counts since the program started.
+    fn since_start(&self, tally: Tally) -> Tally {
+        let before = self.before.iter().find(|sum| sum.name == tally.name);
+        before.map_or(tally, |before| before.plus(tally))
     }
 
     /// Adds a report, and its frame's latency until all outputs had it; `None` without a frame, or if another report of the same
@@ -121,6 +158,7 @@ impl Status {
         };
         self.written = Some(now);
         let mut text = std::mem::take(&mut self.text);
+        let outputs = outputs.map(|tally| self.since_start(tally));
         // A string takes everything.
         let _ = self.json(outputs.clone(), &mut text);
         files.write(0, text.as_bytes());
@@ -195,11 +233,17 @@ impl Status {
                 [range.low, range.rest, range.high, range.noise].map(finite);
             write!(
                 text,
-                "{comma}\n      {}: {{\"weight\": {:.3}, \"low\": {low:.4}, \"rest\": {rest:.4}, \"high\": {high:.4}, \"noise\": {noise:.4}, \"readiness\": {:.2}}}",
+                "{comma}\n      {}: {{\"weight\": {:.3}, ",
                 Quoted(name),
-                finite(*weight),
-                finite(range.readiness)
+                finite(*weight)
             )?;
+            if self.ranges {
+                write!(
+                    text,
+                    "\"low\": {low:.4}, \"rest\": {rest:.4}, \"high\": {high:.4}, \"noise\": {noise:.4}, "
+                )?;
+            }
+            write!(text, "\"readiness\": {:.2}}}", finite(range.readiness))?;
         }
         write!(text, "}}}}")
     }
@@ -343,9 +387,9 @@ impl Latencies {
     }
 }
 
-/// The two files, each with its temporary name.
+/// The two files.
 struct Files {
-    paths: [[PathBuf; 2]; 2],
+    files: [AtomicFile; 2],
     /// Whether a write error was logged.
     told: bool,
     /// The files as last written: device, inode and creation time.
@@ -356,14 +400,11 @@ struct Files {
 
 impl Files {
     fn beside(json: &Path) -> Self {
-        let new = |path: &Path| {
-            let mut name = path.as_os_str().to_owned();
-            name.push(".new");
-            name.into()
-        };
         let prometheus = json.with_file_name("mien.prom");
+        // Whoever watches may read them, whatever else the process keeps to itself. Not synced: they are of this second.
+        let file = |path: &Path| AtomicFile::at(path, Some(0o644), false);
         Self {
-            paths: [json, &prometheus].map(|path| [path.to_owned(), new(path)]),
+            files: [json, &prometheus].map(file),
             told: false,
             left: [None; 2],
             shared: false,
@@ -371,7 +412,7 @@ impl Files {
     }
 
     fn write(&mut self, file: usize, text: &[u8]) {
-        let [path, new] = &self.paths[file];
+        let path = self.files[file].path();
         let found = std::fs::metadata(path).ok().as_ref().map(mark);
         let other = self.left[file].is_some() && found.is_some() && found != self.left[file];
         if other && !std::mem::replace(&mut self.shared, true) {
@@ -380,18 +421,10 @@ impl Files {
                 path.display()
             );
         }
-        let written = std::fs::File::create(new).and_then(|mut file| {
-            file.write_all(text)?;
-            // Whoever watches may read them, whatever else the process keeps to itself.
-            file.set_permissions(Permissions::from_mode(0o644))?;
-            let mark = mark(&file.metadata()?);
-            std::fs::rename(new, path)?;
-            Ok(mark)
-        });
-        match written {
-            Ok(mark) => {
+        match self.files[file].write(text) {
+            Ok(written) => {
                 self.told = false;
-                self.left[file] = Some(mark);
+                self.left[file] = Some(mark(&written));
             }
             Err(error) if !self.told => {
                 // Only the service makes that folder: elsewhere nobody asked for the file.
@@ -439,7 +472,8 @@ mod tests {
     fn files_are_whole_and_nothing_else_is_left() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("status.json");
-        let mut status = Status::new(path.to_str().unwrap(), "a \"b\"\\", &["AU26"], &[]);
+        let status = Status::new(path.to_str().unwrap(), "a \"b\"\\", &["AU26"], &[]);
+        let mut status = status.with_ranges(true);
         let report = Report {
             user: Some(1),
             state: TrackingState::Tracking,
@@ -519,6 +553,19 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         status.write([tally; 2].into_iter());
         assert!(!path.exists());
+        // Ranges stay with the service unless they are asked for.
+        status.ranges = false;
+        status.observe(&report, None);
+        json.clear();
+        status.json([tally].into_iter(), &mut json).unwrap();
+        let told = "\"AU26\": {\"weight\": 0.250, \"readiness\": 0.50}";
+        assert!(json.contains(told), "{json}");
+        // A reload goes on counting, what outputs counted before it included.
+        let mut after = Status::new("", "", &["AU26"], &[]);
+        let start = status.start;
+        after.go_on_from(status, [tally].into_iter());
+        assert_eq!((after.frames, after.start), (1, start));
+        assert_eq!(after.since_start(tally).sent, 10);
     }
 
     #[test]

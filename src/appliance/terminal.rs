@@ -1,6 +1,6 @@
 //! The output of `mien run` on a terminal: destinations at the start, one live line, and a summary at the end.
 //!
-//! One of five files with unsafe code, which the terminal's width requires.
+//! One of six files with unsafe code, which the terminal's width requires.
 #![expect(
     unsafe_code,
     reason = "TIOCGWINSZ, which tells a terminal's width, is a foreign function"

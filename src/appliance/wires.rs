@@ -1,12 +1,15 @@
 //! The outputs: one row each. Another one is its file in `output/`, its section in `settings/keys.rs` and a row here.
 
+use std::net::SocketAddr;
 use std::slice::from_ref;
 
 use crate::appliance::settings::Settings;
 use crate::output::gesture::ENABLED;
 use crate::output::{self, Output, OutputError, osc};
+use crate::pipeline::Pipeline;
 
 type Opened = Result<Box<dyn Output>, OutputError>;
+type Check = fn(&Settings, &[&str]) -> Result<(), OutputError>;
 
 /// One output.
 pub(crate) struct Row {
@@ -19,12 +22,14 @@ pub(crate) struct Row {
     pub(crate) targets: fn(&Settings) -> &[String],
     /// Opens it; `None` if this build is without it. The names are the units', in the order of the weights.
     open: Option<fn(&Settings, &[&str]) -> Opened>,
+    /// Whether its settings can be used, without sockets, ports or threads.
+    check: Check,
 }
 
-/// A row: `"name" section: enabled, targets => constructor;`, of the settings `s` and the names of the units; `"wires"` behind
+/// A row: `"name" section: enabled, targets => constructor, check;`, the check where there is more to it than the keys' ranges, of the settings `s` and the names of the units; `"wires"` behind
 /// the section where only builds with that feature have it.
 macro_rules! outputs {
-    ($s:ident $units:ident $($name:literal $section:ident $($feature:literal)?: $enabled:expr, $targets:expr => $open:expr;)*) => {
+    ($s:ident $units:ident $($name:literal $section:ident $($feature:literal)?: $enabled:expr, $targets:expr => $open:expr $(, $check:expr)?;)*) => {
         const OUTPUTS: &[Row] = &[$(Row {
             name: $name,
             section: stringify!($section),
@@ -43,16 +48,30 @@ macro_rules! outputs {
                 let open = None;
                 open
             },
+            check: {
+                #[cfg(all($(feature = $feature)?))]
+                let check: Check = |$s, $units| {
+                    let _ = ($s, $units);
+                    $($check?;)?
+                    Ok(())
+                };
+                #[cfg(not(all($(feature = $feature)?)))]
+                let check: Check = |_, _| Err(OutputError::NotBuilt(stringify!($section)));
+                check
+            },
         }),*];
     };
 }
 
 outputs! { s units
-    "OSC" osc: s.osc.enabled, &s.osc.targets => osc::Osc::new(s.osc.clone(), units)?;
+    "OSC" osc: s.osc.enabled, &s.osc.targets => osc::Osc::new(s.osc.clone(), units)?,
+        osc::Osc::over(Box::default(), s.osc.clone(), units);
     "VMC" vmc: s.vmc.enabled, &s.vmc.targets => osc::vmc::Vmc::new(s.vmc.clone(), units)?;
-    "VRChat" vrchat: s.vrchat.enabled, &s.vrchat.targets => osc::vrchat::VrChat::new(s.vrchat.clone(), units)?;
+    "VRChat" vrchat: s.vrchat.enabled, &s.vrchat.targets => osc::vrchat::VrChat::new(s.vrchat.clone(), units)?,
+        osc::vrchat::VrChat::over(Box::default(), s.vrchat.clone(), units);
     "FaceOSC" faceosc: s.faceosc.enabled, &s.faceosc.targets => osc::faceosc::FaceOsc::new(s.faceosc.clone())?;
-    "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => output::serial::Serial::new(&s.serial, units)?;
+    "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => output::serial::Serial::new(&s.serial, units)?,
+        output::serial::Encoder::new(&s.serial, units);
     "Live Link" live_link "wires": s.live_link.enabled, &s.live_link.targets =>
         output::live_link::LiveLink::new(s.live_link.clone(), &s.name, units)?;
     "WebSocket" websocket "wires": s.websocket.enabled, &[] =>
@@ -61,9 +80,10 @@ outputs! { s units
         // It is no place that weights are sent to.
         let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
         output::web::page::open(&s.page, &s.name, &sends, units, &s.gestures)?
-    };
+    }, output::web::page::secret(&s.page);
     "MQTT" mqtt "wires": s.mqtt.enabled, from_ref(&s.mqtt.broker) =>
-        output::mqtt::open(&s.mqtt, &s.name, units, &s.gesture_names())?;
+        output::mqtt::open(&s.mqtt, &s.name, units, &s.gesture_names())?,
+        output::mqtt::check(&s.mqtt);
     "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys_device) =>
         output::keys::Keys::new(&s.keys_device);
 }
@@ -73,16 +93,29 @@ pub(crate) fn enabled(settings: &Settings) -> impl Iterator<Item = &'static Row>
     OUTPUTS.iter().filter(|row| (row.enabled)(settings))
 }
 
-/// Whether this build has every output that is enabled.
+/// Whether this build has every output that is enabled, and it could be opened.
 ///
 /// # Errors
-/// If it is without one.
-pub fn check(settings: &Settings) -> Result<(), OutputError> {
+/// The section that it is without or whose settings cannot be used, and why.
+pub(crate) fn check(settings: &Settings) -> Result<(), (&'static str, OutputError)> {
     if !ENABLED && !settings.gestures.is_empty() {
-        return Err(OutputError::NotBuilt("gesture"));
+        return Err(("gesture", OutputError::NotBuilt("gesture")));
     }
-    let missing = enabled(settings).find(|row| row.open.is_none());
-    missing.map_or(Ok(()), |row| Err(OutputError::NotBuilt(row.section)))
+    let units = Pipeline::unit_names_with(&settings.stages);
+    let units: Vec<&str> = units.iter().map(String::as_str).collect();
+    enabled(settings)
+        .try_for_each(|row| (row.check)(settings, &units).map_err(|problem| (row.section, problem)))
+}
+
+/// Whether both servers of the web would listen at one port of one address.
+pub(crate) fn share_a_port(settings: &Settings) -> bool {
+    let (one, other) = (&settings.websocket, &settings.page);
+    let parsed = [&one.listen, &other.listen].map(|at| at.parse::<SocketAddr>().ok());
+    let [Some(a), Some(b)] = parsed else {
+        return false;
+    };
+    let overlap = a.ip() == b.ip() || a.ip().is_unspecified() || b.ip().is_unspecified();
+    one.enabled && other.enabled && overlap && a.port() == b.port() && a.port() > 0
 }
 
 /// Sections of the outputs that this build is without.
@@ -96,7 +129,7 @@ pub(crate) fn open(
     settings: &Settings,
     units: &[&str],
 ) -> Result<Vec<Box<dyn Output>>, OutputError> {
-    check(settings)?;
+    check(settings).map_err(|(_, problem)| problem)?;
     let open = enabled(settings).filter_map(|row| row.open);
     open.map(|open| open(settings, units)).collect()
 }

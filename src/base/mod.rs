@@ -1,6 +1,8 @@
 //! The foundation of all other modules: capacities, geometry, time, and small tools the standard library lacks.
 
 #[cfg(feature = "std")]
+pub(crate) mod atomic_write;
+#[cfg(feature = "std")]
 pub(crate) mod bounded_read;
 pub mod capacity;
 pub mod checksum;

@@ -7,7 +7,8 @@
 //! ```
 //! Little-endian throughout; floats are IEEE 32-bit. Sections may stand in any order, unknown ones are skipped. The
 //! checksum is also the model's id. A file is believed only if length and checksum are right, and even then every count
-//! is checked against the bytes that are there, so that parsing cannot panic or ask for more memory than the file is long.
+//! is checked against the bytes that are there, so that parsing cannot panic or ask for more memory than the file is long,
+//! and every number against what it can mean, so that stages built from a model cannot either.
 //! What is written and what is read stand side by side, section by section.
 
 use alloc::borrow::Cow;
@@ -31,6 +32,12 @@ pub const MAGIC: [u8; 8] = *b"MIENFACE";
 pub const VERSION: u32 = 3;
 /// The oldest version that is read.
 const OLDEST: u32 = 2;
+/// Largest coordinate of a head, from between the eyes, metres: what is prepared grows with its extent.
+const HEAD_M: f32 = 0.3;
+/// Most points of the standard head: three times ours.
+const MAX_HEAD_POINTS: usize = 8192;
+/// Largest coordinate of a direction, with what rounding adds.
+const UNIT: f32 = 1.001;
 const HEADER: usize = 20;
 const CHECKSUM: usize = 4;
 
@@ -133,9 +140,10 @@ fn next_section<'a>(rest: &mut Reader<'a>) -> Result<(&'a [u8], &'a [u8]), Model
 
 fn parse_shape(mut reader: Reader) -> Result<ShapeModel, ModelError> {
     let modes = reader.count(4, 0..=MAX_MODES, "at most 48 shape modes")?;
-    let mean = reader.vectors(LANDMARKS)?;
-    let deviations = reader.positive(modes, "deviations above 0")?;
-    let modes = reader.floats(modes * 3 * LANDMARKS)?;
+    let mean = reader.vectors_within(LANDMARKS, HEAD_M, "points of a head, within 0.3 m")?;
+    let deviations = reader.positive_up_to(modes, 1.0, "deviations above 0, up to 1 m")?;
+    let expected = "modes of length 1";
+    let modes = reader.floats_within(modes * 3 * LANDMARKS, UNIT, expected)?;
     reader.end()?;
     Ok(ShapeModel {
         mean: mean.into_iter().map(Point::from).collect(),
@@ -145,9 +153,9 @@ fn parse_shape(mut reader: Reader) -> Result<ShapeModel, ModelError> {
 }
 
 fn parse_head(mut reader: Reader) -> Result<Vec<(Point, Vector)>, ModelError> {
-    let count = reader.count(4, 1..=1_000_000, "one to a million points")?;
-    let points = reader.vectors(count)?;
-    let normals = reader.vectors(count)?;
+    let count = reader.count(4, 1..=MAX_HEAD_POINTS, "1 to 8192 points")?;
+    let points = reader.vectors_within(count, HEAD_M, "points of a head, within 0.3 m")?;
+    let normals = reader.vectors_within(count, UNIT, "normals of length 1")?;
     reader.end()?;
     let points = points.into_iter().map(Point::from);
     Ok(points.zip(normals).collect())
@@ -167,7 +175,7 @@ fn parse_stages<'a>(
             "a row for each parameter of the view and at most one for each shape mode",
         )?;
         stages.push(CascadeStage {
-            cell_px: reader.floats(1)?[0],
+            cell_px: reader.cell_px()?,
             mean: reader.floats(FEATURES)?,
             weights: {
                 let weights = reader.take(rows * FEATURES)?;
@@ -187,7 +195,7 @@ fn parse_stages<'a>(
 
 fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
     let model = ConfidenceModel {
-        cell_px: reader.floats(1)?[0],
+        cell_px: reader.cell_px()?,
         mean: reader.floats(FEATURES)?,
         weights: reader.floats(FEATURES)?,
         landmark: reader.floats(LANDMARK_SIGNS * LANDMARKS)?,
@@ -334,7 +342,7 @@ mod tests {
         let shape = ShapeModel {
             mean: vectors(floats(3 * LANDMARKS))
                 .into_iter()
-                .map(Point::from)
+                .map(|v| Point::from(v * 0.5))
                 .collect(),
             modes: floats(2 * 3 * LANDMARKS).as_chunks().0.to_vec(),
             deviations: vec![0.2, 0.1],
@@ -366,7 +374,9 @@ mod tests {
             face: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
         }
         .into();
-        let points = vectors(floats(30)).into_iter().map(Point::from);
+        let points = vectors(floats(30))
+            .into_iter()
+            .map(|v| Point::from(v * 0.5));
         model.standard_head = points.zip(vectors(floats(30))).collect();
         model.paper_aam = vec![1, 2, 3].into();
         model
@@ -456,6 +466,16 @@ mod tests {
             let checksum = crc32(&bad[..body]);
             bad[body..].copy_from_slice(&checksum.to_le_bytes());
             let _ = FaceModel::read(&bad);
+        }
+        // A head that is none, behind a right checksum.
+        for (odd, part) in [(1e6, "within 0.3 m"), (1e3, "0.3 m"), (f32::NAN, "0.3 m")] {
+            let mut model = example();
+            model.standard_head[3].0.x = odd;
+            let told = FaceModel::read(&emit(&model)).unwrap_err().to_string();
+            assert!(told.contains(part), "{told}");
+            let mut model = example();
+            model.shape.deviations[0] = odd;
+            assert!(FaceModel::read(&emit(&model)).is_err());
         }
     }
 

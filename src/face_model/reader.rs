@@ -4,7 +4,7 @@ use super::error::ModelError;
 use crate::base::geometry::Vector;
 use crate::base::prelude::*;
 
-/// Largest number that must be above 0: deviations, units, distances.
+/// Largest number of any kind: deviations, units, distances, weights.
 const LARGEST: f32 = 1e6;
 
 /// What is left of a section.
@@ -59,9 +59,9 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Finite numbers.
+    /// Finite numbers of a size that sums of them stay finite.
     pub(crate) fn floats(&mut self, count: usize) -> Result<Vec<f32>, ModelError> {
-        self.floats_that(count, "finite numbers", f32::is_finite)
+        self.floats_within(count, LARGEST, "finite numbers within a million")
     }
 
     /// Numbers no larger than `most` either way.
@@ -80,12 +80,35 @@ impl<'a> Reader<'a> {
         count: usize,
         expected: &'static str,
     ) -> Result<Vec<f32>, ModelError> {
-        self.floats_that(count, expected, |value| value > 0.0 && value <= LARGEST)
+        self.positive_up_to(count, LARGEST, expected)
     }
 
-    /// Finite vectors.
-    pub(crate) fn vectors(&mut self, count: usize) -> Result<Vec<Vector>, ModelError> {
-        Ok(vectors(&self.floats(count.saturating_mul(3))?))
+    /// Numbers above 0 and no larger than `most`.
+    pub(crate) fn positive_up_to(
+        &mut self,
+        count: usize,
+        most: f32,
+        expected: &'static str,
+    ) -> Result<Vec<f32>, ModelError> {
+        self.floats_that(count, expected, |value| value > 0.0 && value <= most)
+    }
+
+    /// Vectors whose coordinates are no larger than `most` either way.
+    pub(crate) fn vectors_within(
+        &mut self,
+        count: usize,
+        most: f32,
+        expected: &'static str,
+    ) -> Result<Vec<Vector>, ModelError> {
+        let coordinates = self.floats_within(count.saturating_mul(3), most, expected)?;
+        Ok(vectors(&coordinates))
+    }
+
+    /// Distance of neighbouring cells of a patch, pixels.
+    pub(crate) fn cell_px(&mut self) -> Result<f32, ModelError> {
+        let expected = "cells 0.1 to 64 pixels apart";
+        let cell = self.floats_that(1, expected, |cell| (0.1..=64.0).contains(&cell))?;
+        Ok(cell[0])
     }
 
     /// Nothing may be left.

@@ -29,6 +29,8 @@ pub struct Rows {
     measures: usize,
     units: usize,
     gestures: usize,
+    /// Pixels of the camera to one of the frame, along each side: of depth, and of pictures.
+    reduced: [usize; 2],
 }
 
 impl Rows {
@@ -53,6 +55,7 @@ impl Rows {
             measures: measures.len(),
             units: units.len(),
             gestures: gestures.len(),
+            reduced: [1; 2],
         }
     }
 
@@ -103,11 +106,15 @@ impl Rows {
         (0..4).for_each(|i| self.number(turn.map(|turn| turn[i]), FINE));
 
         let face = report.state.has_face();
+        let [of_depth, of_picture] = self.reduced;
+        let middle = (of_picture - 1) as f32 * 0.5;
+        let own = |pixel: f32| pixel * of_picture as f32 + middle;
         let points =
             |value: &dyn Fn(&Landmarks) -> f32| report.landmarks.filter(|_| face).map(value);
         for i in 0..LANDMARKS {
-            self.number(points(&|face| face.pixels[i][0]), COARSE);
-            self.number(points(&|face| face.pixels[i][1]), COARSE);
+            for axis in 0..2 {
+                self.number(points(&|face| own(face.pixels[i][axis])), COARSE);
+            }
         }
         for i in 0..LANDMARKS {
             self.number(points(&|face| face.point_confidence[i]), COARSE);
@@ -121,8 +128,9 @@ impl Rows {
             self.number(weight, FINE);
         }
         let sides = report.head_box.filter(|_| present);
-        let sides = sides.map(|r| [r.x0, r.y0, r.x1, r.y1]);
-        (0..BOX.len()).for_each(|i| self.number(sides.map(|sides| sides[i].into()), 0));
+        let sides =
+            sides.map(|r| [r.x0, r.y0, r.x1, r.y1].map(|side| u32::from(side) * of_depth as u32));
+        (0..BOX.len()).for_each(|i| self.number(sides.map(|sides| sides[i] as f32), 0));
         for i in 0..self.gestures {
             let is_on = report.gestures >> i & 1 == 1;
             self.row.push_str(if is_on { ",1" } else { ",0" });
@@ -160,6 +168,12 @@ impl<W: Write> Csv<W> {
         csv.write_row()?;
         csv.tally = Tally::of("csv");
         Ok(csv)
+    }
+
+    /// Points and boxes in the pixels of a camera whose depth and picture were reduced by these numbers.
+    pub fn of_reduced(mut self, reduced: [usize; 2]) -> Self {
+        self.rows.reduced = reduced;
+        self
     }
 
     fn write_row(&mut self) -> Result<(), OutputError> {

@@ -4,6 +4,8 @@
 #[cfg(feature = "wires")]
 use super::OutputError;
 use super::View;
+#[cfg(feature = "wires")]
+use crate::base::bounded_read;
 use crate::base::defaults;
 
 defaults! {
@@ -76,6 +78,10 @@ defaults! {
     }
 }
 
+/// Largest password file, bytes.
+#[cfg(feature = "wires")]
+const PASSWORD_MOST: usize = 4096;
+
 /// The first line of a password file; `None` if no file is named.
 ///
 /// # Errors
@@ -85,7 +91,8 @@ pub(super) fn password(path: &str) -> Result<Option<String>, OutputError> {
     if path.is_empty() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(path);
+    let text = bounded_read::regular(path.as_ref(), PASSWORD_MOST);
     let text = text.map_err(|error| OutputError::Password(path.to_owned(), error))?;
+    let text = String::from_utf8_lossy(&text);
     Ok(Some(text.lines().next().unwrap_or_default().to_owned()))
 }

@@ -29,6 +29,8 @@ const SPEECH_S: f64 = 1.2;
 const QUIET_S: f64 = 0.4;
 /// Somebody who speaks still makes a gesture at this multiple of its upper level: a broad smile is no speech.
 const SURE: f32 = 2.0;
+/// Least and greatest upper level.
+pub const LEVELS: [f32; 2] = [0.01, 8.0];
 /// The state of every gesture is repeated at this interval, for receivers that missed a change.
 const REPEAT_S: f64 = 2.0;
 
@@ -362,9 +364,10 @@ impl Gestures {
         self.speech = Default::default();
     }
 
-    /// Moves the levels of a gesture, until the configuration is read again.
+    /// Moves the levels of a gesture, until the configuration is read again; within what a configuration may say.
     pub fn set_level(&mut self, index: usize, on: f32) {
         if let Some(Made { gesture, .. }) = self.all.get_mut(index).filter(|_| on > 0.0) {
+            let on = on.clamp(LEVELS[0], LEVELS[1]);
             gesture.off *= on / gesture.on;
             gesture.on = on;
         }
@@ -412,6 +415,8 @@ mod tests {
         gestures.set_level(7, 1.0);
         let Gesture { on, off, .. } = gestures.all[0].gesture;
         assert_eq!((on, off), (0.55, 0.35));
+        gestures.set_level(0, 655.35);
+        assert_eq!(gestures.all[0].gesture.on, 8.0);
     }
 
     fn smile(person: Person) -> Gesture {

@@ -2,7 +2,7 @@
 //! allowance that fills again. How long the end of an output may take, whose thread may still send the messages that report
 //! nobody, but no more.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -83,6 +83,16 @@ impl<T> Listening<T> {
     }
 }
 
+/// Whether an address is one of this machine or of its networks.
+pub(super) fn is_near(address: IpAddr) -> bool {
+    match address.to_canonical() {
+        IpAddr::V4(four) => four.is_loopback() || four.is_private() || four.is_link_local(),
+        IpAddr::V6(six) => {
+            six.is_loopback() || six.is_unique_local() || six.is_unicast_link_local()
+        }
+    }
+}
+
 /// A token bucket: so many at once, then one more every `each`.
 #[derive(Clone, Copy)]
 pub(crate) struct Allowance {
@@ -104,6 +114,11 @@ impl Allowance {
     /// Of commands from one sender.
     pub(super) const fn of_commands(now: Instant) -> Self {
         Self::new(16, Duration::from_millis(250), now)
+    }
+
+    /// Of commands from all senders together: an address costs nothing.
+    pub(super) const fn of_all_commands(now: Instant) -> Self {
+        Self::new(32, Duration::from_millis(125), now)
     }
 
     /// Whether there is one left.

@@ -98,6 +98,19 @@ defaults! {
 }
 
 impl Tally {
+    /// The sums of both, of which `later` tells whether there is a destination.
+    #[cfg(feature = "std")]
+    pub(crate) fn plus(self, later: Self) -> Self {
+        let [a, b] = [self.commands, later.commands];
+        Self {
+            sent: self.sent + later.sent,
+            dropped: self.dropped + later.dropped,
+            not_numbers: self.not_numbers + later.not_numbers,
+            commands: [a[0] + b[0], a[1] + b[1]],
+            ..later
+        }
+    }
+
     /// Empty.
     fn of(name: &'static str) -> Self {
         Self {
@@ -187,6 +200,23 @@ pub enum OutputError {
     #[cfg(feature = "std")]
     #[error("cannot start a thread for an output: {0}; is there a limit on memory or tasks?")]
     Thread(std::io::Error),
+}
+
+impl OutputError {
+    /// Key of its section that it is about; empty for the section as a whole.
+    #[cfg(feature = "std")]
+    pub(crate) fn key(&self) -> &'static str {
+        match self {
+            Self::Listen(_) => "listen",
+            Self::Target(_) => "target",
+            Self::Prefix(_) => "prefix",
+            Self::Unit(_) => "units",
+            Self::Password(..) => "password_file",
+            Self::Certificates(..) => "ca_file",
+            Self::NotBuilt(_) => "enabled",
+            _ => "",
+        }
+    }
 }
 
 /// Decides when something that is repeated is due again, by capture time.

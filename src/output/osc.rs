@@ -50,7 +50,7 @@ use packet::Argument;
 #[cfg(feature = "wires")]
 pub(super) use wire::Sender;
 use wire::Wire;
-pub use wire::{Datagrams, Targets};
+pub use wire::{Datagrams, Targets, is_prefix};
 
 /// Interval at which the names of the units are repeated, for receivers that join later; seconds.
 const SCHEMA_PERIOD_S: f64 = 5.0;
@@ -87,6 +87,8 @@ defaults! {
         pub ranges: bool = false,
         /// Whether commands are accepted.
         pub commands: bool = true,
+        /// Whether one of them may move the levels of gestures.
+        pub levels: bool = false,
         /// Where commands are received, `address:port`.
         pub listen: String = "127.0.0.1:9131".to_owned(),
         /// How faces and units are shown.
@@ -134,7 +136,16 @@ impl Osc {
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let commands = settings
             .commands
-            .then(|| Listener::open(&settings.listen, &settings.prefix))
+            .then(|| {
+                let Settings {
+                    listen,
+                    prefix,
+                    targets,
+                    levels,
+                    ..
+                } = &settings;
+                Listener::open(listen, prefix, targets, *levels)
+            })
             .transpose()?;
         let mut osc = Self::over(udp::open(&settings.targets)?, settings, units)?;
         osc.commands = commands;

@@ -2,6 +2,7 @@
 
 mod follower;
 mod people;
+mod rebuild;
 mod settings;
 mod stage;
 mod stages;

@@ -103,6 +103,15 @@ fn each_expected(tasks: &mut [Task<'_>], now: &mut Now<'_>, cloud: &mut HeadClou
     }
 }
 
+/// What of one person's stages depends on neither model nor pose.
+pub(super) fn learning(settings: &Settings, units: &Arc<Units>) -> (Expression, Presence) {
+    let users = &settings.users;
+    (
+        Expression::new(settings.learning, units.clone()),
+        Presence::new(users.hold_s, users.forget_s),
+    )
+}
+
 /// Whether a user is compared again after this many frames of learning their head.
 fn is_looked_at(learned: u64) -> bool {
     learned > SECOND_LOOK && learned <= LAST_LOOK && learned.is_multiple_of(LOOK_STEP)
@@ -117,14 +126,16 @@ impl People {
         let pose = PoseTracker::new(settings.pose, &model.standard_head)?;
         let units = Arc::new(Units::shipped());
         let follower = |_| {
+            let (expression, presence) = learning(settings, &units);
+            let landmarks = LandmarkStage::new(settings.landmarks, model)?;
             Ok(Follower::new(
                 pose.another(),
-                LandmarkStage::new(settings.landmarks, model)?,
-                Expression::new(settings.learning, units.clone()),
-                Presence::new(settings.users.hold_s, settings.users.forget_s),
+                landmarks,
+                expression,
+                presence,
             ))
         };
-        Ok(Self {
+        let mut people = Self {
             followers: (0..=CANDIDATE)
                 .map(follower)
                 .collect::<Result<_, PipelineError>>()?,
@@ -137,11 +148,10 @@ impl People {
             count: 0,
             at: Timestamp::default(),
             clouds: Default::default(),
-            second: (settings.second_core && settings.users.most > 1)
-                .then(SecondCore::start)
-                .flatten()
-                .map(|core| (core, Scratch::default())),
-        })
+            second: None,
+        };
+        people.share(settings);
+        Ok(people)
     }
 
     /// Runs everybody's stages, on the heads of the segmented frame where they are needed.

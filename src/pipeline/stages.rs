@@ -13,8 +13,9 @@ use crate::base::capacity::{REMEMBERED, USERS};
 use crate::base::time::Timestamp;
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
+use crate::expression::units::Units;
 use crate::face_model::FaceModel;
-use crate::landmarks::{Scratch, StageSettings};
+use crate::landmarks::{LandmarkStage, Scratch, StageSettings};
 use crate::output::{Command, Report};
 use crate::pose;
 use crate::segment::Segmenter;
@@ -117,6 +118,13 @@ impl Pipeline {
         Measure::ALL.iter().map(|measure| measure.name()).collect()
     }
 
+    /// Names that the units have with these settings, in the order of [`Report::weights`].
+    pub fn unit_names_with(settings: &Settings) -> Vec<String> {
+        let expression = Expression::new(settings.learning, Units::shipped());
+        let names = expression.unit_names().iter();
+        names.map(|name| name.as_str().to_owned()).collect()
+    }
+
     /// Names of the units, in the order of [`Report::weights`].
     pub fn unit_names(&self) -> Vec<&str> {
         let names = self.expression(0).unit_names().iter();
@@ -142,15 +150,28 @@ impl Pipeline {
         }
     }
 
-    /// People who left, longest gone first, and those present, as if they left now; nobody if none are remembered.
-    pub fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
+    /// People who left, longest gone first, and those present, as if they left now; of them those not gone too long by then, and
+    /// nobody if none are remembered.
+    pub fn people(&self, now: Timestamp) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
+        let most_s = f64::from(self.people.settings.remember_s);
         let users = self.people.followers[..USERS].iter().enumerate();
         let known =
             users.filter(|(_, user)| user.is_taken() && user.pose.learned_frames() >= FIRST_LOOK);
         let there = known.map(|(slot, user)| user.gone(slot));
         let all = self.people.memory.gone().iter().cloned().chain(there);
-        all.take_while(|_| self.people.settings.remember_s > 0.0)
+        all.filter(|gone| most_s > 0.0 && gone.away_s(now) <= most_s)
             .collect()
+    }
+
+    /// Forgets who is gone for too long by now, as each frame does by its own time.
+    pub fn forget_older(&mut self, now: Timestamp) {
+        let most_s = self.people.settings.remember_s.into();
+        self.people.memory.forget_older(now, most_s);
+    }
+
+    /// As if everybody remembered had left so much earlier, seconds.
+    pub fn age(&mut self, seconds: f64) {
+        self.people.memory.age(seconds);
     }
 
     /// Remembers people of an earlier run.
@@ -160,23 +181,28 @@ impl Pipeline {
             .for_each(|gone| self.people.memory.keep(gone));
     }
 
-    /// Takes over what another pipeline knows about its users, as when settings change during a run; their poses and faces
-    /// too, if it is not there that the settings differ.
-    pub fn adopt(&mut self, before: &mut Self) {
-        let goes_on = self.settings == before.settings && self.camera == before.camera;
-        let (people, before) = (&mut self.people, &mut before.people);
-        let before_users = before.followers.iter_mut().take(CANDIDATE);
-        for (follower, before) in people.followers.iter_mut().zip(before_users) {
-            if before.is_taken() {
-                follower.adopt(before);
-                if goes_on {
-                    core::mem::swap(&mut follower.pose, &mut before.pose);
-                    core::mem::swap(&mut follower.landmarks, &mut before.landmarks);
-                }
-            }
-        }
-        people.memory = before.memory.clone();
-        people.choice.adopt(&before.choice);
+    /// Whether [`Pipeline::new`] would succeed, for one person.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn check(settings: &Settings, model: &FaceModel) -> Result<(), PipelineError> {
+        pose::PoseTracker::new(settings.pose, &model.standard_head)?;
+        LandmarkStage::new(settings.landmarks, model)?;
+        Ok(())
+    }
+
+    /// Takes other settings during a run. Stages are replaced one after the other, so that only one person's exist twice at
+    /// a time. Users stay, with their poses and faces too unless the settings differ there.
+    ///
+    /// # Errors
+    /// As [`Pipeline::new`]; nothing has changed then.
+    pub fn rebuild(&mut self, settings: &Settings, model: &FaceModel) -> Result<(), PipelineError> {
+        let of_stages = (settings.pose, settings.landmarks);
+        self.people
+            .rebuild(settings, model, of_stages != self.settings)?;
+        self.segmenter.set(settings.segment);
+        self.settings = of_stages;
+        Ok(())
     }
 
     /// The frames now come from another camera.
@@ -288,9 +314,10 @@ mod tests {
             }
             settings.learning.half_life_s += 1.0;
             settings.pose.rounds += rounds;
-            let mut after = Pipeline::new(&settings, sensor.camera(), &FaceModel::shipped())
+            let mut after = before;
+            after
+                .rebuild(&settings, &FaceModel::shipped())
                 .expect("a pipeline");
-            after.adopt(&mut before);
             sensor.next_frame(&mut frame);
             let mut segmented = 0;
             after.follow_by_stage(&frame, |stage| {

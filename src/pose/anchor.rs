@@ -19,6 +19,8 @@ use crate::base::prelude::*;
 const CELL_M: f32 = 0.004;
 /// Distance from the surface up to which points are looked up, metres.
 pub(crate) const MARGIN_M: f32 = 0.040;
+/// Most cells of the grid, ten times those of a head.
+const MOST_CELLS: usize = 1 << 22;
 /// Neighbours of a point on the surface, for rim and smoothing.
 pub(crate) const NEIGHBOURS: usize = 8;
 /// A gap between neighbours wider than this angle means that the surface ends there.
@@ -26,6 +28,8 @@ const RIM_GAP_RAD: f32 = 2.2;
 /// The fine surface: distance between points, metres; parts per edge; largest distance between corners, metres.
 const FINE_M: f32 = 0.0015;
 const PARTS: u32 = 4;
+/// Points of it that wait to be compared with the others.
+const FINE_AT_ONCE: usize = 1 << 16;
 const NEIGHBOUR_M: f32 = 0.012;
 /// No point near.
 const NOWHERE: u16 = u16::MAX;
@@ -103,7 +107,7 @@ pub struct Anchor {
 
 impl Anchor {
     /// Prepares points and outward unit normals (head frame, metres). `None` with fewer than [`MIN_PAIRS`] or more than
-    /// 65,534 points, or when a coordinate is not finite.
+    /// 65,534 points, when a coordinate is not finite, or when they extend farther than any head.
     pub fn new(standard_head: &[(Point, Vector)]) -> Option<Self> {
         let points: Vec<Point> = standard_head.iter().map(|(p, _)| *p).collect();
         let normals: Vec<Vector> = standard_head.iter().map(|(_, n)| *n).collect();
@@ -122,6 +126,10 @@ impl Anchor {
         let margin = Vector::repeat(MARGIN_M);
         let (low, high) = (low - margin, high + margin);
         let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / CELL_M).ceil() as usize + 1);
+        let cells = size.iter().try_fold(1_usize, |n, &k| n.checked_mul(k));
+        if cells.is_none_or(|cells| cells > MOST_CELLS) {
+            return None;
+        }
         let mut grid = vec![NOWHERE; size[0] * size[1] * size[2]];
         for (cell, slot) in grid.iter_mut().enumerate() {
             let (column, row) = (cell % size[0], cell / size[0] % size[1]);
@@ -164,9 +172,19 @@ impl Anchor {
     /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it moves in jumps.
     pub(crate) fn fine_surface(&self) -> Surface {
         let place = |p: &Point| p.coords.map(|c| (c / FINE_M).floor() as i32);
+        // Most places are met many times: each is kept once, the first one, and others go before they become many.
         let mut fine: Vec<([i32; 3], Between)> = Vec::new();
+        let thin = |fine: &mut Vec<([i32; 3], Between)>| {
+            fine.sort_by_key(|(cell, _)| *cell);
+            fine.dedup_by_key(|(cell, _)| *cell);
+        };
+        let mut most = FINE_AT_ONCE;
         let near = |a: usize, b: usize| (self.points[a] - self.points[b]).norm() < NEIGHBOUR_M;
         for (i, beside) in self.neighbours.iter().enumerate() {
+            if fine.len() > most {
+                thin(&mut fine);
+                most = fine.len() + FINE_AT_ONCE;
+            }
             for (n, &j) in beside.iter().enumerate() {
                 for &k in &beside[n + 1..] {
                     let corners = [i as u16, j, k];
@@ -185,8 +203,7 @@ impl Anchor {
                 }
             }
         }
-        fine.sort_by_key(|(cell, _)| *cell);
-        fine.dedup_by_key(|(cell, _)| *cell);
+        thin(&mut fine);
         Surface(fine.into_iter().map(|(_, between)| between).collect())
     }
 

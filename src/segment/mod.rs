@@ -72,6 +72,11 @@ impl Segmenter {
         }
     }
 
+    /// Other settings from the next frame on.
+    pub fn set(&mut self, settings: Settings) {
+        self.settings = settings;
+    }
+
     /// Forgets the last frame.
     pub fn reset(&mut self) {
         self.kmeans.reset();

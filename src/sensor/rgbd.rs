@@ -19,7 +19,7 @@ mod calibration;
 use std::path::{Path, PathBuf};
 
 use super::camera::{Camera, Picture, Pinhole, RANGE_M};
-use super::picture_file::{Damage, PictureFile, RecordingError, Skipped, nearest};
+use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
 use super::{Frame, NO_DEPTH};
 use crate::base::bounded_read;
 use crate::base::capacity::{HEIGHT, WIDTH};
@@ -94,6 +94,9 @@ pub struct Rgbd {
     picture: Stream,
     /// Raw depth by what a file says.
     raw: Box<[u16]>,
+    metres_per_unit: f32,
+    /// Whether that was looked at.
+    scaled: bool,
     /// Value of a 16-bit picture that is shown as white.
     white: u32,
     path: PathBuf,
@@ -118,7 +121,14 @@ impl Rgbd {
             Ok(false) => String::new(),
             _ => text("rgb.txt", LIST_MOST)?,
         };
-        let index = Index::parse(&text("depth.txt", LIST_MOST)?, &pictures);
+        let depths = text("depth.txt", LIST_MOST)?;
+        if let Some(problem) = misread_times(&depths) {
+            return Err(RecordingError(folder.join("depth.txt"), problem));
+        }
+        let index = Index::parse(&depths, &pictures);
+        if let Some(problem) = index.apart() {
+            tracing::warn!("{}: {problem}", folder.join("rgb.txt").display());
+        }
         if index.depth.is_empty() {
             return Err(RecordingError(folder.join("depth.txt"), "names no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?".into()));
         }
@@ -139,6 +149,7 @@ impl Rgbd {
             },
         );
         let raw = raw_values(&camera, depth.metres_per_unit);
+        let metres_per_unit = depth.metres_per_unit;
         let [depth, of_picture] = streams;
         Ok(Self {
             // Long enough for any name, so that no frame makes it grow.
@@ -152,7 +163,14 @@ impl Rgbd {
             white: picture.white,
             picture: of_picture,
             raw,
+            metres_per_unit,
+            scaled: false,
         })
+    }
+
+    /// Pixels of the files to one of the frames, along each side: of depth, and of pictures.
+    pub fn reduced(&self) -> [usize; 2] {
+        [self.depth.reduced, self.picture.reduced]
     }
 
     /// Frames skipped so far because a file of theirs is damaged or missing.
@@ -199,6 +217,12 @@ impl Rgbd {
         if pixels.channels != 1 || !pixels.wide {
             return Err(Damage::Kind("grey of 16 bit, as depth is"));
         }
+        if !std::mem::replace(&mut self.scaled, true)
+            && let Some(problem) = misread_depth(&pixels, self.metres_per_unit)
+        {
+            let file = self.folder.join("camera.json");
+            tracing::warn!("{}: {problem}", file.display());
+        }
         frame.depth.fill(NO_DEPTH);
         for row in 0..rows {
             let from = (row * reduced + reduced / 2) * width + reduced / 2;
@@ -239,24 +263,102 @@ struct Entry {
 struct Index {
     depth: Vec<Entry>,
     pictures: Vec<Entry>,
+    /// Time of the first picture, since the first depth picture.
+    picture_start: Option<i64>,
 }
 
-/// Time and name of every line that is no comment.
-fn lines(text: &str) -> impl Iterator<Item = (Option<i64>, &str)> {
+/// Time and name of every line that is no comment, as they stand.
+fn words(text: &str) -> impl Iterator<Item = (&str, &str)> {
     let lines = text.lines().map(str::trim);
     let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
-    lines.map(|line| {
-        let (time, name) = line.split_once(char::is_whitespace).unwrap_or(("", line));
+    lines.map(|line| line.split_once(char::is_whitespace).unwrap_or(("", line)))
+}
+
+/// Units of time that lists are written in by mistake, and how many of them are a second.
+const OTHER_UNITS: [(&str, f64); 3] = [
+    ("nanoseconds", 1e9),
+    ("microseconds", 1e6),
+    ("milliseconds", 1e3),
+];
+/// Pictures are never so far apart, seconds: nobody is followed from one to the next.
+const FARTHEST_S: f64 = 4.0;
+/// Share of the measured depth that must be in the range of depth cameras, and of the depth pictures that have another one.
+const IN_RANGE: f32 = 0.2;
+const PAIRED: f64 = 0.1;
+
+/// What times of a list are instead of seconds, if that can be told from them.
+fn misread_times(text: &str) -> Option<String> {
+    if let Some((time, _)) = words(text).find(|(time, _)| {
+        let split = time.split_once(',');
+        split.is_some_and(|(a, b)| a.parse::<u64>().is_ok() && b.parse::<u64>().is_ok())
+    }) {
+        return Some(format!(
+            "expected seconds with a decimal point, found {time:?}; replace the commas"
+        ));
+    }
+    let times = words(text).filter_map(|(time, _)| time.parse::<f64>().ok());
+    let times: Vec<f64> = times.filter(|time| time.is_finite()).collect();
+    let mut apart: Vec<f64> = times.windows(2).map(|two| two[1] - two[0]).collect();
+    apart.sort_unstable_by(f64::total_cmp);
+    let apart = *apart.get(apart.len() / 2)?;
+    let (unit, second) = OTHER_UNITS
+        .into_iter()
+        .find(|(_, second)| apart / second >= 1e-3 && apart >= FARTHEST_S)?;
+    Some(format!(
+        "expected seconds, found times {apart} apart, which look like {unit}; divide them by {second}"
+    ))
+}
+
+/// What the scale of a depth picture is instead of its camera's, if that can be told from it.
+fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
+    let values = pixels
+        .body
+        .as_chunks::<2>()
+        .0
+        .iter()
+        .map(|two| u16::from_be_bytes(*two));
+    let mut values: Vec<u16> = values.filter(|&value| value > 0).collect();
+    let metres = |value: u16| f32::from(value) * metres_per_unit;
+    let inside = values
+        .iter()
+        .filter(|&&value| (RANGE_M[0]..=RANGE_M[1]).contains(&metres(value)));
+    let inside = inside.count() as f32 / values.len().max(1) as f32;
+    if inside >= IN_RANGE || values.is_empty() {
+        return None;
+    }
+    values.sort_unstable();
+    let (median, percent) = (values[values.len() / 2], inside * 100.0);
+    Some(format!(
+        "by metres_per_unit {metres_per_unit} the middle of the first depth picture is {:.2} m away, and {percent:.0} % of it within {} to {} m; is it 0.001 for millimetres, or 0.0002 as TUM's?",
+        metres(median),
+        RANGE_M[0],
+        RANGE_M[1]
+    ))
+}
+
+/// Time in µs and name of every line that is no comment.
+fn lines(text: &str) -> impl Iterator<Item = (Option<i64>, &str)> {
+    words(text).map(|(time, name)| {
         let seconds = time.parse().ok().filter(|s: &f64| s.abs() < 1e11);
         // A recording names files of its own.
         let name = name.trim();
         let inside = !name.starts_with('/') && name.split(['/', '\\']).all(|part| part != "..");
-        let seconds = seconds.filter(|_| inside);
+        let seconds: Option<f64> = seconds.filter(|_| inside);
         (seconds.map(|s| (s * 1e6).round() as i64), name)
     })
 }
 
 impl Index {
+    /// What keeps the two lists from going together, if hardly any depth picture has another one.
+    fn apart(&self) -> Option<String> {
+        let paired = self.depth.iter().filter(|entry| entry.picture.is_some());
+        let enough = paired.count() as f64 >= PAIRED * self.depth.len() as f64;
+        let seconds = self.picture_start? as f64 * 1e-6;
+        (!enough).then(|| {
+            format!("hardly any picture is at the time of one in depth.txt; its times begin {seconds:.3} s after those: are both by the same clock? Heads are followed by depth alone")
+        })
+    }
+
     fn parse(depth: &str, pictures: &str) -> Self {
         let start = lines(depth).find_map(|(time, _)| time).unwrap_or(0);
         let list = |text: &str| {
@@ -291,6 +393,7 @@ impl Index {
             picture: time.and_then(partner),
         };
         Self {
+            picture_start: others.first().map(|other| other.0),
             depth: depth.into_iter().map(entry).collect(),
             pictures: pictures.into_iter().map(entry).collect(),
         }
@@ -320,5 +423,31 @@ mod tests {
         ];
         assert_eq!(known, expected);
         assert!(Index::parse("", "").depth.is_empty());
+        assert_eq!(index.apart(), None);
+        let told = Index::parse("10.0 d/0\n10.033 d/1\n", "900.5 r/0\n").apart();
+        assert!(told.expect("two clocks").contains("begin 890.500 s after"));
+    }
+
+    #[test]
+    fn times_that_are_no_seconds_are_named() {
+        let list = |first: f64, apart: f64| -> String {
+            (0..5)
+                .map(|k| format!("{} d/{k}\n", first + apart * f64::from(k)))
+                .collect()
+        };
+        for (first, apart, unit) in [
+            (0.0, 33.0, "milliseconds"),
+            (1_763_720_000_000.0, 33.0, "milliseconds"),
+            (0.0, 33_333.0, "microseconds"),
+            (1.76e18, 33_333_333.0, "nanoseconds"),
+        ] {
+            let told = misread_times(&list(first, apart)).expect(unit);
+            assert!(told.contains(unit), "{told}");
+        }
+        let told = misread_times("10,033 d/0\n10,066 d/1\n").expect("commas");
+        assert!(told.contains("decimal point, found \"10,033\""), "{told}");
+        for (first, apart) in [(1_305_031_102.16, 0.033), (0.0, 1.0), (0.0, 0.004)] {
+            assert_eq!(misread_times(&list(first, apart)), None);
+        }
     }
 }

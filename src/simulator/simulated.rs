@@ -57,16 +57,23 @@ impl Simulated {
     /// # Errors
     /// If there is no scene of that name.
     pub fn new(scene: Option<&str>) -> Result<Self, UnknownScene> {
-        let scene = match scene {
-            None => Scene::Demo,
-            Some(name) => Scene::named(name).ok_or_else(|| UnknownScene(name.to_owned()))?,
-        };
+        let scene = Self::scene(scene)?;
         let simulator = Simulator::new(HeadAsset::shipped(), scene, SEED);
         Ok(Self::from(if scene == Scene::Demo {
             simulator.dressed([Look::demonstration()])
         } else {
             simulator
         }))
+    }
+
+    /// The scene of a name; without one, [`Scene::Demo`].
+    ///
+    /// # Errors
+    /// If there is no scene of that name.
+    pub fn scene(name: Option<&str>) -> Result<Scene, UnknownScene> {
+        name.map_or(Ok(Scene::Demo), |name| {
+            Scene::named(name).ok_or_else(|| UnknownScene(name.to_owned()))
+        })
     }
 
     /// Fills `frame` with the next one.

@@ -23,7 +23,7 @@ use super::units::readings;
 use super::{animate, bake, nrsfm, place, preview, record};
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
-use crate::appliance::source::{self, Missing};
+use crate::appliance::source;
 use crate::face_model::FaceModel;
 
 /// The workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews.
@@ -94,6 +94,9 @@ enum Command {
         /// Rebuild the data that the program makes the head from
         #[arg(long)]
         make: Option<PathBuf>,
+        /// Replace other files that stand beside it; otherwise those beside it get a number
+        #[arg(long)]
+        force: bool,
         #[command(flatten)]
         data: Data,
     },
@@ -246,7 +249,6 @@ fn sentence(error: &clap::Error) -> String {
 }
 
 /// The words, understood; `None` if they asked for help, which is printed.
-#[expect(clippy::print_stdout, reason = "help is asked for")]
 fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<Option<Line>, Fault> {
     let words = std::iter::once("mien-studio".into()).chain(words);
     Line::try_parse_from(words)
@@ -302,12 +304,17 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         Command::Place(args) => {
             place::run(&args.mesh, &args.landmarks, args.out, args.port, &mut say)
         }
-        Command::Head { out, make, data } => {
+        Command::Head {
+            out,
+            make,
+            force,
+            data,
+        } => {
             if let Some(out) = make {
                 let bytes = hero::make::make(&data.data, &out)?;
                 say(&format!("wrote {}: {bytes} bytes", out.display()));
             } else if let Some(out) = out {
-                say(&default_head::write_to(&out)?);
+                say(&default_head::write_to(&out, force)?);
             }
             Ok(())
         }
@@ -318,14 +325,17 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     }
 }
 
-#[expect(clippy::print_stdout, reason = "the command's output")]
 fn say(line: &str) {
     println!("{line}");
 }
 
 fn run_record(args: &record::Args) -> Result<(), Fault> {
-    let mut source = source::open(&args.source, Missing::Simulate, Default::default())
-        .map_err(|failure| service_fault(failure.into()))?;
+    let mut source = source::open(
+        &args.source,
+        args.source != source::AUTO,
+        Default::default(),
+    )
+    .map_err(|failure| service_fault(failure.into()))?;
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());
@@ -336,7 +346,6 @@ fn run_record(args: &record::Args) -> Result<(), Fault> {
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
     let data = &words.data.data;
@@ -385,7 +394,6 @@ fn rows<'a>(rows: &'a [String], names: &[&str]) -> Result<&'a [String], Fault> {
     }
 }
 
-#[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_units(words: Units) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
     stopped::tell(words.out.clone().map_or(Goes::Printed, Goes::File));

@@ -14,12 +14,23 @@
 //! heads          heads to draw, with the photographs of people
 //! nrsfm          3D shapes from 2D tracks
 //!
-//! progress, stopped   how far long work is, and what Ctrl-C leaves of it; fault: why it failed
+//! progress, stopped, streams   how far long work is, what Ctrl-C leaves of it, what is printed; fault: why it failed
 //! people_split   the data sets, and who of them is trained on
 //! text_files, csv, atomic_write   texts and tables in, files out
 //! chart, picture_files   curves and words in pictures, and their files
 //! correlation, frame_time, srgb, strongest, thin_plate   what several of them reckon with
 //! ```
+
+/// As the standard library's, which panic where a stream takes no more.
+macro_rules! print {
+    ($($words:tt)*) => { $crate::studio::streams::print(format_args!($($words)*)) };
+}
+macro_rules! println {
+    ($($words:tt)*) => { $crate::studio::streams::print(format_args!("{}\n", format_args!($($words)*))) };
+}
+macro_rules! eprintln {
+    ($($words:tt)*) => { $crate::studio::streams::print_error(format_args!($($words)*)) };
+}
 
 pub mod animate;
 pub mod atomic_write;
@@ -44,6 +55,7 @@ pub mod progress;
 pub mod record;
 pub mod srgb;
 pub mod stopped;
+pub mod streams;
 pub mod strongest;
 pub mod text_files;
 pub mod thin_plate;

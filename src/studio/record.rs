@@ -22,8 +22,8 @@ pub struct Args {
     /// Where frames come from.
     #[arg(
         long,
-        default_value = "kinect",
-        help = "kinect, simulated[:KIND] or a folder; without a Kinect the simulator"
+        default_value = "auto",
+        help = "kinect, simulated[:KIND] or a folder; auto is a Kinect, or the simulator if none is plugged in"
     )]
     pub source: String,
 }

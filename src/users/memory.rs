@@ -54,6 +54,13 @@ impl Memory {
             .retain(|gone| now >= gone.last_seen && gone.away_s(now) <= most_s);
     }
 
+    /// Everybody has been gone for so much longer, seconds.
+    pub fn age(&mut self, seconds: f64) {
+        self.gone
+            .iter_mut()
+            .for_each(|gone| gone.before_s += seconds);
+    }
+
     /// Forgets the last person of a slot.
     pub fn forget_slot(&mut self, slot: usize) {
         self.gone.retain(|gone| gone.slot != slot);
@@ -123,6 +130,10 @@ mod tests {
         // A clock that went back tells nothing.
         memory.forget_older(now(29), 60.0);
         assert!(slots(&memory).is_empty());
+        memory.keep(gone(3, 30));
+        memory.age(31.0);
+        memory.forget_older(now(60), 60.0);
+        assert!(slots(&memory).is_empty(), "61 s, of which nobody saw 31");
         // Time before this run counts.
         let mut before = gone(2, 0);
         before.before_s = 50.0;

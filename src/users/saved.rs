@@ -12,17 +12,19 @@
 //! checksum 1a2b3c4d
 //! ```
 //! Written by rename, at most once a minute and at the end, and only from a live sensor: replaying a recording
-//! must not change its next replay. A damaged file is moved aside and logged. Memory: fixed after
-//! [`People::at`]. Degenerate: if the clock was set back, nobody ages; people gone too long are dropped by
+//! must not change its next replay. A damaged file is moved aside, logged, and deleted a day after it was written. Memory:
+//! fixed after [`People::at`]. Ages are by the wall clock, over restarts and without a sensor. Degenerate: who was seen in the
+//! future, because the clock was set back, counts as seen now; people gone too long are dropped by
 //! [`Memory::forget_older`](super::memory::Memory::forget_older).
 
 use std::fmt::Write as _;
-use std::io::{ErrorKind, Write as _};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use super::likeness::Likeness;
 use super::memory::Gone;
+use crate::base::atomic_write::AtomicFile;
 use crate::base::bounded_read;
 use crate::base::capacity::{REMEMBERED, USERS};
 use crate::base::checksum::crc32;
@@ -32,6 +34,8 @@ use crate::expression::saved::Learned;
 const HEADER: &str = "mien-people 2";
 /// Interval between writes.
 const PERIOD: Duration = Duration::from_secs(60);
+/// How long a damaged file is kept after it was written.
+const DAMAGED_KEPT: Duration = Duration::from_secs(86_400);
 /// Size of the longest file written, bytes: likeness and ranges of everybody.
 const TEXT: usize = (REMEMBERED + USERS) * 2048;
 
@@ -109,8 +113,9 @@ pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERE
 
 /// The file.
 pub struct People {
-    path: PathBuf,
-    new: PathBuf,
+    file: AtomicFile,
+    /// Where a damaged one goes.
+    aside: PathBuf,
     written: Instant,
     text: String,
     /// Whether it was logged that it cannot be written.
@@ -120,11 +125,11 @@ pub struct People {
 impl People {
     /// At a path; nothing is read or written yet.
     pub fn at(path: &Path) -> Self {
-        let mut new = path.as_os_str().to_owned();
-        new.push(".new");
+        let mut aside = path.as_os_str().to_owned();
+        aside.push(".damaged");
         Self {
-            path: path.to_owned(),
-            new: new.into(),
+            file: AtomicFile::at(path, Some(0o600), true),
+            aside: aside.into(),
             written: Instant::now(),
             text: String::with_capacity(TEXT),
             warned: false,
@@ -133,15 +138,8 @@ impl People {
 
     /// The people remembered; nobody if there is no file, or a damaged one, which is moved aside.
     pub fn load(&self) -> heapless::Vec<Gone, REMEMBERED> {
-        let path = self.path.display();
-        let is_file = std::fs::metadata(&self.path).map(|about| about.is_file());
-        let bytes = is_file.and_then(|is_file| {
-            if !is_file {
-                return Err(ErrorKind::InvalidInput.into());
-            }
-            bounded_read::read(&self.path, MOST)
-        });
-        let bytes = match bytes {
+        let path = self.file.path().display();
+        let bytes = match bounded_read::regular(self.file.path(), MOST) {
             Ok(bytes) => bytes,
             // More than was ever written here: set aside below, as what is damaged.
             Err(error) if error.kind() == ErrorKind::FileTooLarge => Vec::new(),
@@ -155,13 +153,11 @@ impl People {
         };
         let text = String::from_utf8_lossy(&bytes);
         read(&text, SystemTime::now()).unwrap_or_else(|problem| {
-            let mut aside = self.path.as_os_str().to_owned();
-            aside.push(".damaged");
             // If it cannot be renamed it is overwritten in a minute: nothing in it is of use.
-            let _ = std::fs::rename(&self.path, &aside);
+            let _ = std::fs::rename(self.file.path(), &self.aside);
             tracing::warn!(
                 "{path}: {problem}; moved aside to {}, nobody is remembered",
-                Path::new(&aside).display()
+                self.aside.display()
             );
             heapless::Vec::new()
         })
@@ -175,20 +171,21 @@ impl People {
     /// Writes the file; failure is logged once. `at` is the time of the last frame.
     pub fn save<'a>(&mut self, people: impl Iterator<Item = &'a Gone>, at: Timestamp) {
         self.written = Instant::now();
+        let damaged = std::fs::symlink_metadata(&self.aside).and_then(|about| about.modified());
+        // One from the future is as good as old.
+        let is_recent = |at: SystemTime| at.elapsed().is_ok_and(|age| age < DAMAGED_KEPT);
+        if damaged.is_ok_and(|at| !is_recent(at)) {
+            let _ = std::fs::remove_file(&self.aside);
+        }
         // A string takes everything.
         let _ = write(people, (at, SystemTime::now()), &mut self.text);
-        let written = std::fs::File::create(&self.new)
-            .and_then(|mut file| {
-                file.write_all(self.text.as_bytes())?;
-                file.sync_data()
-            })
-            .and_then(|()| std::fs::rename(&self.new, &self.path));
+        let written = self.file.write(self.text.as_bytes());
         if let Err(error) = &written
             && !self.warned
         {
             tracing::info!(
                 "{}: people are not saved ({error}); set state.path to another place, or state.persist = false",
-                self.path.display()
+                self.file.path().display()
             );
         }
         self.warned = written.is_err();
@@ -218,7 +215,15 @@ mod tests {
         .unwrap();
         std::fs::write(&path, text + &"\n".repeat(1 << 20)).unwrap();
         assert!(People::at(&path).load().is_empty());
-        assert!(folder.path().join("people.ranges.damaged").exists());
+        let damaged = folder.path().join("people.ranges.damaged");
+        let mut people = People::at(&path);
+        people.save(std::iter::empty(), Timestamp::default());
+        assert!(damaged.exists());
+        let yesterday = SystemTime::now() - DAMAGED_KEPT - Duration::from_secs(9);
+        let file = std::fs::File::options().write(true).open(&damaged);
+        file.unwrap().set_modified(yesterday).unwrap();
+        people.save(std::iter::empty(), Timestamp::default());
+        assert!(!damaged.exists());
     }
 
     #[test]

@@ -20,6 +20,7 @@ use mien::sensor::kinect::registration::Registration;
 use mien::sensor::kinect::command::{self, Command};
 use mien::sensor::kinect::device::{Model, Stream};
 use mien::sensor::kinect::stream::Assembler;
+use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
 use mien::appliance::source::Source;
 use mien::appliance::settings::Settings;
@@ -87,7 +88,28 @@ fuzz_target!(init: {
                 drop(FaceModel::read(&whole));
             }
         }
+        // A small whole model whose numbers are changed, behind a valid checksum, and the stages that are built from it.
+        "stages" => {
+            let mut whole = SMALL.clone();
+            for change in bytes.chunks_exact(8) {
+                let [a, b, c, value @ ..] = change else { continue };
+                let at = u32::from_le_bytes([*a, *b, *c, 0]) as usize % (whole.len() - 28);
+                let value = match value[0] % 4 {
+                    0 => value[1..].try_into().expect("four bytes"),
+                    1 => ODD[usize::from(value[1]) % ODD.len()].to_le_bytes(),
+                    _ => [value[1], 0, 0, 0],
+                };
+                whole[20 + at..24 + at].copy_from_slice(&value);
+            }
+            let body = whole.len() - 4;
+            let sum = crc32(&whole[..body]).to_le_bytes();
+            whole[body..].copy_from_slice(&sum);
+            if let Ok(model) = FaceModel::read(&whole) {
+                drop(Pipeline::check(&Settings::default().stages, &model));
+            }
+        }
         "recording" => recording(bytes),
+        "camera" => camera(bytes),
         "usb_reply" => {
             for command in [Command::FixedParameters, Command::AlgorithmParameters] {
                 let _ = black_box(command::parse_reply(bytes, command, 1));
@@ -182,6 +204,27 @@ fuzz_target!(init: {
         other => panic!("no parser is called {other}"),
     }
 });
+
+/// Numbers that are none of a head.
+const ODD: [f32; 8] = [1e6, -1e3, 0.31, f32::NAN, f32::INFINITY, 1e-30, 0.0, -0.0];
+/// Built-in shape and head without the cascade, whose weights are not looked at when stages are built.
+static SMALL: LazyLock<Vec<u8>> = LazyLock::new(seeds::small_model);
+
+/// The first byte says which file of a depth camera's recording the rest is.
+fn camera(bytes: &[u8]) {
+    let Some((which, rest)) = bytes.split_first() else { return };
+    let folder = FOLDER.join("camera");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let camera: &[u8] = b"{\"depth\": {\"width\": 64, \"height\": 64, \"fx\": 60, \"fy\": 60, \"cx\": 32, \"cy\": 32}}";
+    let names = ["camera.json", "depth.txt", "rgb.txt"];
+    for (name, text) in names.into_iter().zip([camera, b"0.0 a.pgm\n0.1 a.pgm\n", b"0.0 b.pgm\n"]) {
+        std::fs::write(folder.join(name), text).expect("a file");
+    }
+    std::fs::write(folder.join(names[usize::from(which % 3)]), rest).expect("a file");
+    if let Ok(mut source) = Source::recording(&folder) {
+        drop(source.next_frame(&mut Frame::default()));
+    }
+}
 
 /// The first byte says which file of a recording the rest is.
 fn recording(bytes: &[u8]) {

@@ -73,6 +73,15 @@ fn parts(text: &str, begin: &str) -> Vec<String> {
     parts
 }
 
+/// A whole model of some ten thousand bytes besides its confidence.
+pub fn small_model() -> Vec<u8> {
+    let mut model = face_model::FaceModel::shipped();
+    (model.cold, model.warm) = (Vec::new().into(), Vec::new().into());
+    (model.refinement, model.paper_aam) = (None, Vec::new().into());
+    model.standard_head = model.standard_head.into_iter().step_by(4).collect();
+    face_model::file::emit(&model)
+}
+
 /// Writes them.
 pub fn write(folder: &Path) {
     let corpus = Corpus(folder.into());
@@ -111,6 +120,10 @@ pub fn write(folder: &Path) {
     corpus.add("model", "start", &face_model::SHIPPED[..8192]);
     corpus.add("model", "empty", face_model::SHIPPED[..24].iter().chain(&[0; 64]).copied().collect::<Vec<u8>>());
 
+    corpus.add("stages", "count", [20, 0, 0, 0, 255, 255, 255, 127]);
+    corpus.add("camera", "json", b"\0{\"depth\": {\"width\": 64, \"height\": 64, \"fx\": 60, \"fy\": 60, \"cx\": 32, \"cy\": 32, \"metres_per_unit\": 0.001}}");
+    corpus.add("camera", "depth", b"\x011305031102.160407 a.pgm\n1305031102.194330 a.pgm\n");
+    corpus.add("camera", "picture", b"\x02# colour\n0.001 b.pgm\n0.034 b.pgm\n");
     recording(&corpus);
     usb(&corpus);
     wires(&corpus);

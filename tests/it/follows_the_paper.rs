@@ -26,7 +26,7 @@ const FRAMES: u32 = 300;
 
 fn settings() -> Settings {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/paper.toml");
-    Settings::read(&file).expect("the shipped file")
+    mien::appliance::service::settings(Some(&file)).expect("the shipped file")
 }
 
 fn correlation(pairs: &[[f32; 2]]) -> f32 {

@@ -262,8 +262,8 @@ fn a_key_that_needs_a_restart_says_so_once() {
         std::fs::File::create(&said).unwrap(),
     );
     assert_eq!(service.next_but(&["STATUS="]), "READY=1");
-    for model in ["/nowhere/face.model", "/nowhere/face.model", "/other.model"] {
-        let config = format!("[sensor]\nmodel = {model:?}\n[users]\nmost = 2\n");
+    for tilt_deg in ["1.0", "1.0", "2.0"] {
+        let config = format!("[sensor]\ntilt_deg = {tilt_deg}\n[users]\nmost = 2\n");
         service.reload(folder.path(), &config);
     }
     service.reload(folder.path(), "[log]\nlevel = \"debug\"\n");

@@ -11,6 +11,7 @@ mod checks_the_wiring;
 mod comes_and_goes;
 mod docs_commands;
 mod drives_a_kinect;
+mod ends_when_nobody_reads;
 mod every_unit_moves_the_head;
 mod fills_avatar_templates;
 mod follows_several_people;

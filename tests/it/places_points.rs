@@ -91,7 +91,7 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
     let folder = tempfile::tempdir().unwrap();
     for ending in ["obj", "glb"] {
         let mesh = folder.path().join(format!("head-{ending}.{ending}"));
-        default_head::write_to(&mesh).unwrap();
+        default_head::write_to(&mesh, false).unwrap();
         let given = mesh.with_extension("txt");
         let served = Served::start(&[
             "--mesh",
@@ -186,7 +186,7 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
 fn nobody_from_elsewhere_saves_and_bad_words_are_answered() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = folder.path().join("head.obj");
-    default_head::write_to(&mesh).unwrap();
+    default_head::write_to(&mesh, false).unwrap();
     let given = mesh.with_extension("txt");
     let out = folder.path().join("mine.txt");
     let served = Served::start(&[
@@ -254,7 +254,7 @@ fn what_cannot_be_opened_is_said_in_one_sentence() {
     let cube = folder.path().join("short.txt");
     std::fs::write(&cube, "1\n2\n3\n").unwrap();
     let mesh = folder.path().join("head.obj");
-    default_head::write_to(&mesh).unwrap();
+    default_head::write_to(&mesh, false).unwrap();
     let at = |path: &Path| path.to_str().unwrap().to_owned();
     for (words, expected) in [
         (vec!["--mesh".into(), "nowhere.obj".into()], "cannot read"),

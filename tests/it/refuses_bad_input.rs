@@ -170,3 +170,158 @@ fn the_workstation_names_the_bad_file_too_and_leaves_nothing_behind() {
         assert!(!Path::new(&out).exists());
     }
 }
+
+/// How `check-config`, `doctor` and `run` end with a configuration, and what the first says.
+fn judged(folder: &Path, text: &str) -> ([Option<i32>; 3], String) {
+    let config = file(folder, "judged.toml", text);
+    // Where relative paths of files that a run writes lead.
+    let mien = |words: &[&str]| {
+        let mut command = Command::new(program());
+        let command = command.args(words).current_dir(folder);
+        command.output().expect("mien starts")
+    };
+    let checked = mien(&["check-config", &config]);
+    let told = String::from_utf8_lossy(&checked.stderr).into_owned();
+    let doctor = mien(&["doctor", "--config", &config]);
+    let run = ["run", "-q", "--config", &config, "--frames", "1", "--fast"];
+    // The source is the configuration's own where that is what is judged.
+    let run = match text.contains("source =") {
+        true => mien(&run),
+        false => mien(&[&run[..], &["--source", "simulated"]].concat()),
+    };
+    let codes = [checked, doctor, run].map(|output| output.status.code());
+    (codes, told)
+}
+
+#[test]
+fn what_a_run_refuses_is_refused_by_every_check_with_its_place() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let odd = [
+        ("[sensor]\nsource = \"simulated:nowhere\"\n", 2, 10),
+        ("[sensor]\nsource = \"/no/such/recording\"\n", 2, 10),
+        ("[sensor]\nmodel = \"/no/such.model\"\n", 2, 9),
+        ("[osc]\nstyle = \"both\"\nprefix = \"/a b\"\n", 3, 10),
+        ("[osc]\nprefix = \"/face*\"\n", 2, 10),
+        ("[vrchat]\nenabled = true\nprefix = \"a#\"\n", 3, 10),
+        ("[serial]\nport = \"/dev/null\"\nunits = [\"AU99\"]\n", 3, 9),
+        (
+            "[page]\nenabled = true\npassword_file = \"/no/such\"\n",
+            3,
+            17,
+        ),
+        (
+            "[mqtt]\nenabled = true\npassword_file = \"/no/such\"\n",
+            3,
+            17,
+        ),
+        (
+            "[mqtt]\nenabled = true\ntls = true\nca_file = \"/no/such\"\n",
+            4,
+            11,
+        ),
+        (
+            "[websocket]\nenabled = true\nlisten = \"0.0.0.0:9134\"\n[page]\nenabled = true\nlisten = \"127.0.0.1:9134\"\n",
+            6,
+            10,
+        ),
+    ];
+    for (text, line, column) in odd {
+        let optional = ["[page]", "[mqtt]"]
+            .iter()
+            .any(|section| text.contains(section));
+        if optional && !has_wires() {
+            continue;
+        }
+        let (codes, told) = judged(folder.path(), text);
+        assert_eq!(codes, [Some(2); 3], "{text}: {told}");
+        let place = format!("judged.toml:{line}:{column}: ");
+        assert!(told.contains(&place), "{place} in {told}");
+    }
+}
+
+#[test]
+fn odd_values_of_every_key_are_accepted_by_all_or_by_none() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let values = [
+        "-1",
+        "1e9",
+        "true",
+        "[]",
+        "\"\"",
+        "\"odd value\"",
+        "\"/no/such\"",
+    ];
+    let shipped = include_str!("../../config/mien.toml");
+    let (mut section, mut played) = ("", 0);
+    for line in shipped.lines() {
+        if let Some(name) = line
+            .strip_prefix('[')
+            .and_then(|rest| rest.strip_suffix(']'))
+        {
+            section = name;
+        }
+        let Some((key, _)) = line.split_once(" = ").filter(|_| !line.starts_with('#')) else {
+            continue;
+        };
+        for value in values {
+            let text = format!("[{section}]\n{key} = {value}\n");
+            let path = file(folder.path(), "odd.toml", &text);
+            if mien::appliance::service::settings(Some(Path::new(&path))).is_err() {
+                continue;
+            }
+            // Accepted: a run with it must start.
+            let (codes, told) = judged(folder.path(), &text);
+            assert_eq!([codes[0], codes[2]], [Some(0); 2], "{text}: {told}");
+            assert_ne!(codes[1], Some(2), "{text}");
+            played += 1;
+        }
+    }
+    assert!(played > 20, "{played} odd values were accepted");
+}
+
+#[test]
+fn whole_models_with_odd_numbers_are_refused_or_used() {
+    use mien::pipeline::Pipeline;
+    let shipped = mien::face_model::SHIPPED;
+    let camera = mien::sensor::kinect::geometry::nominal();
+    let settings = mien::appliance::settings::Settings::default().stages;
+    let cases: usize = std::env::var("MIEN_MODELS").map_or(200, |n| n.parse().expect("a number"));
+    let mut random = fastrand::Rng::with_seed(31);
+    let odd = [1e6_f32, -1e3, 0.31, f32::NAN, f32::INFINITY, 1e-30, 0.0];
+    let (mut used, mut longest) = (0, 0.0_f64);
+    for _ in 0..cases {
+        let mut bytes = shipped.to_vec();
+        for _ in 0..random.usize(1..4) {
+            // Most of a model are weights; its counts, points and scales are at the beginnings of its sections.
+            let most = if random.bool() {
+                60_000
+            } else {
+                bytes.len() - 28
+            };
+            let at = 20 + random.usize(..most);
+            let value = match random.u8(..3) {
+                0 => odd[random.usize(..odd.len())].to_le_bytes(),
+                1 => random.u32(..).to_le_bytes(),
+                _ => [
+                    bytes[at] ^ (1 << random.u32(..8)),
+                    bytes[at + 1],
+                    bytes[at + 2],
+                    bytes[at + 3],
+                ],
+            };
+            bytes[at..at + 4].copy_from_slice(&value);
+        }
+        let body = bytes.len() - 4;
+        let checksum = mien::base::checksum::crc32(&bytes[..body]);
+        bytes[body..].copy_from_slice(&checksum.to_le_bytes());
+        let began = std::time::Instant::now();
+        if let Ok(model) = mien::face_model::FaceModel::read(&bytes)
+            && Pipeline::new(&settings, &camera, &model).is_ok()
+        {
+            used += 1;
+        }
+        longest = longest.max(began.elapsed().as_secs_f64());
+    }
+    println!("{used} of {cases} were usable, the longest took {longest:.2} s");
+    assert!(longest < 10.0);
+}

@@ -39,3 +39,62 @@ fn the_unit_backs_off_keeps_its_files_to_itself_and_reaches_local_targets() {
         assert!(unit("IPAddressAllow").contains(&network), "{network}");
     }
 }
+
+/// Rust files below a folder.
+fn sources(folder: &Path, all: &mut Vec<std::path::PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder").flatten() {
+        match entry.path() {
+            path if path.is_dir() => sources(&path, all),
+            path if path.extension().is_some_and(|ending| ending == "rs") => all.push(path),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn what_security_md_counts_is_so() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let told = include_str!("../../SECURITY.md");
+    let mut all = Vec::new();
+    sources(&root.join("src"), &mut all);
+    all.sort();
+    let allows = |path: &std::path::PathBuf| {
+        std::fs::read_to_string(path).is_ok_and(|text| text.contains("unsafe_code,"))
+    };
+    all.retain(allows);
+    let names = all
+        .iter()
+        .map(|path| path.strip_prefix(root).expect("below it"));
+    let names: Vec<String> = names.map(|path| format!("`{}`", path.display())).collect();
+    let words = ["no", "one", "two", "three", "four", "five", "six", "seven"];
+    let unsafe_files = format!(
+        "confined to {} files ({})",
+        words[all.len()],
+        names.join(", ")
+    );
+    assert!(told.contains(&unsafe_files), "expected: {unsafe_files}");
+    let commands = include_str!("../../src/output/osc/commands.rs");
+    let commands = commands.matches("//! | `/face/cmd/").count();
+    assert!(
+        told.contains(&format!("| {} commands, none", words[commands])),
+        "{commands} commands"
+    );
+    // What goes out without being asked for.
+    let defaults = Settings::default();
+    assert_eq!(defaults.osc.targets, ["127.0.0.1:9130"]);
+    assert!(defaults.osc.listen.starts_with("127.0.0.1:"));
+    assert!(!defaults.osc.levels && !defaults.osc.ranges && !defaults.status_ranges);
+    let others = [
+        defaults.vmc.enabled,
+        defaults.vrchat.enabled,
+        defaults.faceosc.enabled,
+        defaults.live_link.enabled,
+        defaults.websocket.enabled,
+        defaults.page.enabled,
+        defaults.mqtt.enabled,
+        !defaults.serial.port.is_empty(),
+    ];
+    assert_eq!(others, [false; 8]);
+    // The package changes nothing of that.
+    assert!(!include_str!("../../systemd/deb/build").contains("255.255.255.255"));
+}

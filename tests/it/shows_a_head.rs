@@ -31,7 +31,7 @@ fn a_bake_of_the_head_is_reported_without_a_red_cell() {
     let folder = tempfile::tempdir().unwrap();
     for ending in ["obj", "glb"] {
         let mesh = folder.path().join(format!("head.{ending}"));
-        default_head::write_to(&mesh).unwrap();
+        default_head::write_to(&mesh, false).unwrap();
         let report = folder.path().join("report.html");
         let shapes = command::run(&Request {
             mesh: mesh.clone(),
@@ -64,7 +64,7 @@ fn a_bake_of_the_head_is_reported_without_a_red_cell() {
 fn the_head_is_coloured_and_has_its_landmarks_in_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    default_head::write_to(&at("a head.obj")).unwrap();
+    default_head::write_to(&at("a head.obj"), false).unwrap();
     assert_eq!(lines(&at("a head.txt")), 68);
     let text = std::fs::read_to_string(at("a head.obj")).unwrap();
     let mesh = obj::parse(&text).unwrap();
@@ -91,12 +91,12 @@ fn the_head_is_coloured_and_has_its_landmarks_in_every_format() {
     for picture in pictures {
         image::load_from_memory(&std::fs::read(at(picture)).unwrap()).unwrap();
     }
-    default_head::write_to(&at("head.glb")).unwrap();
+    default_head::write_to(&at("head.glb"), false).unwrap();
     assert_eq!(
         std::fs::read(at("head.txt")).unwrap(),
         std::fs::read(at("a head.txt")).unwrap()
     );
-    let other = default_head::write_to(&at("head.fbx")).unwrap_err();
+    let other = default_head::write_to(&at("head.fbx"), false).unwrap_err();
     assert!(other.to_string().contains(".glb") && !at("head.fbx").exists());
 }
 
@@ -126,7 +126,7 @@ fn the_neck_stays_where_the_head_turns() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (mesh, table, out) = (at("head.glb"), at("run.csv"), at("run.glb"));
-    default_head::write_to(Path::new(&mesh)).unwrap();
+    default_head::write_to(Path::new(&mesh), false).unwrap();
     std::fs::write(
         &table,
         "frame,time_us,user,state,qx,qy,qz,qw,w_AU26\n0,0,0,tracking,0,0,0,1,0\n1,33000,0,tracking,0,0.2,0,0.98,1\n",

@@ -45,8 +45,11 @@ pub(super) fn end(settings: &Settings) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// Longest sum, bytes: every unit once.
+const SUM_MOST: usize = 512;
+
 pub(super) fn is_sum(of: &str) -> bool {
-    Gesture::sums(of).flatten().all(|(_, unit)| is_unit(unit))
+    of.len() <= SUM_MOST && Gesture::sums(of).flatten().all(|(_, unit)| is_unit(unit))
 }
 
 /// Whether there is such a key; a build that presses none believes any.

@@ -7,8 +7,9 @@ use tracing::Level;
 use super::gestures;
 use super::sections::Settings;
 use super::units::is_unit;
+use crate::base::capacity::UNITS as UNITS_MOST;
 use crate::expression::measures::Scale;
-use crate::output::gesture::{Person, Press};
+use crate::output::gesture::{LEVELS, Person, Press};
 use crate::output::osc::Style;
 use crate::output::osc::vmc::{Names, Role};
 use crate::output::osc::vrchat::{MOST_BITS, Values};
@@ -17,6 +18,8 @@ use crate::pose::smoothing::Smoothing;
 use crate::users::Policy;
 use crate::{expression, landmarks, pose};
 
+/// Most targets of an output; one given by name has a thread of its own.
+const TARGETS_MOST: usize = 16;
 /// The section whose keys are the units' names.
 pub(super) const UNITS: &str = "units";
 
@@ -53,8 +56,13 @@ pub(super) enum Kind<'a> {
     Bool(&'a mut bool),
     /// What it looks like, and whether one does.
     Text(&'a mut String, &'static str, fn(&str) -> bool),
-    /// One text, or several in an array, at least so many.
-    Texts(&'a mut Vec<String>, &'static str, fn(&str) -> bool, usize),
+    /// One text, or several in an array, from so many to so many.
+    Texts(
+        &'a mut Vec<String>,
+        &'static str,
+        fn(&str) -> bool,
+        [usize; 2],
+    ),
     /// The place of the present name among those that there are; what stores another.
     Choice(usize, Vec<&'static str>, Box<dyn FnOnce(usize) + 'a>),
 }
@@ -135,8 +143,8 @@ macro_rules! sections {
 
 sections! { s
     sensor: "The source of frames." {
-        source: "Where frames come from; the option --source takes precedence." =>
-            Kind::Text(&mut s.sensor.source, "\"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording", |text| !text.is_empty());
+        source: "Where frames come from; the option --source takes precedence. auto is a Kinect, or the simulated sensor if none is plugged in; kinect waits for one." =>
+            Kind::Text(&mut s.sensor.source, "\"auto\", \"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording", |text| !text.is_empty());
         model: "Face model file; the option --model takes precedence." =>
             Kind::Text(&mut s.sensor.model, "a path, or empty for the built-in model", |_| true);
         near_mode: "Kinect for Windows: measure from 0.4 m instead of 0.8 m." => Kind::Bool(&mut s.sensor.device.near_mode);
@@ -221,13 +229,15 @@ sections! { s
         enabled: ENABLED => Kind::Bool(&mut s.osc.enabled);
         target: TARGET => targets(&mut s.osc.targets);
         prefix: "Prefix of every address." =>
-            Kind::Text(&mut s.osc.prefix, "a slash and a name", |text| text.len() > 1 && text.starts_with('/') && !text.ends_with('/'));
+            Kind::Text(&mut s.osc.prefix, "a slash and a name of at most 63 characters, without spaces or # * , ? [ ] { }", crate::output::osc::is_prefix);
         style: "All weights in one message, each under its own address, or both." =>
             choice(&mut s.osc.style, &[("vector", Style::Vector), ("scalar", Style::Scalar), ("both", Style::Both)]);
         ranges: "Whether learned ranges are sent, every 5 s." => Kind::Bool(&mut s.osc.ranges);
         commands: "Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted." =>
             Kind::Bool(&mut s.osc.commands);
-        listen: "Address on which these commands are received; 127.0.0.1 accepts this machine only." =>
+        levels: "Whether /face/cmd/level, which moves the level at which a gesture goes on, is accepted too." =>
+            Kind::Bool(&mut s.osc.levels);
+        listen: "Address on which these commands are received; 127.0.0.1 accepts this machine only, 0.0.0.0 its networks and the targets named by address." =>
             listen(&mut s.osc.listen);
         ..s.osc.view
     }
@@ -268,7 +278,7 @@ sections! { s
             integer(&mut s.serial.full, 10, 10_000, "");
         pose: "Whether head poses are sent too." => Kind::Bool(&mut s.serial.pose);
         units: "Units to send, most important first; empty = all." =>
-            Kind::Texts(&mut s.serial.units, "units, like [\"AU26\", \"AU25\"]", is_unit, 0);
+            Kind::Texts(&mut s.serial.units, "units, like [\"AU26\", \"AU25\"]", is_unit, [0, UNITS_MOST]);
         min_rate_hz: "Frame rate below which units are left out on a slow line." =>
             float(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz");
         dtr: "Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged." =>
@@ -332,6 +342,8 @@ sections! { s
     status: "Status files." {
         path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>
             Kind::Text(&mut s.status_path, "the path of a file in an existing directory, or empty", |_| true);
+        ranges: "Whether it has everybody's learned ranges too; every user of this machine can read it." =>
+            Kind::Bool(&mut s.status_ranges);
     }
     log: "What is written to standard error." {
         level: "Lowest severity written; \"trace\" is the same as \"debug\"." =>
@@ -342,7 +354,7 @@ sections! { s
             Kind::Text(&mut s.gesture().name, "at most 24 letters, digits and signs such as _ or -", gestures::is_word);
         of: "What it reads." =>
             Kind::Text(&mut s.gesture().of, "units added and subtracted, such as \"AU12L + AU12R\", or the least of sums joined by &", gestures::is_sum);
-        on: "It goes on when that is as much," => float(&mut s.gesture().on, 0.01, 8.0, "");
+        on: "It goes on when that is as much," => float(&mut s.gesture().on, LEVELS[0], LEVELS[1], "");
         off: "and off below this." => float(&mut s.gesture().off, 0.0, 8.0, "");
         hold_s: "How long it must be as much before it goes on." => seconds(&mut s.gesture().hold_s);
         pause_s: "Least time from going off to going on again." => seconds(&mut s.gesture().pause_s);
@@ -377,8 +389,8 @@ fn choice<'a, T: Copy + PartialEq>(slot: &'a mut T, all: &'static [(&'static str
 }
 
 fn targets(value: &mut Vec<String>) -> Kind<'_> {
-    let form = "host:port, or several as [\"host:port\", \"host:port\"]";
-    Kind::Texts(value, form, is_host_port, 1)
+    let form = "host:port, or up to 16 as [\"host:port\", \"host:port\"]";
+    Kind::Texts(value, form, is_host_port, [1, TARGETS_MOST])
 }
 
 /// `address:port` of this machine.

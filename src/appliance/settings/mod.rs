@@ -33,26 +33,68 @@ const MOST: usize = 1 << 20;
 #[error("{0}")]
 pub struct SettingsError(String);
 
+/// What a run would refuse although every key is in its range: section, key (empty for the section as a whole), a sentence.
+pub(super) struct Refused {
+    pub(super) section: &'static str,
+    pub(super) key: &'static str,
+    pub(super) problem: String,
+}
+
 impl SettingsError {
     pub(super) fn unreadable(path: &Path, problem: impl std::fmt::Display) -> Self {
         let path = path.display();
         Self(format!(
-            "{path}: cannot be read ({problem}); give an existing file or leave --config out"
+            "{path}: cannot be read ({problem}); give an existing file or omit --config"
         ))
     }
 }
 
+/// The text of a configuration.
+fn text_of(path: &Path) -> Result<String, SettingsError> {
+    let bytes = bounded_read::read(path, MOST);
+    let bytes = bytes.map_err(|error| SettingsError::unreadable(path, error))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let valid = error.utf8_error().valid_up_to();
+        let before = String::from_utf8_lossy(&error.as_bytes()[..valid]);
+        let (line, column) = line_and_column(&before, valid);
+        let path = path.display();
+        SettingsError(format!(
+            "{path}:{line}:{column}: expected UTF-8 text, found other bytes; save the file as UTF-8"
+        ))
+    })
+}
+
+/// Line and column of a place in a text, counted from 1.
+fn line_and_column(text: &str, at: usize) -> (usize, usize) {
+    let before = &text[..at.min(text.len())];
+    let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+    (before.matches('\n').count() + 1, column)
+}
+
+/// Where the value stands that was refused: itself, else its section, else the first gesture, of which some outputs are.
+fn place(document: &DeTable<'_>, refused: &Refused) -> usize {
+    let section = |name: &str| document.iter().find(|(key, _)| key.get_ref() == name);
+    let Some((name, value)) = section(refused.section).or_else(|| section(GESTURE)) else {
+        return 0;
+    };
+    let table = value.get_ref().as_table();
+    let value = table.and_then(|table| {
+        let mut keys = table.iter();
+        keys.find(|(key, _)| key.get_ref() == refused.key)
+    });
+    value.map_or(name.span(), |(_, value)| value.span()).start
+}
+
 impl Settings {
-    /// Reads a file.
+    /// Reads a file, without what is `refused` of it.
     ///
     /// # Errors
-    /// If the file cannot be read, is not TOML, has an unknown key, or a value of the wrong type or out of its range.
-    pub fn read(path: &Path) -> Result<Self, SettingsError> {
-        let text = bounded_read::read(path, MOST).and_then(|bytes| {
-            String::from_utf8(bytes).map_err(|_| std::io::Error::other("not UTF-8 text"))
-        });
-        let text = text.map_err(|error| SettingsError::unreadable(path, error))?;
-        Self::parse(&text, path)
+    /// As [`Settings::parse`], or if the file cannot be read, or something is refused.
+    pub(super) fn read(
+        path: &Path,
+        refused: fn(&Self) -> Option<Refused>,
+    ) -> Result<Self, SettingsError> {
+        Self::parse_checked(&text_of(path)?, path, refused)
     }
 
     /// Parses the text of a file; `path` is for messages only. Keys that are absent keep their defaults.
@@ -64,12 +106,19 @@ impl Settings {
     /// ```
     ///
     /// # Errors
-    /// As [`Settings::read`].
+    /// If it is not TOML, has an unknown key, or a value of the wrong type or out of its range.
     pub fn parse(text: &str, path: &Path) -> Result<Self, SettingsError> {
+        Self::parse_checked(text, path, |_| None)
+    }
+
+    fn parse_checked(
+        text: &str,
+        path: &Path,
+        refused: fn(&Self) -> Option<Refused>,
+    ) -> Result<Self, SettingsError> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let wrong = |at: usize, expected: String, found: String| {
-            let before = &text[..at.min(text.len())];
-            let line = before.matches('\n').count() + 1;
-            let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+            let (line, column) = line_and_column(text, at);
             let path = path.display();
             SettingsError(format!(
                 "{path}:{line}:{column}: expected {expected}, found {found}"
@@ -106,7 +155,14 @@ impl Settings {
             }
         }
         settings.hand_on_units();
-        Ok(settings)
+        match refused(&settings) {
+            Some(refused) => {
+                let (line, column) = line_and_column(text, place(document.get_ref(), &refused));
+                let (path, problem) = (path.display(), refused.problem);
+                Err(SettingsError(format!("{path}:{line}:{column}: {problem}")))
+            }
+            None => Ok(settings),
+        }
     }
 
     /// Reads one table of a section, which begins at `start`.
@@ -241,8 +297,10 @@ fn assign(slot: Kind<'_>, path: &str, value: &DeValue<'_>) -> Result<(), (String
             .as_str()
             .filter(|text| valid(text))
             .map(|text| text.clone_into(slot)),
-        Kind::Texts(slot, _, valid, least) => texts(value)
-            .filter(|texts| texts.len() >= least && texts.iter().all(|text| valid(text)))
+        Kind::Texts(slot, _, valid, [least, most]) => texts(value)
+            .filter(|texts| {
+                (least..=most).contains(&texts.len()) && texts.iter().all(|text| valid(text))
+            })
             .map(|texts| *slot = texts.into_iter().map(str::to_owned).collect()),
         Kind::Choice(_, names, set) => value
             .as_str()

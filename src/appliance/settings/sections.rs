@@ -48,6 +48,8 @@ defaults! {
         pub state: StateSettings = StateSettings::default(),
         /// Path of the status file; empty = none.
         pub status_path: String = STATUS_PATH.into(),
+        /// Whether it has learned ranges.
+        pub status_ranges: bool = false,
         /// Least severity written to standard error.
         pub log_level: tracing::Level = tracing::Level::INFO,
     }
@@ -56,7 +58,7 @@ defaults! {
     #[derive(Clone, Debug, PartialEq)]
     pub struct SensorSettings {
         /// As [`source::open`] takes it.
-        pub source: String = source::DEFAULT.into(),
+        pub source: String = source::AUTO.into(),
         /// Path of a face model; empty = the built-in one.
         pub model: String = String::new(),
         /// What can be chosen about a sensor on USB.

@@ -47,6 +47,14 @@ pub fn open(
     Front::start("mqtt", units, &settings.view, work)
 }
 
+/// Whether the password and the certificates can be used.
+///
+/// # Errors
+/// If one cannot be read.
+pub fn check(settings: &MqttSettings) -> Result<(), OutputError> {
+    talk::Talk::new(settings, "", &[]).map(drop)
+}
+
 /// What a broker sends, for `tests/fuzz`.
 #[cfg(fuzzing)]
 pub fn fuzz(mut bytes: &[u8]) {

@@ -1,15 +1,17 @@
-//! Commands over OSC. Off by default, and accepted from this machine only unless the configuration names another address.
+//! Commands over OSC. Accepted from this machine only unless the configuration names another address to listen on, and then from
+//! the networks that this machine is on and from receivers that it sends to by address.
 //!
 //! | address | arguments | what it does |
 //! | --- | --- | --- |
 //! | `/face/cmd/forget` | slot | forgets what was learned about the user |
 //! | `/face/cmd/freeze` | slot, 0 or 1 | resumes or stops learning for the user |
 //! | `/face/cmd/neutral` | slot | takes the user's current face as rest |
+//! | `/face/cmd/level` | gesture, hundredths | moves the level at which a gesture goes on, if `osc.levels` allows it |
 //! | `/face/cmd/schema` | | sends the schema now: to the targets on the requester's host, or if there are none, back to the requester |
 //!
 //! Input is untrusted: a datagram is read into a fixed buffer, bundles may be nested twice, and only so many datagrams are
 //! examined per frame; the rest waits in the socket, which the system bounds. Every sender may make 16 requests, and one
-//! more every quarter of a second. Requests beyond that, malformed or unknown ones, and those with other arguments or a slot that does
+//! more every quarter of a second; all together 32, and one more every eighth. Requests beyond that, malformed or unknown ones, and those with other arguments or a slot that does
 //! not exist are counted and otherwise ignored, with the rest of their datagram if that cannot be separated. Replies go to the
 //! requester only. Nothing allocates. Limits: with more than eight senders, the one silent for longest counts as new when
 //! it returns.

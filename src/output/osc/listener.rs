@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use super::commands::{Request, requests};
 use super::packet::LARGEST;
-use crate::output::OutputError;
-use crate::output::limits::{Allowance, Listening};
+use crate::output::limits::{Allowance, Listening, is_near};
+use crate::output::{Command, OutputError};
 
 /// Work allowed between two frames, in datagrams received; parsing one costs as much as [`READING`].
 const DATAGRAMS: usize = 64;
@@ -42,25 +42,43 @@ pub(super) struct Listener {
     at: Listening<UdpSocket>,
     /// Start of the addresses, as `/face`.
     prefix: String,
+    /// Whether gestures' levels may be moved.
+    levels: bool,
+    /// Receivers, from which commands are taken wherever they are.
+    named: Box<[IpAddr]>,
     waiting: heapless::Deque<(Request, SocketAddr), REQUESTS>,
     senders: Senders,
+    /// Of all senders together.
+    all: Allowance,
     done: usize,
     taken: u64,
     refused: u64,
 }
 
 impl Listener {
-    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`. Retries while the address is in use, or not
+    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`; `targets` are heard from anywhere, and `levels`
+    /// allows moving those of gestures. Retries while the address is in use, or not
     /// this machine's.
     ///
     /// # Errors
     /// If it is not an address with a port.
-    pub(super) fn open(address: &str, prefix: &str) -> Result<Self, OutputError> {
+    pub(super) fn open(
+        address: &str,
+        prefix: &str,
+        targets: &[String],
+        levels: bool,
+    ) -> Result<Self, OutputError> {
         let mut at = Listening::at(address)?;
         at.open(FOR, bind);
+        let named = targets
+            .iter()
+            .filter_map(|to| Some(to.parse::<SocketAddr>().ok()?.ip()));
         Ok(Self {
             at,
             prefix: prefix.to_owned(),
+            levels,
+            named: named.collect(),
+            all: Allowance::of_all_commands(Instant::now()),
             waiting: heapless::Deque::new(),
             senders: Senders::default(),
             done: 0,
@@ -98,16 +116,23 @@ impl Listener {
                 return None;
             };
             self.done += 1;
-            let now = Instant::now();
-            let allowance = self.senders.of(from.ip(), now);
-            if !allowance.is_left(now) {
+            let (now, host) = (Instant::now(), from.ip().to_canonical());
+            // One from far away takes no place among the senders.
+            let is_heard = is_near(host) || self.named.contains(&host);
+            let allowance = is_heard.then(|| self.senders.of(host, now));
+            let allowance = allowance.filter(|own| own.is_left(now) && self.all.is_left(now));
+            let Some(allowance) = allowance else {
                 self.refused += 1;
                 continue;
-            }
+            };
             self.done += READING - 1;
-            let waiting = &mut self.waiting;
+            let (waiting, all, levels) = (&mut self.waiting, &mut self.all, self.levels);
             self.refused += requests(&bytes[..length], &self.prefix, &mut |request| {
-                allowance.take(now) && waiting.push_back((request, from)).is_ok()
+                let is_level = matches!(request, Request::Command(Command::Level(..)));
+                (levels || !is_level)
+                    && allowance.take(now)
+                    && all.take(now)
+                    && waiting.push_back((request, from)).is_ok()
             });
         }
     }

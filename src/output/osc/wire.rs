@@ -78,6 +78,11 @@ pub(super) struct Wire {
     prefix: String,
 }
 
+/// Whether every address may begin so.
+pub fn is_prefix(prefix: &str) -> bool {
+    !prefix.is_empty() && usable(prefix.to_owned()).is_ok()
+}
+
 /// The prefix, if it is valid in addresses.
 pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
     let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);

@@ -28,7 +28,7 @@ use crate::expression::unit_words;
 use crate::output::board::{Board, Front, Weight};
 use crate::output::features::{PageSettings, password};
 use crate::output::gesture::Gesture;
-use crate::output::limits::Listening;
+use crate::output::limits::{Listening, is_near};
 use crate::output::{Command, OutputError, identity};
 
 /// One document, so that a phone asks once. What other pages of mien look like too is in `look.css` and `units.js`.
@@ -67,16 +67,6 @@ struct Page {
     rate: f32,
 }
 
-/// Whether an address is one of this machine or of its networks.
-fn is_near(address: IpAddr) -> bool {
-    match address.to_canonical() {
-        IpAddr::V4(four) => four.is_loopback() || four.is_private() || four.is_link_local(),
-        IpAddr::V6(six) => {
-            six.is_loopback() || six.is_unique_local() || six.is_unicast_link_local()
-        }
-    }
-}
-
 /// Whether a password types the same on every keyboard and is not easily guessed.
 fn is_password(word: &str) -> bool {
     (8..=PASSWORD).contains(&word.len()) && word.bytes().all(|c| (32..127).contains(&c))
@@ -108,7 +98,8 @@ impl Page {
         let split = split.filter(|(_, port)| port.parse::<u16>().is_ok());
         let name = split.map_or(host, |(name, _)| name);
         let bare = name.trim_matches(['[', ']']);
-        let label = name.strip_suffix(".local").unwrap_or(name);
+        let name = name.to_ascii_lowercase();
+        let label = name.strip_suffix(".local").unwrap_or(&name);
         bare.parse::<IpAddr>().is_ok()
             || name == "localhost"
             || label.eq_ignore_ascii_case(&self.name)
@@ -124,7 +115,10 @@ impl Page {
         }
         let host = request.header("host")?;
         let host = host.filter(|host| self.is_own(host)).ok_or(421_u16)?;
-        let elsewhere = |origin: &str| origin.strip_prefix("http://") != Some(host);
+        let elsewhere = |origin: &str| {
+            let of = origin.strip_prefix("http://");
+            of.is_none_or(|of| !of.eq_ignore_ascii_case(host))
+        };
         let other = |site: &str| !["same-origin", "none"].contains(&site);
         if request.header("origin")?.is_some_and(elsewhere)
             || request.header("sec-fetch-site")?.is_some_and(other)
@@ -237,6 +231,21 @@ fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> Strin
         .to_string()
 }
 
+/// The page's password; `None` without one.
+///
+/// # Errors
+/// If it cannot be read, or is none.
+pub fn secret(settings: &PageSettings) -> Result<Option<String>, OutputError> {
+    let password = password(&settings.password_file)?;
+    if password.as_ref().is_some_and(|word| !is_password(word)) {
+        let problem = "its first line is not 8 to 64 printable ASCII characters";
+        let problem = std::io::Error::other(problem);
+        let path = settings.password_file.clone();
+        return Err(OutputError::Password(path, problem));
+    }
+    Ok(password)
+}
+
 /// Starts serving the page. `units` are the names in the order of the weights, `name` is the box's, `sends` where weights go.
 ///
 /// # Errors
@@ -249,13 +258,7 @@ pub fn open(
     gestures: &[Gesture],
 ) -> Result<Front, OutputError> {
     let at = Listening::at(&settings.listen)?;
-    let password = password(&settings.password_file)?;
-    if password.as_ref().is_some_and(|word| !is_password(word)) {
-        let problem = "its first line is not 8 to 64 printable ASCII characters";
-        let problem = std::io::Error::other(problem);
-        let path = settings.password_file.clone();
-        return Err(OutputError::Password(path, problem));
-    }
+    let password = secret(settings)?;
     let name = identity::name(name);
     let page = Page {
         about: about(&name, units, sends, gestures),

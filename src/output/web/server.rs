@@ -22,6 +22,8 @@ use crate::output::limits::Listening;
 
 /// Event streams at once: the places left answer requests.
 const STREAMS: usize = SLOTS - 2;
+/// Of them, those of one peer.
+const STREAMS_OF_PEER: usize = STREAMS - 2;
 /// How long a request may take.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How long a silent connection is kept when another one arrives.
@@ -350,11 +352,21 @@ impl<S: Service> Server<S> {
     /// Answers a request once it is complete.
     fn hear(&mut self, at: usize) {
         let streams = pages(&mut self.places).filter(|place| place.stage == Stage::Stream);
-        let is_full = streams.count() >= STREAMS;
+        let of = |place: &Place| {
+            place
+                .stream
+                .as_ref()
+                .and_then(|stream| stream.peer_addr().ok())
+        };
+        let hosts: heapless::Vec<_, SLOTS> =
+            streams.map(|place| of(place).map(|at| at.ip())).collect();
         let place = &mut self.places[at];
         self.body.clear();
         // One who is gone already has no address.
         let peer = place.stream.as_ref().map(TcpStream::peer_addr);
+        let host = of(place).map(|at| at.ip());
+        let theirs = hosts.iter().filter(|other| **other == host);
+        let is_full = hosts.len() >= STREAMS || theirs.count() >= STREAMS_OF_PEER;
         let answer = match (Request::read(&place.heard[..place.length]), peer) {
             (Ok(None), _) => return,
             (Ok(Some(request)), Some(Ok(peer))) => {

@@ -1,4 +1,4 @@
-//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of five files with unsafe code.
+//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of six files with unsafe code.
 //!
 //! Per stream there are 16 transfers of 16 packets (32 ms of the bus). A completed transfer is queued as it is; when polled,
 //! its packets are read in place and it is resubmitted. A caller that does not poll for 32 ms, for instance during a long

@@ -59,9 +59,11 @@ impl Looks {
         let mut looks = Self::default();
         let folder = path.parent().unwrap_or(Path::new(""));
         for name in obj.lines().filter_map(|line| after(line, "mtllib")) {
-            let file = folder.join(name);
-            if let Ok(text) = text_files::read(&file) {
-                looks.add(&text, file.parent().unwrap_or(Path::new("")));
+            if let Ok(bytes) = bounded_read::read_below(folder, name, text_files::MOST) {
+                // Pictures are named from where the library lies, in the folder of the mesh or below.
+                let beside = folder.join(name);
+                let beside = beside.parent().unwrap_or(folder);
+                looks.add(&text_files::decoded(&bytes), beside);
             }
         }
         looks
@@ -84,7 +86,7 @@ impl Looks {
             } else if let Some(clear) = after(line, "Tr").and_then(share) {
                 look.opacity = Some(1.0 - clear);
             } else if let Some(picture) = after(line, "map_Kd") {
-                let bytes = bounded_read::read(&folder.join(picture), text_files::MOST).ok();
+                let bytes = bounded_read::read_below(folder, picture, text_files::MOST).ok();
                 look.picture = bytes.filter(|bytes| kind(bytes).is_some());
             }
         }

@@ -9,9 +9,10 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use nalgebra::{Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
 use serde_json::{Value, json};
 
-use super::files::read_bytes;
 use super::glb::{Glb, json_of, list, unexpected};
+use crate::base::bounded_read::read_below;
 use crate::studio::fault::Fault;
+use crate::studio::text_files;
 
 /// A chain of nodes longer than this is a ring.
 const DEEPEST: usize = 256;
@@ -118,7 +119,7 @@ fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, Fault> {
     if name.contains([':', '\\']) || !Path::new(&name).components().all(below) {
         return Err(unknown());
     }
-    read_bytes(&folder.join(name)).map_err(|e| refuse(e.to_string()))
+    read_below(folder, &name, text_files::MOST).map_err(|e| refuse(e.to_string()))
 }
 
 impl Glb {

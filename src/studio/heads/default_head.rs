@@ -8,13 +8,13 @@
 //! vertices.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 use serde_json::{Value, json};
 
 use super::hero::{Hero, JOINT, Layer, Look, NECK, turns};
-use crate::studio::atomic_write::write_out;
+use crate::studio::atomic_write::{is_free, write_out};
 use crate::studio::bake::glb::{Glb, VERTICES, push};
 use crate::studio::bake::head::Head;
 use crate::studio::bake::mesh::Vec3;
@@ -172,24 +172,22 @@ fn materials(hero: &Hero, stem: &str) -> (String, Vec<(String, Vec<u8>)>) {
     (text, pictures)
 }
 
-/// Writes the head: baked to a `.glb`, or neutral to an `.obj`, with the numbers of its landmarks beside it.
-///
-/// # Errors
-/// If the name ends otherwise, or it cannot be written.
-pub fn write_to(out: &Path) -> Result<String, Fault> {
+/// Where files go, and their bytes.
+type Files = Vec<(PathBuf, Vec<u8>)>;
+
+/// The files of the head, the named one first, and the name's stem for those beside it.
+fn files(hero: &Hero, out: &Path, stem: &str) -> Result<(&'static str, Files), Fault> {
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
-    let hero = Hero::shipped();
     let (what, mut files) = if ending == "glb" {
-        let glb = (out.to_path_buf(), glb(&hero)?);
+        let glb = (out.to_path_buf(), glb(hero)?);
         ("67 shapes, coloured", vec![glb])
     } else if ending == "obj" {
         // The name stands in the OBJ as one word.
-        let stem = out.file_stem().unwrap_or_default().to_string_lossy();
         let stem = stem.replace(char::is_whitespace, "_");
         let library = format!("{stem}.mtl");
-        let (text, pictures) = materials(&hero, &stem);
+        let (text, pictures) = materials(hero, &stem);
         let mut files = vec![
-            (out.to_path_buf(), obj(&hero, &library).into_bytes()),
+            (out.to_path_buf(), obj(hero, &library).into_bytes()),
             (out.with_file_name(library), text.into_bytes()),
         ];
         let pictures = pictures.into_iter();
@@ -201,7 +199,29 @@ pub fn write_to(out: &Path) -> Result<String, Fault> {
         ));
     };
     let lines: String = hero.landmarks.iter().map(|v| format!("{v}\n")).collect();
-    files.push((out.with_extension("txt"), lines.into_bytes()));
+    let landmarks = out.with_file_name(format!("{stem}.txt"));
+    files.push((landmarks, lines.into_bytes()));
+    Ok((what, files))
+}
+
+/// Writes the head: baked to a `.glb`, or neutral to an `.obj`, with the numbers of its landmarks beside it. Other files that
+/// stand beside it stay, and all beside it get a number, unless `force`.
+///
+/// # Errors
+/// If the name ends otherwise, or it cannot be written.
+pub fn write_to(out: &Path, force: bool) -> Result<String, Fault> {
+    let hero = Hero::shipped();
+    let name = out.file_stem().unwrap_or_default().to_string_lossy();
+    let mut stem = name.clone().into_owned();
+    let mut number = 1;
+    let (what, files) = loop {
+        let (what, files) = files(&hero, out, &stem)?;
+        if force || files[1..].iter().all(|(path, bytes)| is_free(path, bytes)) {
+            break (what, files);
+        }
+        number += 1;
+        stem = format!("{name}-{number}");
+    };
     for (path, bytes) in &files {
         write_out(path, bytes)?;
     }

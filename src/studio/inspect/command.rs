@@ -9,10 +9,13 @@ use super::album::Album;
 use super::{mesh, model, ranges, recording, run};
 use crate::appliance::settings::Settings;
 use crate::face_model::{FaceModel, file::MAGIC};
-use crate::studio::atomic_write::write_out;
+use crate::studio::atomic_write::{write_beside, write_out};
 use crate::studio::fault::Fault;
 use crate::studio::picture_files::png;
-use crate::studio::text_files::{MOST, name_of};
+use crate::studio::text_files::{MOST, decoded, name_of};
+
+/// Largest table, bytes: an hour of a run, which takes five times as much memory.
+const CSV_MOST: usize = 256 << 20;
 
 /// What can be shown.
 const SHOWN: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh or saved people";
@@ -40,10 +43,16 @@ fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Faul
     if bytes.starts_with(b"glTF") {
         return mesh::inspect_glb(name, bytes);
     }
-    match (ending, std::str::from_utf8(bytes)) {
-        (Some("csv"), Ok(text)) => run::inspect(name, text),
-        (Some("obj"), Ok(text)) => mesh::inspect(name, text),
-        (_, Ok(text)) if text.starts_with("mien-people") => ranges::people(name, text),
+    if ending == Some("csv") && bytes.len() > CSV_MOST {
+        let (most, found) = (CSV_MOST >> 20, bytes.len() >> 20);
+        let expected = format!("expected a table of at most {most} MiB, found {found}; cut it");
+        return Err(Fault::new(expected));
+    }
+    let text = decoded(bytes);
+    match ending {
+        Some("csv") => run::inspect(name, &text),
+        Some("obj") => mesh::inspect(name, &text),
+        _ if text.starts_with("mien-people") => ranges::people(name, &text),
         _ => Err(Fault::new(format!("cannot show this; {SHOWN}"))),
     }
 }
@@ -58,6 +67,7 @@ pub fn inspect(
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<PathBuf, Fault> {
+    let named = out;
     let beside = || PathBuf::from(format!("{}.html", name_of(path)));
     let out = out.map_or_else(beside, PathBuf::from);
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
@@ -70,6 +80,9 @@ pub fn inspect(
         true => album.html().into_bytes(),
         false => png(&album.sheet()),
     };
+    if named.is_none() {
+        return write_beside(&out, &bytes, false);
+    }
     write_out(&out, bytes)?;
     Ok(out)
 }

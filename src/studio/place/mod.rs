@@ -16,6 +16,7 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
+use super::atomic_write;
 use super::bake::command::{Source, landmark_text};
 use super::bake::head::{Head, apart, miscounted};
 use super::bake::locate::LOW;
@@ -64,8 +65,19 @@ pub struct Place {
     out: PathBuf,
     /// The shapes of the last bake.
     baked: Mutex<Vec<Shape>>,
+    /// The file asked for last, and of which shape: everybody who asks for the same gets the same bytes.
+    made: Mutex<Option<(String, Arc<[u8]>)>>,
     /// Held while shapes are baked: one at a time.
     baking: Mutex<()>,
+}
+
+/// Where points are saved beside a mesh: not over a file that is there, unless it is the one that they came from.
+fn beside(mesh: &Path, landmarks: &Path) -> PathBuf {
+    let name = mesh.with_extension("landmarks.txt");
+    if name == landmarks {
+        return name;
+    }
+    atomic_write::unused(&name)
 }
 
 impl Place {
@@ -97,13 +109,14 @@ impl Place {
                 false => source.mesh.clone(),
             },
             name: name_of(mesh),
-            out: out.unwrap_or_else(|| mesh.with_extension("landmarks.txt")),
+            out: out.unwrap_or_else(|| beside(mesh, landmarks)),
             source,
             ordered,
             surface,
             points,
             confidence,
             baked: Mutex::default(),
+            made: Mutex::default(),
             baking: Mutex::default(),
         })
     }
@@ -151,11 +164,19 @@ impl Place {
         let shapes = default_head::shapes(&head)?.into_iter();
         let shapes = shapes.map(|s| self.ordered.scattered(s));
         *self.baked.lock().unwrap_or_else(PoisonError::into_inner) = shapes.collect();
+        *self.made.lock().unwrap_or_else(PoisonError::into_inner) = None;
         Ok(start.elapsed().as_secs_f64())
     }
 
     /// The head in the mesh's unit, with a shape of the last bake if there is one of that name.
-    fn glb(&self, shape: &str) -> Vec<u8> {
+    fn glb(&self, shape: &str) -> Arc<[u8]> {
+        // Held while it is made: who asks at the same time waits for it.
+        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, bytes)) = &*made
+            && of == shape
+        {
+            return Arc::clone(bytes);
+        }
         let baked = self.baked.lock().unwrap_or_else(PoisonError::into_inner);
         let found = baked.iter().position(|s| s.name == shape).map(|k| Shape {
             displacement: report::shown(&baked, k),
@@ -170,7 +191,9 @@ impl Place {
             }
         }
         self.source.looks.paint(&mut glb);
-        glb.emit()
+        let bytes: Arc<[u8]> = glb.emit().into();
+        *made = Some((shape.to_owned(), Arc::clone(&bytes)));
+        bytes
     }
 
     /// Something the page lets be done.
@@ -278,7 +301,7 @@ impl Site for Place {
         }
         match &*asked.path {
             "/start.json" => Answer::json(&self.start()),
-            "/head.glb" => Answer::File("model/gltf-binary", self.glb(asked.word("shape")).into()),
+            "/head.glb" => Answer::File("model/gltf-binary", self.glb(asked.word("shape"))),
             _ => Answer::Missing("not here; the page is at /\n"),
         }
     }

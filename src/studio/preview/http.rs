@@ -1,8 +1,9 @@
 //! As much of HTTP/1.1 as one page needs: GET, POST without a body, one answer per connection, and one answer that does not
 //! end (server-sent events, WHATWG HTML section 9.2).
 //!
-//! A thread per connection, at most [`CONNECTIONS`], of which [`STREAMS`] may be events; a request as a whole has
-//! [`PATIENCE`] to arrive and [`LONGEST`] bytes, an answer [`TAKING`] to be taken. Whatever is not for something that
+//! A thread per connection, at most [`CONNECTIONS`] and [`OF_PEER`] of one peer, of which [`STREAMS`] may be events; when they are
+//! in use, the one that has moved nothing for longest makes room. A request as a whole has [`PATIENCE`] to arrive and
+//! [`LONGEST`] bytes; an answer must be taken at [`LEAST_RATE`]. Whatever is not for something that
 //! is here is refused in one line and counted. A request must name this server, once, by address or as `localhost`: a page
 //! from elsewhere that points a name of its own at this machine (DNS rebinding) is turned away. What changes
 //! something is a POST, which must carry the header `X-Mien`: a form or a link of another site cannot add one, and a script
@@ -10,14 +11,19 @@
 //! not embed what is here, and sites are told who asks for them ([`Request::elsewhere`]).
 
 use std::io::{Read, Write};
-use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, Weak};
+use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use crate::studio::fault::Fault;
 
 /// Connections at once.
 const CONNECTIONS: usize = 64;
+/// Of them, those of one peer.
+const OF_PEER: usize = 48;
+/// How long a connection that moves nothing is kept when another one comes.
+const GRACE: Duration = Duration::from_millis(250);
 /// Of them, those that do not end; the others are kept for pages.
 const STREAMS: usize = 32;
 /// Longest request, bytes.
@@ -26,8 +32,9 @@ const LONGEST: usize = 8192;
 const HEADERS: usize = 48;
 /// How long a request may take to arrive, from its first letter to its last, and an event to be taken.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How long a whole answer may take to be taken: that of the largest head on a slow network.
-const TAKING: Duration = Duration::from_secs(120);
+/// Slowest that an answer may be taken, bytes a second, and longest that nothing of it is.
+const LEAST_RATE: usize = 64 << 10;
+const STUCK: Duration = Duration::from_secs(10);
 
 /// What was asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -125,25 +132,73 @@ pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), Fault> {
     Ok((listener, page))
 }
 
+/// A connection that is open.
+struct Open {
+    stream: TcpStream,
+    peer: SocketAddr,
+    /// When bytes last went either way.
+    moved: Mutex<Instant>,
+    /// Whether it is of events, which may be rare.
+    endless: AtomicBool,
+}
+
+impl Open {
+    /// Since when nothing has moved that should.
+    fn stalled(&self) -> Duration {
+        let moved = self.moved.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.endless.load(Ordering::Relaxed) {
+            return Duration::ZERO;
+        }
+        moved.elapsed()
+    }
+}
+
+/// Whether there is room for one more of this peer, after the most stalled connection was closed if need be.
+fn make_room(open: &mut Vec<Weak<Open>>, peer: IpAddr) -> bool {
+    open.retain(|one| one.strong_count() > 0);
+    let all = open.iter().filter_map(Weak::upgrade);
+    let (own, others): (Vec<_>, Vec<_>) = all.partition(|one| one.peer.ip() == peer);
+    let candidates = if own.len() >= OF_PEER {
+        own
+    } else if own.len() + others.len() >= CONNECTIONS {
+        own.into_iter().chain(others).collect()
+    } else {
+        return true;
+    };
+    let stalled = candidates.iter().max_by_key(|one| one.stalled());
+    let stalled = stalled.filter(|one| one.stalled() > GRACE);
+    // Its thread ends at that.
+    stalled.is_some_and(|one| one.stream.shutdown(Shutdown::Both).is_ok())
+}
+
 /// Serves until the process ends.
 pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
+    let mut open: Vec<Weak<Open>> = Vec::new();
     // Whoever holds one of these is counted.
-    let (open, streams) = <(Arc<()>, Arc<()>)>::default();
+    let streams = Arc::<()>::default();
     for stream in listener.incoming() {
         let Ok(stream) = stream else {
             // Out of descriptors, perhaps; never at full speed.
             std::thread::sleep(Duration::from_millis(50));
             continue;
         };
-        if Arc::strong_count(&open) > CONNECTIONS {
+        let Ok(peer) = stream.peer_addr() else {
+            continue;
+        };
+        if !make_room(&mut open, peer.ip()) {
             site.refused();
             continue;
         }
-        let (theirs, counted) = (Arc::clone(site), Arc::clone(&open));
-        let streams = Arc::downgrade(&streams);
+        let one = Arc::new(Open {
+            stream,
+            peer,
+            moved: Mutex::new(Instant::now()),
+            endless: AtomicBool::new(false),
+        });
+        open.push(Arc::downgrade(&one));
+        let (theirs, streams) = (Arc::clone(site), Arc::downgrade(&streams));
         let answer = move || {
-            let _counted = counted;
-            if connection(stream, &*theirs, &streams).is_err() {
+            if connection(&one, &*theirs, &streams).is_err() {
                 theirs.refused();
             }
         };
@@ -158,29 +213,39 @@ pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
 struct Refused;
 
 /// A connection until a moment: each read and write has what is left of the time.
-struct Until<'a>(&'a TcpStream, Instant);
+struct Until<'a>(&'a Open, Instant);
 
 impl Until<'_> {
     /// What is left of the time; a socket refuses a timeout of zero.
     fn left(&self) -> std::io::Result<Option<Duration>> {
         match self.1.saturating_duration_since(Instant::now()) {
             Duration::ZERO => Err(std::io::ErrorKind::TimedOut.into()),
-            left => Ok(Some(left)),
+            left => Ok(Some(left.min(STUCK))),
         }
+    }
+
+    /// Bytes went either way.
+    fn moved<T>(&self, done: std::io::Result<T>) -> std::io::Result<T> {
+        if done.is_ok() {
+            *self.0.moved.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+        }
+        done
     }
 }
 
 impl Read for Until<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
-        self.0.set_read_timeout(self.left()?)?;
-        self.0.read(bytes)
+        let mut stream = &self.0.stream;
+        stream.set_read_timeout(self.left()?)?;
+        self.moved(stream.read(bytes))
     }
 }
 
 impl Write for Until<'_> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.0.set_write_timeout(self.left()?)?;
-        self.0.write(bytes)
+        let mut stream = &self.0.stream;
+        stream.set_write_timeout(self.left()?)?;
+        self.moved(stream.write(bytes))
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
@@ -188,10 +253,9 @@ impl Write for Until<'_> {
     }
 }
 
-fn connection(stream: TcpStream, site: &impl Site, streams: &Weak<()>) -> Result<(), Refused> {
-    let peer = stream.peer_addr().map_err(|_| Refused)?;
-    stream.set_nodelay(true).map_err(|_| Refused)?;
-    let mut asked = Until(&stream, Instant::now() + PATIENCE);
+fn connection(open: &Open, site: &impl Site, streams: &Weak<()>) -> Result<(), Refused> {
+    open.stream.set_nodelay(true).map_err(|_| Refused)?;
+    let mut asked = Until(open, Instant::now() + PATIENCE);
     let mut bytes = Vec::new();
     let mut chunk = [0; 1024];
     while !bytes.windows(4).any(|end| end == b"\r\n\r\n") {
@@ -201,8 +265,8 @@ fn connection(stream: TcpStream, site: &impl Site, streams: &Weak<()>) -> Result
             return Err(Refused);
         }
     }
-    let mut stream = Until(&stream, Instant::now() + TAKING);
-    let request = match parse(&bytes, peer) {
+    let mut stream = Until(open, Instant::now() + PATIENCE);
+    let request = match parse(&bytes, open.peer) {
         Ok(request) => request,
         Err(status) => {
             let _ = write_answer(&mut stream, status, "text/plain", "", status.as_bytes());
@@ -219,9 +283,10 @@ fn connection(stream: TcpStream, site: &impl Site, streams: &Weak<()>) -> Result
             // Counted before it is compared, so that two at once do not both take the last place.
             let _counted = streams.upgrade();
             if streams.strong_count() <= STREAMS + 1 {
+                open.endless.store(true, Ordering::Relaxed);
                 // Each event has its own time.
                 let mut send =
-                    |bytes: &[u8]| Until(stream.0, Instant::now() + PATIENCE).write_all(bytes);
+                    |bytes: &[u8]| Until(open, Instant::now() + PATIENCE).write_all(bytes);
                 let _ = send(EVENTS).and_then(|()| site.events(&mut send));
             } else {
                 let status = "503 Service Unavailable";
@@ -231,6 +296,8 @@ fn connection(stream: TcpStream, site: &impl Site, streams: &Weak<()>) -> Result
             return Ok(());
         }
     };
+    let seconds = body.len() / LEAST_RATE;
+    let mut stream = Until(open, stream.1 + Duration::from_secs(seconds as u64));
     // That a peer goes away is no fault of its request.
     let _ = write_answer(&mut stream, status, kind, &mark, &body);
     Ok(())
@@ -297,7 +364,8 @@ pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
     let elsewhere = says("sec-fetch-site", &|site| {
         !["same-origin", "none"].contains(&site)
     }) || says("origin", &|origin| {
-        origin.strip_prefix("http://") != Some(host)
+        let of = origin.strip_prefix("http://");
+        of.is_none_or(|of| !of.eq_ignore_ascii_case(host))
     });
     let has_body = says("transfer-encoding", &|_| true) || says("content-length", &|n| n != "0");
     if post && has_body {
@@ -318,7 +386,8 @@ pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
 
 /// Whether a host, with or without a port, is `localhost` or an IP address.
 fn is_address(host: &str) -> bool {
-    let numeric = |host: &str| host.parse::<IpAddr>().is_ok() || host == "localhost";
+    let numeric =
+        |host: &str| host.parse::<IpAddr>().is_ok() || host.eq_ignore_ascii_case("localhost");
     host.parse::<SocketAddr>().is_ok()
         || numeric(host)
         || host.rsplit_once(':').is_some_and(|(name, port)| {
@@ -344,7 +413,7 @@ mod tests {
         for host in [
             "127.0.0.1:80",
             "localhost",
-            "localhost:9180",
+            "LocalHost:9180",
             "[::1]:9180",
             "10.0.0.3",
         ] {
@@ -401,6 +470,7 @@ mod tests {
         fn answer(&self, request: &Request) -> Answer {
             match &*request.path {
                 "/events" => Answer::Events,
+                "/big" => Answer::File("text/plain", vec![b'.'; 16 << 20].into()),
                 "/picture" if request.elsewhere => Answer::Forbidden("no\n"),
                 _ => Answer::File("text/plain", b"here".as_slice().into()),
             }
@@ -452,6 +522,26 @@ mod tests {
         assert!(open >= 16, "{open} streams at once");
         let (_, line) = get(address, "/", "");
         assert!(line.starts_with("HTTP/1.1 200"), "{line}");
+    }
+
+    #[test]
+    fn who_reads_nothing_keeps_nobody_waiting() {
+        let address = served();
+        let silent: Vec<_> = (0..CONNECTIONS)
+            .map(|_| {
+                let mut stream = TcpStream::connect(address).unwrap();
+                let _ = write!(stream, "GET /big HTTP/1.1\r\nHost: {address}\r\n\r\n");
+                stream
+            })
+            .collect();
+        std::thread::sleep(2 * GRACE);
+        for _ in 0..8 {
+            let began = Instant::now();
+            let (_, line) = get(address, "/", "");
+            assert!(line.starts_with("HTTP/1.1 200"), "{line}");
+            assert!(began.elapsed() < Duration::from_secs(1));
+        }
+        drop(silent);
     }
 
     #[test]

@@ -37,7 +37,7 @@ use serde_json::{Value, json};
 use super::bake::glb::Glb;
 use super::bake::recipe::{Recipe, SHIPPED};
 use crate::appliance::service;
-use crate::appliance::source::{self, Missing};
+use crate::appliance::source;
 use crate::output::Command;
 use crate::pipeline::Pipeline;
 use crate::studio::fault::Fault;
@@ -421,7 +421,7 @@ impl Args {
             Feed::Sensor(name) => {
                 let settings = service::settings(self.config.as_deref())?;
                 let model = service::model(self.model.as_deref())?;
-                let mut source = source::open(name, Missing::Wait, settings.sensor.device)?;
+                let mut source = source::open(name, false, settings.sensor.device)?;
                 let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
                 Box::new(move || {
                     sensor::follow(&mut source, &mut pipeline, &preview.hub, &commands);

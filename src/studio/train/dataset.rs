@@ -6,6 +6,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::base::bounded_read;
 use crate::base::capacity::LANDMARKS;
 use crate::landmarks::window::Picture;
 use crate::studio::csv;
@@ -76,7 +77,15 @@ impl GreyPicture {
 /// If it does not decode.
 pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, Fault> {
     let refuse = Fault::cannot("decode", path, "; expected a PNG, JPEG or PGM picture");
-    let mut grey = image::open(path).map_err(refuse)?.to_luma8();
+    let bytes = bounded_read::regular(path, text_files::MOST).map_err(unreadable(path))?;
+    let mut grey = image::load_from_memory(&bytes).map_err(refuse)?.to_luma8();
+    let (width, height) = grey.dimensions();
+    if width.min(height) < 2 {
+        let expected = "expected a picture of 2 by 2 pixels at least";
+        return Err(Fault::within(path)(format!(
+            "{expected}, found {width} by {height}"
+        )));
+    }
     if scale < 0.99 {
         let width = (grey.width() as f32 * scale).round().max(2.0) as u32;
         let height = (grey.height() as f32 * scale).round().max(2.0) as u32;
@@ -88,6 +97,9 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, Fault> {
         luma: grey.into_raw(),
     })
 }
+
+/// Points are never farther from a picture's corner, pixels.
+const FARTHEST_PX: f32 = 65_536.0;
 
 /// The text of a table.
 pub(in crate::studio) fn read(path: &Path) -> Result<String, Fault> {
@@ -145,7 +157,7 @@ fn points_in<'a>(
     }
     let mut points = [[0.0; 2]; LANDMARKS];
     for (slot, cell) in points.as_flattened_mut().iter_mut().zip(cells) {
-        let number = cell.parse().ok().filter(|v: &f32| v.is_finite());
+        let number = cell.parse().ok().filter(|v: &f32| v.abs() <= FARTHEST_PX);
         *slot = number.ok_or(cell)?;
     }
     Ok(Some(points))
@@ -158,6 +170,9 @@ fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     let inside = inside.map_or(&*text, |(inside, _)| inside);
     let words = inside.split_ascii_whitespace();
     let numbers: Vec<f32> = words.filter_map(|w| w.parse().ok()).collect();
+    if let Some(odd) = numbers.iter().find(|v| v.is_nan() || v.abs() > FARTHEST_PX) {
+        return Err(malformed(path, 1, "pixels of a picture", &odd.to_string()));
+    }
     if numbers.len() != 2 * LANDMARKS {
         let expected = "68 lines of x and y between braces";
         let found = format!("{} numbers", numbers.len());

@@ -4,7 +4,7 @@
 //! many disturbed starts; drawn faces with known truth; cold stages, warm stages, confidence; then the test people.
 //! The model file is written only at the end.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, file};
 use crate::landmarks::cascade::Solver;
 use crate::simulator::virtual_head::Site;
-use crate::studio::atomic_write::write_out;
+use crate::studio::atomic_write::{write_beside, write_out};
 use crate::studio::fault::Fault;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::people_split::Split;
@@ -264,12 +264,13 @@ fn write_offsets(
     model: &FaceModel,
     pictures: &Pictures,
     path: &Path,
-) -> Result<(), Fault> {
+) -> Result<PathBuf, Fault> {
     let few = &pictures.train[..pictures.train.len().min(150)];
     let samples = disturbed(few, 4, &[COLD], false, args.seed + 13);
     let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
     let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
-    write_out(path, crate::studio::fit::emit_offsets(&offsets))
+    let text = crate::studio::fit::emit_offsets(&offsets);
+    write_beside(path, text.as_bytes(), false)
 }
 
 /// Trains a model and writes it; `say` gets one line per step.
@@ -329,7 +330,8 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fa
     };
     tell_portraits(args, &model, &pictures, log);
     if let Some(path) = &args.offsets {
-        write_offsets(args, &model, &pictures, path)?;
+        let path = write_offsets(args, &model, &pictures, path)?;
+        log(&format!("wrote {}", path.display()));
     }
     Ok(model)
 }

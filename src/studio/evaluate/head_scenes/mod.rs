@@ -241,7 +241,6 @@ fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), Fault> {
 }
 
 /// Long work says where it is.
-#[expect(clippy::print_stderr, reason = "progress of a command of minutes")]
 fn say(scene: &str, figure: &str) {
     eprintln!("{scene}: {figure}");
 }
