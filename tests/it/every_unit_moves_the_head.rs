@@ -133,7 +133,7 @@ impl Face {
 fn animated(units: &[&str]) -> Face {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    default_head::write_to(&at("head.glb")).unwrap();
+    default_head::write_to(&at("head.glb"), false).unwrap();
     let columns: Vec<String> = units.iter().map(|unit| format!("w_{unit}")).collect();
     let mut table = format!("time_us,user,{}\n", columns.join(","));
     for k in 0..units.len() {
