@@ -604,7 +604,8 @@ mod tests {
         };
         let streams: Vec<_> = (0..7).map(|_| open()).collect();
         let statuses: Vec<&str> = streams.iter().map(|(status, _)| status.as_str()).collect();
-        assert_eq!(statuses, ["200", "200", "200", "200", "200", "200", "503"]);
+        // One peer takes four of the six streams at most.
+        assert_eq!(statuses, ["200", "200", "200", "200", "503", "503", "503"]);
         assert!(asked(address, "GET /", "", "").ends_with(PAGE));
     }
 }

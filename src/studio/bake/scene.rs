@@ -119,7 +119,7 @@ fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, Fault> {
     if name.contains([':', '\\']) || !Path::new(&name).components().all(below) {
         return Err(unknown());
     }
-    read_below(folder, &name, text_files::MOST).map_err(|e| refuse(e.to_string()))
+    read_below(folder, &name, text_files::MOST).map_err(|e| refuse(format!("{name}: {e}")))
 }
 
 impl Glb {

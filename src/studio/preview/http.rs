@@ -297,7 +297,9 @@ fn connection(open: &Open, site: &impl Site, streams: &Weak<()>) -> Result<(), R
         }
     };
     let seconds = body.len() / LEAST_RATE;
-    let mut stream = Until(open, stream.1 + Duration::from_secs(seconds as u64));
+    // From here on: a head may have taken a minute to bake.
+    let until = Instant::now() + PATIENCE + Duration::from_secs(seconds as u64);
+    let mut stream = Until(open, until);
     // That a peer goes away is no fault of its request.
     let _ = write_answer(&mut stream, status, kind, &mark, &body);
     Ok(())
