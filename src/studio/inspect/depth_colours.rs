@@ -103,13 +103,13 @@ mod tests {
         };
         let (wall, near, far) = (raw_of(2.5), raw_of(0.9), raw_of(1.1));
         let [wall, near, far] = [wall, near, far].map(Option::unwrap);
-        let mut depth = Box::new([wall; PIXELS]);
+        let mut depth = vec![wall; PIXELS];
         let person = PIXELS / 5;
         for (k, raw) in depth[..person].iter_mut().enumerate() {
             *raw = near + (k * usize::from(far - near) / person) as u16;
         }
         let mut colours = DepthColours::default();
-        colours.add(&depth, &camera);
+        colours.add(depth.as_slice().try_into().unwrap(), &camera);
         let colours = colours.fitted();
         let share = |raw| colours.share[bin(depth_m(raw, &camera).unwrap())];
         let of_person = share(near) - share(far);
