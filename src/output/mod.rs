@@ -37,6 +37,7 @@ use face::{OneFace, WireWeights};
 pub(crate) use report::finite;
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
+#[cfg(feature = "studio")]
 pub(crate) use view::other_side;
 pub use view::{LossPolicy, UnitView, View, is_name};
 
