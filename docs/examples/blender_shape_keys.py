@@ -56,7 +56,7 @@ def messages(data):
 
 
 def heads():
-    """Objects with shape keys, and for each key the unit that drives it: as the baker wrote it, else the key's own name."""
+    """Objects with shape keys, and for each key the units of which the largest drives it: those the baker wrote, and its name."""
     for thing in bpy.data.objects:
         keys = thing.data.shape_keys if thing.type == "MESH" else None
         if not keys:
@@ -68,7 +68,7 @@ def heads():
             written = ast.literal_eval(written)
         units = list(written["units"]) if written else []
         units += [None] * (len(names) - len(units))
-        yield thing, [(name, unit or name) for name, unit in zip(names, units)]
+        yield thing, [(name, [*(unit or name).split("|"), name]) for name, unit in zip(names, units)]
 
 
 class Receiver:
@@ -94,9 +94,10 @@ class Receiver:
                     self.pose = values
         for thing, driven in heads():
             blocks = thing.data.shape_keys.key_blocks
-            for name, unit in driven:
-                if unit in self.weights:
-                    blocks[name].value = self.weights[unit]
+            for name, units in driven:
+                sent = [self.weights[unit] for unit in units if unit in self.weights]
+                if sent:
+                    blocks[name].value = max(sent)
             if self.pose:
                 # The sensor's x right, y down, z away are Blender's x, -z, y.
                 x, y, z, w = self.pose[3:]
