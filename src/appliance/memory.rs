@@ -5,7 +5,7 @@
 //! it.
 #![expect(
     unsafe_code,
-    reason = "GlobalAlloc is an unsafe trait, whose calls are passed on unchanged, and mlockall and malloc_trim foreign functions"
+    reason = "GlobalAlloc is an unsafe trait, whose calls are passed on unchanged, and mlockall, mallopt and malloc_trim foreign functions"
 )]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -68,6 +68,16 @@ pub fn lock() -> io::Result<()> {
     match unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_ONFAULT) } {
         0 => Ok(()),
         _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// Has every block of 64 KiB and more mapped by itself, so that a freed one goes back to the system whatever was allocated after
+/// it. Otherwise the allocator raises that bound with every large block it frees, and reloads leave gaps.
+pub fn map_large_blocks() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: the call takes no pointers, and changes only where later blocks lie.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, 64 << 10);
     }
 }
 

@@ -70,6 +70,7 @@ struct Session<'r> {
 impl<'r> Session<'r> {
     /// Opens everything and allocates all memory; `None` if stopped before its CSV had a reader.
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
+        memory::map_large_blocks();
         let settings = settings(run.config.as_deref())?;
         crate::appliance::log::start(run.level(settings.log_level));
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;
@@ -152,6 +153,8 @@ impl<'r> Session<'r> {
             Ok(true) => tracing::info!("configuration reloaded"),
             Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
         }
+        // An unchanged configuration was read too.
+        memory::give_back();
         self.manager.say("READY=1");
     }
 
@@ -192,7 +195,6 @@ impl<'r> Session<'r> {
         // Those before say goodbye, and leave their ports.
         self.wires = opened;
         self.people = people(&self.settings, &self.source);
-        memory::give_back();
         Ok(true)
     }
 
