@@ -76,7 +76,7 @@ async function open(browser, url) {
   page.answers = [];
   page.on("response", (one) => page.answers.push(one));
   await page.goto(url);
-  await page.waitForFunction(() => window.mien.heads.length > 0 && !window.mien.stream.empty, null, { timeout: 60000 });
+  await page.waitForFunction(() => window.mien.heads.length > 0 && !window.mien.stream.empty);
   return page;
 }
 
@@ -353,7 +353,7 @@ async function recording(browser) {
   execFileSync(path.join(programs, "mien-studio"), ["record", "--source", "simulated:two", "--seconds", "3", "--out", session]);
   const { child, url } = await preview(["--source", session]);
   const page = await open(browser, url);
-  await page.waitForFunction(() => window.mien.stream.last - window.mien.stream.first > 2.8, null, { timeout: 60000 });
+  await page.waitForFunction(() => window.mien.stream.last - window.mien.stream.first > 2.8);
   await page.click("#play");
   await page.evaluate(() => { window.mien.stream.seek(window.mien.stream.last - 0.2); });
   await until(page, () => window.mien.stream.present().length === 2);
@@ -464,8 +464,8 @@ async function box(browser) {
   }
   const page = await noted(browser);
   await page.goto(`http://127.0.0.1:${port}/`);
-  await page.waitForFunction(() => document.querySelectorAll("article.card:not([hidden])").length === 2, null, { timeout: 60000 });
-  await page.waitForFunction(() => [...document.querySelectorAll(".bar")].some(({ dataset }) => dataset.weight > 0.2), null, { timeout: 60000 });
+  await page.waitForFunction(() => document.querySelectorAll("article.card:not([hidden])").length === 2);
+  await page.waitForFunction(() => [...document.querySelectorAll(".bar")].some(({ dataset }) => dataset.weight > 0.2));
   await judge(page, "box", { check, shots, panels: ["article.card", "#gestures"] });
   const freeze = page.locator("article.card:not([hidden]) button", { hasText: "Freeze" }).first();
   await freeze.click();
@@ -482,7 +482,7 @@ async function nobody(browser) {
   execFileSync(path.join(programs, "mien-studio"), ["record", "--source", "simulated:empty", "--seconds", "1", "--out", session]);
   const { child, url } = await preview(["--source", session]);
   const page = await open(browser, url);
-  await page.waitForFunction(() => window.mien.stream.last - window.mien.stream.first > 0.9, null, { timeout: 60000 });
+  await page.waitForFunction(() => window.mien.stream.last - window.mien.stream.first > 0.9);
   await page.click("#play");
   const empty = await page.evaluate(() => {
     const { stream } = window.mien;
