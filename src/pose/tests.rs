@@ -59,7 +59,7 @@ fn wide_head_error(learn_shape: bool) -> f32 {
     };
     let mut tracker = PoseTracker::new(settings, &half_egg()).unwrap();
     let mut off = Vec::new();
-    for k in 0..150 {
+    for k in 0..90 {
         let yaw = 25.0 * (k as f32 * 0.1).sin();
         let truth = placed(yaw, 0.0, 0.0);
         let mut seen = HeadCloud::default();
@@ -75,7 +75,7 @@ fn wide_head_error(learn_shape: bool) -> f32 {
         let found = found.sensor_from_head.rotation;
         off.push((truth.rotation.inverse() * found).scaled_axis());
     }
-    let last = &off[60..];
+    let last = &off[40..];
     let mean = last.iter().sum::<Vector>() / last.len() as f32;
     let error = last.iter().map(|off| (off - mean).norm()).sum::<f32>();
     (error / last.len() as f32).to_degrees()
