@@ -277,6 +277,10 @@ async function controls(page, url) {
   check("the box is asked for a neutral face", /^asked .*neutral/.test(await said("asked")), await page.textContent("#said"));
   await page.click("#freeze");
   check("freezing is shown", /frozen/.test(await said("frozen")) && (await page.getAttribute("#freeze", "aria-pressed")) === "true");
+  const other = await open(page.context().browser(), url);
+  await until(other, () => document.getElementById("freeze").ariaPressed === "true");
+  check("a second reader of the page sees that learning is frozen", (await other.textContent("#freeze")) === "Resume");
+  await other.close();
   await page.click("#freeze");
   await said("resumed");
   await page.click("#record");
