@@ -115,12 +115,12 @@ mod tests {
     fn nothing_plugged_in_is_said_with_what_to_do() {
         assert_eq!(
             text(&Ok(vec![]), &[]),
-            "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug it in, and its own power supply too\n\
+            "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug in the Kinect and its power supply\n\
              no serial port\n"
         );
         let unpowered = text(&Err(DeviceError::NoPower), &[]);
         assert!(
-            unpowered.contains("no 12 V; plug in its own power supply\n"),
+            unpowered.contains("no 12 V; plug in its power supply\n"),
             "{unpowered}"
         );
         let bare = text(&Err(DeviceError::NoUsb), &[]);

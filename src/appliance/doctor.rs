@@ -12,6 +12,7 @@ use crate::appliance::service;
 use crate::appliance::settings::Settings;
 use crate::appliance::source;
 use crate::appliance::wires;
+use crate::base::bounded_read::reason;
 
 /// Kernel limit on the memory of USB transfers, in MB.
 const USB_MEMORY: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
@@ -77,7 +78,7 @@ fn sensor(
     found: Result<Vec<usb_devices::Listed>, DeviceError>,
 ) {
     let ("kinect" | source::AUTO, serial) = source::parts(&settings.sensor.source) else {
-        let text = format_args!("using {}, none needed on USB", settings.sensor.source);
+        let text = format_args!("using {}; no USB sensor is needed", settings.sensor.source);
         return lines.say(OK, "sensor", text);
     };
     match found {
@@ -105,7 +106,7 @@ fn serial(lines: &mut Lines, port: &str) {
     match port {
         "" => lines.say(OK, "serial port", "none configured"),
         _ if port.starts_with("tcp:") => {
-            let text = format_args!("{port}, not tested; a run connects to it");
+            let text = format_args!("{port} was not tested; `mien run` connects to it");
             lines.say(OK, "serial port", text);
         }
         _ => device(
@@ -113,7 +114,7 @@ fn serial(lines: &mut Lines, port: &str) {
             "serial port",
             port,
             [
-                "plug it in, a run waits for it; `mien devices` lists what is connected",
+                "plug it in (`mien run` waits for it); `mien devices` lists what is connected",
                 "add the user to the group dialout and log in again",
             ],
         ),
@@ -136,18 +137,18 @@ fn device(lines: &mut Lines, what: &str, path: &str, [absent, forbidden]: [&str;
     lines.say(
         verdict,
         what,
-        format_args!("{path} cannot be opened ({problem}); {advice}"),
+        format_args!("{path} cannot be opened ({}); {advice}", reason(problem)),
     );
 }
 
 /// What presses keys.
 fn keys(lines: &mut Lines, path: &str) {
     let absent = if path.ends_with("uinput") {
-        "run `modprobe uinput` as root, and write uinput into /etc/modules-load.d/uinput.conf to have it after a restart; a run waits for it"
+        "run `modprobe uinput` as root, and write uinput into /etc/modules-load.d/uinput.conf to load it at every boot; `mien run` waits for it"
     } else {
-        "set up the USB gadget; a run waits for it"
+        "set up the USB gadget; `mien run` waits for it"
     };
-    let forbidden = "as a service, install mien-keys.conf as docs/gestures.md says; otherwise let the user write to it by a udev rule";
+    let forbidden = "for the service, install mien-keys.conf as described in docs/gestures.md; otherwise add a udev rule that lets the user write to it";
     device(lines, "keys", path, [absent, forbidden]);
 }
 
@@ -184,9 +185,10 @@ fn status(lines: &mut Lines, path: &Path) {
     // It is created only to test that it can be.
     let found = std::fs::File::create(&probe).inspect(|_| drop(std::fs::remove_file(&probe)));
     let folder = folder.display();
-    let advice = "the service creates it, otherwise choose another in status.path";
+    let advice = "the service creates it; otherwise set status.path to another folder";
     let found = found.map(|_| format!("status files go to {folder}"));
-    let found = found.map_err(|problem| format!("{folder} is not writable ({problem}); {advice}"));
+    let found = found
+        .map_err(|problem| format!("{folder} is not writable ({}); {advice}", reason(problem)));
     lines.judge(WARN, "status", found);
 }
 

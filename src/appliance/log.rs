@@ -172,11 +172,11 @@ impl Subscriber for Lines {
         }
         let left_out = self.left_out.load(Ordering::Relaxed);
         if left_out > 0 {
-            let _ = write!(line, "({left_out} lines left out) ");
+            let _ = write!(line, "({left_out} lines omitted) ");
         }
         event.record(&mut line);
         if alike > 0 {
-            let _ = write!(line, " ({alike} more like this left out)");
+            let _ = write!(line, " ({alike} more like this omitted)");
         }
         if error.offer(line.ended()) {
             self.left_out.fetch_sub(left_out, Ordering::Relaxed);

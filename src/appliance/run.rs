@@ -94,7 +94,7 @@ impl<'r> Session<'r> {
         let wires = wires::open(&settings, &pipeline.unit_names())?;
         if wires.is_empty() && csv.is_none() {
             tracing::warn!(
-                "no output is enabled and there is no --csv: nothing is sent; enable one in the configuration (`mien print-config`)"
+                "nothing is sent, because no output is enabled and --csv is not given; enable an output in the configuration (see `mien print-config`)"
             );
         }
         let (gestures, status) = shown(&settings, &name, &pipeline);
@@ -322,7 +322,7 @@ impl<'r> Session<'r> {
                     let level = f32::from(hundredths) / 100.0;
                     self.gestures.set_level(gesture, level);
                 }
-                tracing::info!("command from a receiver: {command:?}");
+                tracing::info!("receiver asked to {command}");
             }
         }
         let wires = self.wires.iter().map(|wire| wire.tally());

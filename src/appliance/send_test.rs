@@ -96,11 +96,13 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         frames: 0,
     };
     if sender.outputs.is_empty() {
-        tracing::warn!("no output is enabled in the configuration: nothing is sent");
+        tracing::warn!(
+            "no output is enabled in the configuration, so nothing is sent; enable one (see `mien print-config`)"
+        );
         return Ok(());
     }
     let mut weights = vec![0.0; units.len()];
-    tracing::info!("sends to {}", wires::named(settings));
+    tracing::info!("sending to {}", wires::named(settings));
     for _ in 0..NEUTRAL {
         sender.send(&weights, "")?;
     }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::appliance::settings::{Refused, Settings, SettingsError};
 use crate::appliance::source::{self, SourceError};
 use crate::appliance::wires;
-use crate::base::bounded_read;
+use crate::base::bounded_read::{self, reason};
 use crate::face_model::FaceModel;
 use crate::output::OutputError;
 use crate::pipeline::{Pipeline, PipelineError};
@@ -38,7 +38,7 @@ pub enum Failure {
     #[error(transparent)]
     Output(#[from] OutputError),
     /// Standard output.
-    #[error("cannot write to standard output: {0}; is there space left?")]
+    #[error("cannot write to standard output: {0}; is there free space?")]
     Print(io::Error),
     /// Signals cannot be watched.
     #[error("cannot watch for signals: {0}; is the system out of memory?")]
@@ -132,7 +132,7 @@ fn refused(settings: &Settings) -> Option<Refused> {
     }
     let at = &settings.page.listen;
     (wires::share_a_port(settings)).then_some(())?;
-    let problem = "expected page.listen at a port of its own, which is not the websocket's";
+    let problem = "expected page.listen on another port than websocket.listen";
     of("page", "listen", format!("{problem}, found {at}"))
 }
 
@@ -146,8 +146,8 @@ pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
     };
     let wrong = |problem| Failure::Model(path.into(), problem);
     let bytes = bounded_read::read(path, MODEL_MOST).map_err(|problem| {
-        let advice = "give the path of a model made by mien-studio train";
-        wrong(format!("cannot be read ({problem}); {advice}"))
+        let advice = "give a model written by `mien-studio train`";
+        wrong(format!("cannot be read ({}); {advice}", reason(problem)))
     })?;
     FaceModel::read(&bytes).map_err(|problem| wrong(problem.to_string()))
 }

@@ -46,7 +46,7 @@ pub enum SourceError {
     )]
     Unknown(String, String),
     /// Of so many frames of a recording not one could be used.
-    #[error("none of the {0} frames of this recording can be used; the warnings above say why")]
+    #[error("none of the {0} frames of this recording can be used; see the warnings above")]
     Nothing(usize),
     /// No such scene.
     #[error(transparent)]
@@ -251,7 +251,7 @@ pub fn open(name: &str, required: bool, settings: SensorSettings) -> Result<Sour
     match problem {
         Some(problem) if required => return Err(SourceError::Missing(problem)),
         Some(problem) if name == AUTO => {
-            tracing::warn!("{problem}; using the simulated sensor until mien is started again");
+            tracing::warn!("{problem}; using the simulated sensor until mien is restarted");
             return Source::simulated(None);
         }
         Some(problem) => tracing::warn!("waiting for the Kinect: {problem}"),

@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 use crate::appliance::settings::STATUS_PATH;
 use crate::base::atomic_write::AtomicFile;
+use crate::base::bounded_read::reason;
 use crate::base::capacity::{UNITS, USERS};
 use crate::base::defaults;
 use crate::base::json::Quoted;
@@ -309,17 +310,17 @@ const METRICS: &[(&str, &str, &str)] = &[
     (
         "mien_capture_to_send_seconds",
         "summary",
-        "From a frame's arrival until all outputs had it, over the last 1024 frames.",
+        "Time from a frame's arrival until all outputs have sent it, over the last 1024 frames.",
     ),
     (
         "mien_face_present",
         "gauge",
-        "People whose face is followed.",
+        "People whose face is tracked.",
     ),
     (
         "mien_tracking_lost_total",
         "counter",
-        "How often a person was lost.",
+        "Times that a person was lost.",
     ),
     ("mien_sensor_connected", "gauge", "1 while frames arrive."),
     ("mien_uptime_seconds", "gauge", "Time since the start."),
@@ -327,12 +328,12 @@ const METRICS: &[(&str, &str, &str)] = &[
     (
         "mien_output_sent_total",
         "counter",
-        "Messages that the system took.",
+        "Messages passed to the operating system.",
     ),
     (
         "mien_output_errors_total",
         "counter",
-        "Messages that it did not take.",
+        "Messages dropped because the operating system did not accept them.",
     ),
     (
         "mien_output_refused_total",
@@ -342,7 +343,7 @@ const METRICS: &[(&str, &str, &str)] = &[
     (
         "mien_output_connected",
         "gauge",
-        "1 while the output has its device or its receiver.",
+        "1 while the output is connected to its device or receiver.",
     ),
 ];
 
@@ -417,7 +418,7 @@ impl Files {
         let other = self.left[file].is_some() && found.is_some() && found != self.left[file];
         if other && !std::mem::replace(&mut self.shared, true) {
             tracing::warn!(
-                "another program also writes {}, perhaps a second mien; give each its own status.path",
+                "another program, perhaps a second mien, also writes {}; give each its own status.path",
                 path.display()
             );
         }
@@ -431,8 +432,9 @@ impl Files {
                 let unasked = path.to_str() == Some(STATUS_PATH);
                 if !(unasked && error.kind() == ErrorKind::NotFound) {
                     tracing::info!(
-                        "{} is not written: {error}; set status.path to another place",
-                        path.display()
+                        "{} is not written ({}); set status.path to another file",
+                        path.display(),
+                        reason(error)
                     );
                 }
                 self.told = true;

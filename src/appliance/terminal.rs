@@ -212,11 +212,11 @@ impl Live {
         let version = env!("CARGO_PKG_VERSION");
         let to = if wires.is_empty() { "nowhere" } else { wires };
         let next = if wires.is_empty() {
-            "enable an output in the configuration (`mien print-config`), or add --csv FILE; Ctrl-C ends"
+            "enable an output in the configuration (see `mien print-config`), or add --csv FILE; Ctrl-C stops"
         } else if wires.contains(LIVE_PAGE_HEARS) {
-            "`mien-studio preview` shows the face at http://127.0.0.1:9180, `mien send-test` tries a receiver; Ctrl-C ends"
+            "`mien-studio preview` shows the face at http://127.0.0.1:9180, `mien send-test` tests a receiver; Ctrl-C stops"
         } else {
-            "`mien send-test` moves every shape once, to try a receiver; Ctrl-C ends"
+            "`mien send-test` moves every shape once to test a receiver; Ctrl-C stops"
         };
         let words = format!("mien {version}: {source}\nsends to: {to}\nnext: {next}\n");
         self.out.offer(words.as_bytes());

@@ -1,5 +1,6 @@
 //! Reads whole files, up to the largest size a file of their kind can have.
 
+use std::fmt::Display;
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read, Result};
 use std::os::fd::AsRawFd;
@@ -47,7 +48,7 @@ pub(crate) fn read_below(folder: &Path, name: &str, most: usize) -> Result<Vec<u
     let path = folder.join(name).canonicalize()?;
     if !path.starts_with(folder.canonicalize()?) {
         let folder = folder.display();
-        return Err(Error::other(format!("expected a file below {folder}")));
+        return Err(Error::other(format!("expected a file inside {folder}")));
     }
     regular(&path, most)
 }
@@ -58,7 +59,7 @@ fn stream(mut file: File, most: usize) -> Result<Vec<u8>> {
         let mut asked = [PollFd::new(file.as_raw_fd(), PollFlags::POLLIN)];
         if poll(&mut asked, PATIENCE_MS)? == 0 {
             let seconds = PATIENCE_MS / 1000;
-            let text = format!("nothing to read from this pipe for {seconds} s");
+            let text = format!("no data came through this pipe for {seconds} s");
             return Err(Error::new(ErrorKind::TimedOut, text));
         }
         match file.read(&mut room) {
@@ -105,6 +106,13 @@ pub(crate) fn all(file: File, most: usize) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// The words of the operating system's message, in lower case and without its number.
+pub(crate) fn reason(error: impl Display) -> String {
+    let text = error.to_string();
+    let words = text.split_once(" (os error ");
+    words.map_or(text.clone(), |(words, _)| words.to_lowercase())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -113,6 +121,8 @@ mod tests {
     fn a_file_without_an_end_is_refused() {
         let error = read(Path::new("/dev/zero"), 1 << 20).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::FileTooLarge);
+        let absent = read(Path::new("/nowhere/file"), 1).unwrap_err();
+        assert_eq!(reason(absent), "no such file or directory");
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         std::fs::write(&path, [7; 9]).unwrap();

@@ -7,7 +7,7 @@ use crate::base::prelude::*;
 pub enum ModelError {
     /// Not a model at all.
     #[error(
-        "expected a face model (first bytes \"MIENFACE\"), found {0:?}; give a file written by `mien-studio train`"
+        "expected a face model (first bytes \"MIENFACE\"), found {0:?}; use a file written by `mien-studio train`"
     )]
     NotAModel(Vec<u8>),
     /// Another version of the format: the one this program reads, and the file's.

@@ -92,7 +92,7 @@ impl Keys {
             tally: Tally::of("keys"),
         };
         if let Err(problem) = keys.open() {
-            tracing::warn!("{problem}; trying again");
+            tracing::warn!("{problem} Retrying every {} s", PAUSES[1].as_secs());
         }
         keys
     }
@@ -138,7 +138,11 @@ impl Keys {
             // Gone, not only busy or without a host.
             if matches!(written, Some(Err(problem)) if problem.raw_os_error() == Some(libc::ENODEV))
             {
-                tracing::warn!("{} is gone; trying again", self.path);
+                tracing::warn!(
+                    "{} is gone; retrying every {} s",
+                    self.path,
+                    PAUSES[1].as_secs()
+                );
                 self.device = None;
                 return;
             }
@@ -159,7 +163,7 @@ impl Keys {
 impl Output for Keys {
     fn send(&mut self, _: &Report) -> Result<(), OutputError> {
         if self.device.is_none() && Instant::now() >= self.again && self.open().is_ok() {
-            tracing::info!("keys are pressed through {}", self.path);
+            tracing::info!("pressing keys through {}", self.path);
         }
         for (tapped, is_down) in self.tapped.iter_mut().zip(self.is_down) {
             *tapped &= !is_down;

@@ -74,7 +74,8 @@ impl<T> Listening<T> {
             // Not the first failure: before a reload the address is still this program's own for a moment.
             if self.back_off.tries == 1 {
                 tracing::warn!(
-                    "cannot listen{what} at {address} ({error}), retrying until it is free"
+                    "cannot listen{what} at {address} ({error}); retrying every {} s",
+                    IN_USE[1].as_secs()
                 );
             }
         });

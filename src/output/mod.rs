@@ -54,6 +54,22 @@ pub enum Command {
     Level(usize, u16),
 }
 
+impl core::fmt::Display for Command {
+    /// What a receiver asked for, as in "asked to …".
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::Forget(slot) => write!(f, "forget person {}", slot + 1),
+            Self::Freeze(slot, true) => write!(f, "freeze learning for person {}", slot + 1),
+            Self::Freeze(slot, false) => write!(f, "resume learning for person {}", slot + 1),
+            Self::Neutral(slot) => write!(f, "set the neutral face of person {}", slot + 1),
+            Self::Level(gesture, level) => {
+                let level = f32::from(level) / 100.0;
+                write!(f, "set the level of gesture {gesture} to {level:.2}")
+            }
+        }
+    }
+}
+
 impl Command {
     /// A command by its name, for a slot; `freeze` has `on`. `None` if there is no such command or slot.
     pub(crate) fn named(what: &str, slot: usize, on: Option<bool>) -> Option<Self> {
@@ -147,7 +163,7 @@ pub trait Output {
 pub enum OutputError {
     /// The CSV cannot be written.
     #[cfg(feature = "std")]
-    #[error("cannot write the CSV: {0}; check the path and the space left")]
+    #[error("cannot write the CSV: {0}; check the path and the free space")]
     Csv(std::io::Error),
     /// No UDP socket.
     #[cfg(feature = "std")]
@@ -167,9 +183,7 @@ pub enum OutputError {
     )]
     Prefix(String),
     /// The names of so many units do not fit one datagram or line: bytes needed, and available.
-    #[error(
-        "names of {0} units take {1} bytes, expected at most {2}; shorten or drop some in the units table"
-    )]
+    #[error("the names of {0} units take {1} bytes, expected at most {2}; shorten some in [units]")]
     Names(usize, usize, usize),
     /// An unknown unit is requested.
     #[error(

@@ -41,7 +41,7 @@ use trail::{COAST_S, Tracker, Trail};
 /// Why a tracker cannot be created: a standard head of so many points is unusable.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "standard head: expected {} to 65534 finite points, found {} points; the face model is not one of mien's",
+    "standard head: expected {} to 65534 finite points, found {} points; use a face model written by `mien-studio train`",
     icp::MIN_PAIRS,
     .0
 )]

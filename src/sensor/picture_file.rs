@@ -4,7 +4,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use crate::base::bounded_read;
+use crate::base::bounded_read::{self, reason};
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
 /// Bytes of a file besides its pixels.
@@ -20,8 +20,8 @@ pub struct RecordingError(pub(super) PathBuf, pub(super) String);
 impl RecordingError {
     /// Of a file that cannot be read or written.
     pub(super) fn of_file(path: &Path, problem: &std::io::Error) -> Self {
-        let advice = "check the path, its permissions and the space left";
-        Self(path.to_owned(), format!("{problem}; {advice}"))
+        let advice = "check the path, its permissions and the free space";
+        Self(path.to_owned(), format!("{}; {advice}", reason(problem)))
     }
 }
 
@@ -37,17 +37,17 @@ pub(super) fn nearest<T>(list: &[T], time: i64, time_of: impl Fn(&T) -> i64) -> 
 pub(super) enum Damage {
     #[error("{0}")]
     Listed(&'static str),
-    #[error("cannot be read ({0})")]
+    #[error("cannot be read ({})", reason(.0))]
     Unreadable(#[from] std::io::Error),
-    #[error("is no whole PGM, PPM, PNG or JPEG")]
+    #[error("is not a complete PGM, PPM, PNG or JPEG file")]
     Format,
-    #[error("has {1:?} pixels, expected {0:?}")]
+    #[error("has {} x {} pixels, expected {} x {}", .1[0], .1[1], .0[0], .0[1])]
     Size([usize; 2], [usize; 2]),
     #[error("ends before its last pixel")]
     Short,
     #[error("expected {0}")]
     Kind(&'static str),
-    #[error("holds the depth value {0}, expected raw values up to 2047, little endian")]
+    #[error("contains the depth value {0}, expected little-endian raw values of at most 2047")]
     Value(u16),
 }
 

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use super::camera::{Camera, Picture, Pinhole, RANGE_M};
 use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
 use super::{Frame, NO_DEPTH};
-use crate::base::bounded_read;
+use crate::base::bounded_read::{self, reason};
 use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::base::time::Timestamp;
 use calibration::{Calibration, View};
@@ -29,8 +29,9 @@ use calibration::{Calibration, View};
 /// Largest list of pictures and largest calibration, bytes.
 const LIST_MOST: usize = 1 << 26;
 const CALIBRATION_MOST: usize = 1 << 16;
-const UNLISTED: Damage =
-    Damage::Listed("expected seconds and a file of this folder, later than the line before");
+const UNLISTED: Damage = Damage::Listed(
+    "expected a time in seconds, later than in the line before, and a file in this folder",
+);
 
 /// One stream: its view as the frame has it, and what it takes to read a picture.
 struct Stream {
@@ -67,7 +68,7 @@ impl Stream {
 
 fn text(path: &Path, most: usize) -> Result<String, RecordingError> {
     let bytes = bounded_read::regular(path, most).map_err(|problem| {
-        RecordingError(path.to_owned(), format!("cannot be read ({problem}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md"))
+        RecordingError(path.to_owned(), format!("cannot be read ({}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md", reason(problem)))
     })?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
@@ -130,11 +131,11 @@ impl Rgbd {
             tracing::warn!("{}: {problem}", folder.join("rgb.txt").display());
         }
         if index.depth.is_empty() {
-            return Err(RecordingError(folder.join("depth.txt"), "names no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?".into()));
+            return Err(RecordingError(folder.join("depth.txt"), "lists no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?".into()));
         }
         #[cfg(not(feature = "studio"))]
         if index.depth[0].name.ends_with(".png") {
-            return Err(RecordingError(folder.join("depth.txt"), "names PNG, which this lean program does not read; play it with one built with --features studio, or convert it to PGM, see docs/recordings.md".into()));
+            return Err(RecordingError(folder.join("depth.txt"), "lists PNG files, which this build cannot read; use a build with --features studio, or convert them to PGM (see docs/recordings.md)".into()));
         }
         let (depth, picture) = (&calibration.depth, &calibration.colour);
         let streams = [depth, picture].map(Stream::new);
@@ -215,7 +216,7 @@ impl Rgbd {
         let width = self.depth.size[0];
         let pixels = self.depth.file.read(path, self.depth.size)?;
         if pixels.channels != 1 || !pixels.wide {
-            return Err(Damage::Kind("grey of 16 bit, as depth is"));
+            return Err(Damage::Kind("a 16-bit grey picture, as depth is"));
         }
         if !std::mem::replace(&mut self.scaled, true)
             && let Some(problem) = misread_depth(&pixels, self.metres_per_unit)
@@ -329,7 +330,7 @@ fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
     values.sort_unstable();
     let (median, percent) = (values[values.len() / 2], inside * 100.0);
     Some(format!(
-        "by metres_per_unit {metres_per_unit} the middle of the first depth picture is {:.2} m away, and {percent:.0} % of it within {} to {} m; is it 0.001 for millimetres, or 0.0002 as TUM's?",
+        "with metres_per_unit = {metres_per_unit} the median of the first depth picture is {:.2} m, and only {percent:.0} % of it is within {} to {} m; should it be 0.001 (millimetres) or 0.0002 (TUM)?",
         metres(median),
         RANGE_M[0],
         RANGE_M[1]
@@ -355,7 +356,7 @@ impl Index {
         let enough = paired.count() as f64 >= PAIRED * self.depth.len() as f64;
         let seconds = self.picture_start? as f64 * 1e-6;
         (!enough).then(|| {
-            format!("hardly any picture is at the time of one in depth.txt; its times begin {seconds:.3} s after those: are both by the same clock? Heads are followed by depth alone")
+            format!("hardly any picture was taken at the time of one in depth.txt, and its times begin {seconds:.3} s later: are both from the same clock? Heads are tracked by depth alone")
         })
     }
 

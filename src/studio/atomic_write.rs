@@ -76,7 +76,7 @@ pub fn write_beside(path: &Path, bytes: &[u8], force: bool) -> Result<PathBuf, F
 /// # Errors
 /// As [`write()`], in a sentence.
 pub fn write_out(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
-    let advice = "; give another place with --out";
+    let advice = "; give another path with --out";
     write(path, bytes).map_err(Fault::cannot("write", path, advice))
 }
 

@@ -91,10 +91,10 @@ enum Command {
         /// The head to write, .glb or .obj
         #[arg(long, required_unless_present = "make")]
         out: Option<PathBuf>,
-        /// Rebuild the data that the program makes the head from
+        /// Rebuild the data from which the program makes the head
         #[arg(long)]
         make: Option<PathBuf>,
-        /// Replace other files that stand beside it; otherwise those beside it get a number
+        /// Overwrite existing files beside it; otherwise new files beside it get a number
         #[arg(long)]
         force: bool,
         #[command(flatten)]
@@ -120,7 +120,7 @@ enum Command {
     /// Write this program's manual page and its completions for bash, zsh and fish
     #[command(after_help = "Example: mien-studio completions --out ~/.local/share")]
     Completions {
-        /// Folder that has the place of /usr/share
+        /// Folder to write to, laid out like /usr/share
         #[arg(long)]
         out: PathBuf,
     },
@@ -146,7 +146,7 @@ impl Setup {
 
 #[derive(Args)]
 struct Inspect {
-    /// What to show
+    /// Recording, run (CSV), face model, mesh or saved people to show
     path: PathBuf,
     /// Page or picture to write, .html or .png
     #[arg(long)]
@@ -161,19 +161,19 @@ struct Evaluate {
     data: Data,
     #[command(flatten)]
     setup: Setup,
-    /// At most this many people of the split [default: all; 4 with --heads, 1 with --paper]
+    /// Maximum number of people of the split [default: all; 4 with --heads, 1 with --paper]
     #[arg(long)]
     people: Option<usize>,
     /// Length of a session [default: 45; 5 with --landmarks, 10 with --heads, 20 with --wild and --paper]
     #[arg(long)]
     seconds: Option<f64>,
-    /// Whose sessions: test (never looked at while building), dev (for choosing settings) or train
+    /// People whose sessions are run: test (never used in development), dev (for choosing settings) or train
     #[arg(long, default_value = "test")]
     split: Split,
     /// Seed of everything random
     #[arg(long, default_value_t = Sessions::default().seed)]
     seed: u64,
-    /// The face model alone: every condition on drawn and on real faces
+    /// The face model alone: every condition on rendered and on real faces
     #[arg(long, group = "what")]
     landmarks: bool,
     /// Scenes of one and several heads, hands and rooms
@@ -211,13 +211,13 @@ struct Place {
     /// Neutral head, as for bake
     #[arg(long)]
     mesh: PathBuf,
-    /// Where to begin: 68 vertex numbers, as for bake, or auto: found on a picture of the mesh
+    /// Initial points: a file of 68 vertex numbers, as for bake, or auto to find them in a rendering of the mesh
     #[arg(long, default_value = "auto")]
     landmarks: PathBuf,
-    /// What Save writes, for bake --landmarks [default: beside the mesh, NAME.landmarks.txt]
+    /// File that Save writes, for bake --landmarks [default: beside the mesh, NAME.landmarks.txt]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Where the page is served, on this machine only; 0 takes a free one
+    /// Port of the page, on this machine only; 0 takes a free one
     #[arg(long, default_value_t = place::PORT)]
     port: u16,
 }

@@ -22,7 +22,7 @@ pub fn write(mut grammar: Command, share: &Path) -> Result<(), Fault> {
         std::fs::create_dir_all(folder).map_err(Fault::cannot(
             "make",
             folder,
-            "; give another place with --out",
+            "; give another path with --out",
         ))?;
         write_out(&path, bytes)
     };

@@ -6,6 +6,8 @@ use std::error::Error;
 use std::fmt::{self, Display};
 use std::path::Path;
 
+use crate::base::bounded_read::reason;
+
 /// Exit code of wrong words on the command line.
 pub const USAGE: u8 = 64;
 
@@ -39,7 +41,12 @@ impl Fault {
             None => String::new(),
         };
         let path = path.display().to_string();
-        move |error| Self::new(format!("cannot {what} {path}: {error}{advice}{published}"))
+        move |error| {
+            Self::new(format!(
+                "cannot {what} {path}: {}{advice}{published}",
+                reason(error)
+            ))
+        }
     }
 
     /// What is wrong with the contents of a file.

@@ -16,7 +16,7 @@ fn main() -> ExitCode {
     let done = cli::run(std::env::args_os().skip(1));
     let printed = streams::failure().map_or(Ok(()), |error| {
         Err(Fault::new(format!(
-            "cannot write to standard output: {error}; is there space left?"
+            "cannot write to standard output: {error}; is there free space?"
         )))
     });
     match done.and(printed) {

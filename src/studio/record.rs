@@ -13,17 +13,17 @@ use crate::sensor::kinect::recording::Recorder;
 /// What is recorded.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder to write; plays with --source FOLDER of mien and mien-studio
+    /// Folder to write; mien and mien-studio play it with --source FOLDER
     #[arg(long)]
     pub out: PathBuf,
-    /// How long; Ctrl-C keeps what there is
+    /// Length in seconds; Ctrl-C ends the recording earlier and keeps it
     #[arg(long, default_value_t = 10.0)]
     pub seconds: f64,
     /// Where frames come from.
     #[arg(
         long,
         default_value = "auto",
-        help = "kinect, simulated[:KIND] or a folder; auto is a Kinect, or the simulator if none is plugged in"
+        help = "kinect, simulated[:SCENE] or a folder; auto is a Kinect, or the simulator if none is plugged in"
     )]
     pub source: String,
 }
@@ -86,7 +86,7 @@ pub fn record(
     stop: &AtomicBool,
 ) -> Result<Recorded, Fault> {
     let registration = source.registration().ok_or_else(|| {
-        Fault::new("expected frames of a Kinect, found those of another depth camera; copy its folder instead")
+        Fault::new("expected frames from a Kinect, found those of another depth camera; copy its recording's folder instead")
     })?;
     let mut recorder = Recorder::create(out, registration, started_unix_s)?;
     let mut frame = KinectFrame::default();

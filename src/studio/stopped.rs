@@ -39,10 +39,10 @@ impl Goes {
         let path = path.display();
         match before {
             _ if self.version() != before => {
-                format!("{path} was written, without what the remaining steps add")
+                format!("{path} was written, but the remaining steps were not run")
             }
-            Some(_) => format!("nothing was written to {path}, which is as it was"),
-            None => format!("nothing was written to {path}"),
+            Some(_) => format!("{path} was not changed"),
+            None => format!("{path} was not written"),
         }
     }
 }
@@ -95,20 +95,12 @@ mod tests {
         let path = folder.path().join("face.model");
         let result = Goes::File(path.clone());
         let none = result.version();
-        assert!(result.kept(none).starts_with("nothing was written to "));
+        assert!(result.kept(none).ends_with("face.model was not written"));
         atomic_write::write(&path, "first").unwrap();
-        assert!(
-            result
-                .kept(none)
-                .contains("face.model was written, without")
-        );
+        assert!(result.kept(none).contains("face.model was written, but"));
         let first = result.version();
-        assert!(result.kept(first).ends_with("which is as it was"));
+        assert!(result.kept(first).ends_with("face.model was not changed"));
         atomic_write::write(&path, "other").unwrap();
-        assert!(
-            result
-                .kept(first)
-                .contains("face.model was written, without")
-        );
+        assert!(result.kept(first).contains("face.model was written, but"));
     }
 }

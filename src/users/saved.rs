@@ -25,7 +25,7 @@ use std::time::{Duration, Instant, SystemTime};
 use super::likeness::Likeness;
 use super::memory::Gone;
 use crate::base::atomic_write::AtomicFile;
-use crate::base::bounded_read;
+use crate::base::bounded_read::{self, reason};
 use crate::base::capacity::{REMEMBERED, USERS};
 use crate::base::checksum::crc32;
 use crate::base::time::Timestamp;
@@ -147,7 +147,8 @@ impl People {
                 return heapless::Vec::new();
             }
             Err(error) => {
-                tracing::warn!("{path}: people cannot be read ({error}); nobody is remembered");
+                let why = reason(error);
+                tracing::warn!("{path}: cannot read saved people ({why}); nobody is remembered");
                 return heapless::Vec::new();
             }
         };
@@ -156,7 +157,7 @@ impl People {
             // If it cannot be renamed it is overwritten in a minute: nothing in it is of use.
             let _ = std::fs::rename(self.file.path(), &self.aside);
             tracing::warn!(
-                "{path}: {problem}; moved aside to {}, nobody is remembered",
+                "{path}: {problem}; the file was moved to {}, and nobody is remembered",
                 self.aside.display()
             );
             heapless::Vec::new()
@@ -184,8 +185,9 @@ impl People {
             && !self.warned
         {
             tracing::info!(
-                "{}: people are not saved ({error}); set state.path to another place, or state.persist = false",
-                self.file.path().display()
+                "{}: cannot save people ({}); set state.path to another file, or state.persist = false",
+                self.file.path().display(),
+                reason(error)
             );
         }
         self.warned = written.is_err();

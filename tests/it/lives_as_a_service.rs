@@ -416,7 +416,7 @@ fn commands_fill_no_log() {
     let said = std::fs::read_to_string(said).unwrap();
     let lines = said
         .lines()
-        .filter(|line| line.contains("command from a receiver"))
+        .filter(|line| line.contains("receiver asked to forget person 1"))
         .count();
     // Eight lines of a kind at once, then one a minute.
     assert!((1..=8).contains(&lines), "{lines} lines:\n{said}");

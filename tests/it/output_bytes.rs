@@ -151,7 +151,7 @@ fn csv_on_a_full_disk_is_an_error_in_one_sentence() {
     let error = Csv::new(Full, &MEASURES, &UNITS, &[]).err().unwrap();
     assert_eq!(
         error.to_string(),
-        "cannot write the CSV: no storage space; check the path and the space left"
+        "cannot write the CSV: no storage space; check the path and the free space"
     );
 }
 

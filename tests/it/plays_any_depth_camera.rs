@@ -130,7 +130,7 @@ fn a_broken_one_gets_a_sentence() {
     for (said, expected) in [
         (
             with("depth.txt", "# nothing\n").unwrap(),
-            "names no picture",
+            "lists no picture",
         ),
         (
             camera("\"fx\": 365.0, ", ""),
@@ -152,7 +152,7 @@ fn a_broken_one_gets_a_sentence() {
         (camera("-0.03", "-30"), "are these millimetres?"),
         (
             camera("0, 1, 0, 0", "0, 2, 0, 0"),
-            "colour_from_depth is no rotation",
+            "colour_from_depth is not a rotation",
         ),
         (camera("\"depth\":", "\"depth\""), "at line 2 column"),
     ] {

@@ -282,10 +282,10 @@ fn what_cannot_be_opened_says_so_in_one_sentence() {
     let shown = at.display();
     let message = || Recording::open(at).err().unwrap().to_string();
     assert!(message().starts_with(&format!(
-        "{shown}/INDEX.txt: no recording there (entity not found); "
+        "{shown}/INDEX.txt: cannot be read (no such file or directory); "
     )));
     fs::write(at.join("INDEX.txt"), "r-0-5.ppm\nnonsense\n").unwrap();
-    assert!(message().starts_with(&format!("{shown}/INDEX.txt: names no depth picture, ")));
+    assert!(message().starts_with(&format!("{shown}/INDEX.txt: lists no depth picture, ")));
     fs::remove_file(at.join("INDEX.txt")).unwrap();
 
     record(at, 1);
@@ -305,7 +305,7 @@ fn what_cannot_be_opened_says_so_in_one_sentence() {
         .err()
         .unwrap();
     assert!(
-        again.to_string().contains("holds a recording already"),
+        again.to_string().contains("already contains a recording"),
         "{again}"
     );
     assert!(!again.to_string().contains('\n'));

@@ -212,10 +212,7 @@ fn what_is_stopped_says_what_is_kept() {
     let ended = child.wait_with_output().unwrap();
     let said = String::from_utf8(ended.stderr).unwrap();
     assert_eq!(ended.status.signal(), Some(2), "{said}");
-    let expected = format!(
-        "mien-studio: stopped; nothing was written to {}\n",
-        out.display()
-    );
+    let expected = format!("mien-studio: stopped; {} was not written\n", out.display());
     assert_eq!(said, expected);
     assert!(!out.exists());
 }

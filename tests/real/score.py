@@ -174,9 +174,9 @@ def film(data, run):
     calm = [j for j in jumps if j[3]]
     out.append(("largest step between neighbouring frames, facing or covered", worst(calm)))
     out.append(("… over 4 cm", share(sum(j[0] > 4 for j in calm), len(calm))))
-    out.append(("… of it what is not in the step before as well (his own motion)", worst([b for b in bends if b[3]])))
+    out.append(("… after subtracting the previous step (his own motion)", worst([b for b in bends if b[3]])))
     out.append(("largest step at all", worst(jumps)))
-    out.append(("… of it what is not in the step before", worst(bends)))
+    out.append(("… after subtracting the previous step", worst(bends)))
     out.append(("slots used (one man)", str(len(run.slots))))
     ghosts = sum(sum(r.position_m is not None for r in rows) > 1 for rows in run.by_frame.values())
     out.append(("frames with a second pose", share(ghosts, run.frames)))
@@ -336,7 +336,7 @@ def face_table(people, flips):
     for unit, acted, others in TOLD:
         held, other = ([s.weights[unit] for s in every if s.expression in which and s.weights] for which in (acted, others))
         told.append(f"{unit} {auc(held, other):.2f} ({' or '.join(EXPRESSIONS[e] for e in acted)})")
-    print(f"\nTold from all other segments by the unit's weight (AU17 from neutral ones), area under the curve: {', '.join(told)}")
+    print(f"\nSeparation from all other segments (AU17: from neutral ones) by the unit's weight, area under the ROC curve: {', '.join(told)}")
 
 
 def auc(held, other):

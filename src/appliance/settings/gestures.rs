@@ -19,7 +19,7 @@ pub(super) fn begin(table: &DeTable<'_>, settings: &mut Settings) -> Result<(), 
     }
     let name = table.get("name").and_then(|name| name.get_ref().as_str());
     let name = name.filter(|name| all.iter().all(|other| other.name != **name));
-    let expected = || "a gesture with a name of its own".to_owned();
+    let expected = || "a gesture with a name that no other gesture has".to_owned();
     let name = name.ok_or_else(|| (expected(), "none".to_owned()))?;
     all.push(Gesture::named(name));
     Ok(())
@@ -39,7 +39,7 @@ pub(super) fn end(settings: &Settings) -> Result<(), Refusal> {
         return Err((expected, name.clone()));
     }
     if off >= on {
-        let expected = format!("off of the gesture {name} below its on, which is {on}");
+        let expected = format!("off of the gesture {name} to be below its on, {on}");
         return Err((expected, off.to_string()));
     }
     Ok(())

@@ -108,7 +108,7 @@ impl Number<'_> {
 const ENABLED: &str = "Whether this output is enabled.";
 const SERVES: &str = "Whether this server is enabled.";
 const TARGET: &str = "Destinations: hosts, broadcast addresses or multicast groups.";
-const DERIVED: &str = "Whether shapes of ARKit that are not measured follow what they go with, such as raised cheeks a smile.";
+const DERIVED: &str = "Whether ARKit shapes that are not measured are derived from related ones, such as raised cheeks from a smile.";
 const MIRROR: &str = "Whether left and right are swapped, as in a mirror.";
 const FILE: &str = "the path of a file, or empty";
 const LISTEN: &str =
@@ -153,7 +153,7 @@ sections! { s
         set_tilt: "Whether the motor tilts the Kinect when it is opened." => Kind::Bool(&mut s.sensor.device.set_tilt);
         tilt_deg: "The tilt, relative to the horizon." =>
             float(&mut s.sensor.device.tilt_deg, -31.0, 31.0, "degrees");
-        reset_audio: "Second series and Kinect for Windows: reset the audio device on opening, for sensors that otherwise stop streaming." =>
+        reset_audio: "Model 1473 and Kinect for Windows: reset the audio device when opening, for sensors that otherwise stop streaming." =>
             Kind::Bool(&mut s.sensor.device.reset_audio);
     }
     segment: "Head segmentation in the depth picture." {
@@ -186,15 +186,15 @@ sections! { s
     learning: "How each person's ranges are learned." {
         method: "The robust learner, or sections 2.2 to 2.6 of the paper to the letter." =>
             choice(&mut s.stages.learning.method, &[("robust", expression::Method::Robust), ("paper", expression::Method::Paper)]);
-        scale: "What measures are divided by: the frame's eye distance, the learned one, or the method's default." =>
+        scale: "Scale by which measures are divided: the frame's eye distance, the learned one, or the method's default." =>
             choice(&mut s.stages.learning.scale, &[("by-method", Scale::ByMethod), ("frame", Scale::Frame), ("learned", Scale::Learnt)]);
         best_distance_m: "Distance at which samples have full weight, equation (4)." =>
             float(&mut s.stages.learning.best_distance_m, 0.3, 4.0, "m");
-        half_life_s: "Half-life of what was learned, counted while the person is present; 0 never forgets." =>
+        half_life_s: "Half-life of what was learned, counted while the person is present; 0 disables forgetting." =>
             float(&mut s.stages.learning.half_life_s, 0.0, 86_400.0, "s");
-        range_prior: "Half seconds of expression that outweigh the population's range (robust)." =>
+        range_prior: "Number of half seconds of expression that outweigh the population's range (robust)." =>
             float(&mut s.stages.learning.range_prior, 0.5, 100.0, "");
-        dead_zone: "Dead zone around rest, in deviations of the noise (robust)." =>
+        dead_zone: "Dead zone around rest, in standard deviations of the noise (robust)." =>
             float(&mut s.stages.learning.dead_zone, 0.0, 3.0, "");
         smoothing_hz: "Cut-off of the weight filter on a still face; 0 disables it (robust)." =>
             float(&mut s.stages.learning.smoothing_hz, 0.0, 30.0, "Hz");
@@ -214,14 +214,14 @@ sections! { s
             float(&mut s.stages.learning.prior_s, 0.0, 60.0, "s");
     }
     users: "Which people are tracked, and what happens when a face is lost." {
-        most: "Maximum number of people tracked at once; with 1, whoever appears gets slot 0." =>
+        most: "Maximum number of people tracked at once; with 1, everybody who appears gets slot 0." =>
             integer(&mut s.stages.users.most, 1, 4, "");
         single: "Which person a single-person output sends (vmc, vrchat, faceosc, serial): the first to arrive, the nearest, or the most central." =>
             choice(&mut s.stages.users.single, &[("first", Policy::First), ("nearest", Policy::Nearest), ("central", Policy::Central)]);
         hold_s: "How long values are held after the face was last seen." =>
             float(&mut s.stages.users.hold_s, 0.0, 10.0, "s");
         forget_s: "How long a lost person then keeps their slot." => float(&mut s.stages.users.forget_s, 0.0, 3600.0, "s");
-        remember_s: "How long the ranges and head shape of a person who left are kept; recognised by the head, they get their ranges and slot back; 0 never." =>
+        remember_s: "How long the ranges and head shape of a person who left are kept; a returning person who is recognised gets ranges and slot back; 0 keeps none." =>
             float(&mut s.stages.users.remember_s, 0.0, 86_400.0, "s");
     }
     units: "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }" {}
@@ -274,18 +274,18 @@ sections! { s
         baud: "Baud rate." => integer(&mut s.serial.baud, 1200, 4_000_000, "bit/s");
         style: "Lines with checksums, lines for the Arduino plotter, or binary frames." =>
             choice(&mut s.serial.style, &[("text", serial::Style::Text), ("plot", serial::Style::Plot), ("cobs", serial::Style::Cobs)]);
-        full: "Value of a weight of 1 in text lines; 100 gives percentages, in tenths if the line is fast enough; from 128 numbers are whole." =>
+        full: "Number sent for a weight of 1 in text lines; 100 gives percentages, in tenths if the line is fast enough; from 128 on, numbers are whole." =>
             integer(&mut s.serial.full, 10, 10_000, "");
         pose: "Whether head poses are sent too." => Kind::Bool(&mut s.serial.pose);
         units: "Units to send, most important first; empty = all." =>
             Kind::Texts(&mut s.serial.units, "units, like [\"AU26\", \"AU25\"]", is_unit, [0, UNITS_MOST]);
-        min_rate_hz: "Frame rate below which units are left out on a slow line." =>
+        min_rate_hz: "Frame rate below which units are omitted on a slow line." =>
             float(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz");
         dtr: "Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged." =>
             Kind::Bool(&mut s.serial.dtr);
         ..s.serial.view
     }
-    network: "What the outputs below say about the box. They are optional build features, included in the package." {
+    network: "How the outputs below identify the box. They are optional build features, included in the package." {
         name: "Name of the box on the network; empty = the host name." =>
             Kind::Text(&mut s.name, "at most 63 letters, digits and -, or empty", is_host);
     }
@@ -305,7 +305,7 @@ sections! { s
     page: "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget." {
         enabled: SERVES => Kind::Bool(&mut s.page.enabled);
         listen: LISTEN => listen(&mut s.page.listen);
-        password_file: "File with the password in its first line, for any user name; empty = none, and local networks only." =>
+        password_file: "File whose first line is the password, accepted with any user name; empty = no password, and local networks only." =>
             Kind::Text(&mut s.page.password_file, FILE, |_| true);
     }
     mqtt: "MQTT: presence, state, health, weights, and Home Assistant." {
@@ -316,7 +316,7 @@ sections! { s
             Kind::Text(&mut s.mqtt.ca_file, "the path of a file", |path| !path.is_empty());
         user: "User name; empty = none." =>
             Kind::Text(&mut s.mqtt.user, "at most 64 bytes, or empty", |name| name.len() <= 64);
-        password_file: "File with the password in its first line; empty = none." =>
+        password_file: "File whose first line is the password; empty = none." =>
             Kind::Text(&mut s.mqtt.password_file, FILE, |_| true);
         prefix: "Prefix of every topic; the name of the box follows it." =>
             Kind::Text(&mut s.mqtt.prefix, "at most 64 bytes without spaces, #, + or a slash at either end", is_topic);
@@ -342,29 +342,29 @@ sections! { s
     status: "Status files." {
         path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>
             Kind::Text(&mut s.status_path, "the path of a file in an existing directory, or empty", |_| true);
-        ranges: "Whether it has everybody's learned ranges too; every user of this machine can read it." =>
+        ranges: "Whether the file also contains everybody's learned ranges; every user of this machine can read it." =>
             Kind::Bool(&mut s.status_ranges);
     }
-    log: "What is written to standard error." {
+    log: "Log on standard error." {
         level: "Lowest severity written; \"trace\" is the same as \"debug\"." =>
             choice(&mut s.log_level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
     }
-    gesture: "Expressions that switch something, see docs/gestures.md. At most 16, of which smile, brows, mouth_open, wink_left,\n# wink_right, blink_long, look_left, look_right, look_up and kiss need no more than their name." {
-        name: "What it is called." =>
+    gesture: "Expressions that switch something, see docs/gestures.md. At most 16; smile, brows, mouth_open, wink_left,\n# wink_right, blink_long, look_left, look_right, look_up and kiss need only their name." {
+        name: "Name of the gesture." =>
             Kind::Text(&mut s.gesture().name, "at most 24 letters, digits and signs such as _ or -", gestures::is_word);
-        of: "What it reads." =>
-            Kind::Text(&mut s.gesture().of, "units added and subtracted, such as \"AU12L + AU12R\", or the least of sums joined by &", gestures::is_sum);
-        on: "It goes on when that is as much," => float(&mut s.gesture().on, LEVELS[0], LEVELS[1], "");
-        off: "and off below this." => float(&mut s.gesture().off, 0.0, 8.0, "");
-        hold_s: "How long it must be as much before it goes on." => seconds(&mut s.gesture().hold_s);
-        pause_s: "Least time from going off to going on again." => seconds(&mut s.gesture().pause_s);
-        person: "Whose: of the person that single-person outputs show, of anybody, or of each by themselves." =>
+        of: "Expression that switches it." =>
+            Kind::Text(&mut s.gesture().of, "a sum of units, such as \"AU12L + AU12R - AU26\", or sums joined by &, of which the smallest counts", gestures::is_sum);
+        on: "Level of that expression at which it goes on." => float(&mut s.gesture().on, LEVELS[0], LEVELS[1], "");
+        off: "Level below which it goes off." => float(&mut s.gesture().off, 0.0, 8.0, "");
+        hold_s: "How long the level must be kept before it goes on." => seconds(&mut s.gesture().hold_s);
+        pause_s: "Shortest time from going off to going on again." => seconds(&mut s.gesture().pause_s);
+        person: "Whose expression counts: that of the person in single-person outputs, anybody's, or each person's separately." =>
             choice(&mut s.gesture().person, &[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]);
-        speaking: "Whether it may go on while they speak; if not, only at twice its level." => Kind::Bool(&mut s.gesture().speaking);
-        turned_deg: "Largest angle between face and line of sight, sideways." => float(&mut s.gesture().turned_deg, 1.0, 90.0, "degrees");
-        key: "What it presses; empty = nothing." =>
+        speaking: "Whether it goes on at its level while the person speaks; if false, only at twice that level." => Kind::Bool(&mut s.gesture().speaking);
+        turned_deg: "Largest sideways angle between the face and the line of sight." => float(&mut s.gesture().turned_deg, 1.0, 90.0, "degrees");
+        key: "Key that it presses; empty = none." =>
             Kind::Text(&mut s.gesture().key, "a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", gestures::is_key);
-        press: "Whether the key is tapped, or down while the gesture is on." =>
+        press: "Whether the key is tapped once, or held down while the gesture is on." =>
             choice(&mut s.gesture().press, &[("tap", Press::Tap), ("hold", Press::Hold)]);
     }
 }

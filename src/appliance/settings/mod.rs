@@ -21,7 +21,7 @@ use toml::de::{DeTable, DeValue};
 use keys::{GESTURE, Key, Kind, Number, SECTIONS, Section, UNITS};
 use toml_words::{describe, float, toml_string};
 
-use crate::base::bounded_read;
+use crate::base::bounded_read::{self, reason};
 use crate::base::nearest_word::hint;
 use crate::output::gesture::{Gesture, PRESETS};
 
@@ -44,7 +44,8 @@ impl SettingsError {
     pub(super) fn unreadable(path: &Path, problem: impl std::fmt::Display) -> Self {
         let path = path.display();
         Self(format!(
-            "{path}: cannot be read ({problem}); give an existing file or omit --config"
+            "{path}: cannot be read ({}); give an existing file or omit --config",
+            reason(problem)
         ))
     }
 }
@@ -207,8 +208,8 @@ impl Settings {
     /// The whole configuration as TOML that [`Settings::parse`] accepts, every key with its comment and range.
     pub fn to_toml(mut self) -> String {
         let mut text = String::from(
-            "# Configuration of mien. Every key is here once, with its meaning, range and value.\n\
-             # `mien check-config FILE` checks a copy; keys left out keep the value shown by `mien print-config`.\n",
+            "# Configuration of mien. Every key appears once, with its meaning, range and value.\n\
+             # `mien check-config FILE` checks a copy; omitted keys keep the value shown by `mien print-config`.\n",
         );
         // Without any gesture, one that is commented out.
         let is_example = self.gestures.is_empty();

@@ -76,7 +76,7 @@ pub(super) fn assign(
                     Some(name) if is_name(name) && !taken(name) => name.clone_into(&mut view.name),
                     _ => {
                         let expected = format!(
-                            "units.{unit}.name of at most 24 letters, digits and signs such as _ or -, that no other unit has"
+                            "units.{unit}.name to be at most 24 letters, digits and signs such as _ or -, and not the name of another unit"
                         );
                         return refuse(value, expected);
                     }
@@ -92,7 +92,7 @@ pub(super) fn assign(
 /// The lines of the section.
 pub(super) fn print(views: &[UnitView], text: &mut String) {
     let known = known();
-    text.push_str("# Codes, and what the face does; L and R are the subject's own sides.\n");
+    text.push_str("# Codes and movements; L and R are the subject's own left and right.\n");
     for words in &unit_words::ALL {
         let is_it = |unit: &&str| unit_words::of(unit).is_some_and(|(found, _)| found == words);
         let codes: Vec<&str> = known.iter().map(String::as_str).filter(is_it).collect();

@@ -80,7 +80,10 @@ pub(super) fn run(talk: &Talk, mut watch: Watch, shared: &Shared, mut bell: Bell
         let Err(end) = end else { return };
         if !std::mem::replace(&mut told, true) {
             let broker = &talk.settings.broker;
-            tracing::warn!("MQTT broker {broker}: {end}; retrying until it is back");
+            tracing::warn!(
+                "MQTT broker {broker}: {end}; retrying every {} s",
+                PAUSES[1].as_secs()
+            );
         }
         if rest(back_off.pause(), &mut watch, shared, &mut bell) {
             return;
@@ -234,7 +237,9 @@ impl Connection<'_> {
                 }
             }
             Told::Subscribed(code) if code >= 0x80 => {
-                tracing::warn!("MQTT broker {broker} refuses the subscription to commands");
+                tracing::warn!(
+                    "MQTT broker {broker} refuses the subscription to commands; check the permissions of mqtt.user"
+                );
                 count(&self.shared.refused);
             }
             Told::Subscribed(_) | Told::Alive => {}

@@ -141,7 +141,7 @@ fn reach(broker: &str) -> io::Result<TcpStream> {
     if let Ok(address) = broker.parse() {
         return open(address);
     }
-    let mut last = Err(ErrorKind::NotFound.into());
+    let mut last = Err(io::Error::other("its name has no address"));
     for address in broker.to_socket_addrs()? {
         last = open(address);
         if last.is_ok() {

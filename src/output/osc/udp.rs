@@ -87,7 +87,10 @@ impl Target {
                             name.wanted.store(false, Ordering::Relaxed);
                         }
                         None => {
-                            tracing::warn!("target {target} does not resolve, retrying");
+                            tracing::warn!(
+                                "OSC target {target} does not resolve; retrying every {} s",
+                                LOOK_UP_PAUSE.as_secs()
+                            );
                         }
                     }
                     drop(name);

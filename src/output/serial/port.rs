@@ -124,7 +124,9 @@ impl Feeder {
                 Ok(mut port) => {
                     tracing::info!("serial port {path} is open");
                     if let Some(name) = stable_name(Path::new(&path), Path::new(STABLE_NAMES)) {
-                        tracing::info!("serial port {path} will be reopened as {name}");
+                        tracing::info!(
+                            "serial port {path} will be reopened under its stable name {name}"
+                        );
                         self.settings.port = name;
                     }
                     self.shared.lock().is_open = true;
@@ -133,7 +135,7 @@ impl Feeder {
                     self.shared.lock().is_open = false;
                     let Err(error) = end else { return };
                     let path = &self.settings.port;
-                    tracing::warn!("serial port {path} is lost ({error}), reopening it");
+                    tracing::warn!("serial port {path} is lost ({error}); it will be reopened");
                     failures = 2;
                     // One that opens and fails at once is not tried without a pause.
                     if opened.elapsed() > PAUSES[1] {
@@ -144,7 +146,8 @@ impl Feeder {
                     failures = failures.saturating_add(1);
                     if failures == 2 {
                         tracing::warn!(
-                            "serial port {path} cannot be opened ({error}), retrying until it can"
+                            "serial port {path} cannot be opened ({error}); retrying every {} s",
+                            PAUSES[1].as_secs()
                         );
                     }
                 }
@@ -293,7 +296,7 @@ fn tell(settings: &Settings, units: &[&str], plan: &Plan) {
     }
     if plan.rate_hz < budget::FRAMES_HZ {
         tracing::warn!(
-            "serial port {port} carries {:.1} frames per second of up to {} bytes at {baud} bit/s, always the newest; the sensor delivers {}",
+            "serial port {port} carries {:.1} frames per second of up to {} bytes at {baud} bit/s, each time the newest; the sensor delivers {}",
             plan.rate_hz,
             plan.frame_bytes,
             budget::FRAMES_HZ

@@ -117,12 +117,12 @@ pub enum Request<'a> {
 pub enum DeviceError {
     /// Nothing of a Kinect on any bus.
     #[error(
-        "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug it in, and its own power supply too"
+        "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug in the Kinect and its power supply"
     )]
     Absent,
     /// Hub or motor there, camera not.
     #[error(
-        "a Kinect's hub or motor is on USB but its camera is not: it has no 12 V; plug in its own power supply"
+        "a Kinect's hub or motor is on USB but its camera is not, because it has no 12 V; plug in its power supply"
     )]
     NoPower,
     /// Cameras there, but not the one of this serial number; how many.
@@ -173,7 +173,7 @@ pub enum DeviceError {
     #[error("the Kinect did not answer a USB request in time; unplug it and plug it in again")]
     TimedOut,
     /// This model has no motor device, or it was not found.
-    #[error("motor, LED and tilt of this Kinect are not available; the pictures do not need them")]
+    #[error("motor, LED and tilt of this Kinect are not available; pictures are not affected")]
     NoMotor,
     /// Anything else libusb reports.
     #[error("USB: {0} (libusb); unplug the Kinect and plug it in again")]

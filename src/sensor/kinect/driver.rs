@@ -227,7 +227,7 @@ impl<S: PacketSource> Kinect<S> {
         }
         self.heard = [self.source.clock(); 2];
         if let Err(problem) = self.freeze(false) {
-            tracing::warn!("exposure left unchanged: {problem}");
+            tracing::warn!("exposure not changed: {problem}");
         }
         Ok(())
     }
@@ -363,7 +363,7 @@ impl<S: PacketSource> Kinect<S> {
             && tracking != self.frozen
             && let Err(problem) = self.freeze(tracking)
         {
-            tracing::warn!("exposure: {problem}");
+            tracing::warn!("exposure not changed: {problem}");
         }
     }
 }

@@ -29,7 +29,7 @@ use super::colour;
 use super::frame::Developed;
 use super::picture_clock::timestamp_from_ticks;
 use super::registration::Registration;
-use crate::base::bounded_read;
+use crate::base::bounded_read::{self, reason};
 use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::base::vectors::wide;
 use crate::sensor::NO_DEPTH;
@@ -71,11 +71,11 @@ impl Recording {
         });
         let text = text.map_err(|problem| match problem.kind() {
             ErrorKind::Other | ErrorKind::FileTooLarge => RecordingError::of_file(&path, &problem),
-            kind => RecordingError(path.clone(), format!("no recording there ({kind}); a recording is a directory with INDEX.txt and the files it names")),
+            _ => RecordingError(path.clone(), format!("cannot be read ({}); a recording is a directory with INDEX.txt and the files that it lists", reason(&problem))),
         })?;
         let index = Index::parse(&text);
         if index.depth.is_empty() {
-            return Err(RecordingError(path, "names no depth picture, expected lines like d-1700000000.033333-2000000.pgm; is the recording complete?".into()));
+            return Err(RecordingError(path, "lists no depth picture, expected lines like d-1700000000.033333-2000000.pgm; is the recording complete?".into()));
         }
         let registration = device::read(&directory.join(DEVICE_NAME))?.unwrap_or_default();
         Ok(Self {
@@ -131,13 +131,15 @@ impl Recording {
         self.path.clone_from(&self.directory);
         self.path.push(self.index.name(&depth));
         let time = depth.time.ok_or(Damage::Listed(match depth.ticks {
-            Some(_) if depth.stray => "its time fits neither the frame before nor those after it",
-            Some(_) => "its time is not after that of the frame before",
-            None => "malformed name in the index, expected d-<wall s>-<ticks>.pgm",
+            Some(_) if depth.stray => {
+                "its time stamp matches neither the previous frame nor the following ones"
+            }
+            Some(_) => "its time stamp is not later than that of the previous frame",
+            None => "its name is malformed, expected d-<wall s>-<ticks>.pgm",
         }))?;
         let pixels = self.file.read(&self.path, [WIDTH, HEIGHT])?;
         if pixels.channels != 1 || !pixels.wide {
-            return Err(Damage::Kind("grey of 16 bit, as raw depth is"));
+            return Err(Damage::Kind("a 16-bit grey picture, as raw depth is"));
         }
         // fakenect copies memory: not the format's byte order.
         let largest = wide(|| {
@@ -194,7 +196,7 @@ impl Recording {
                 Ok(None)
             }
             Ok(pixels) if pixels.channels != 3 || pixels.wide => {
-                Err(Damage::Kind("a colour picture of 8 bit"))
+                Err(Damage::Kind("an 8-bit colour picture"))
             }
             read => Ok(Some(read?.body)),
         }

@@ -66,7 +66,7 @@ impl View {
             format!("cx and cy are {centre:?}, expected a column and a row")
         } else if !(1e-6..=1.0).contains(&self.metres_per_unit) {
             let found = self.metres_per_unit;
-            format!("metres_per_unit is {found}, expected 0.001 for millimetres, 0.0002 as TUM's")
+            format!("metres_per_unit is {found}, expected 0.001 for millimetres or 0.0002 for TUM")
         } else if !(1..=65535).contains(&self.white) {
             format!("white is {}, expected 1 to 65535", self.white)
         } else if bent.iter().any(|k| k.is_nan() || k.abs() > BENT_MOST) {
@@ -84,12 +84,12 @@ fn rigid(m: &[f32; 16]) -> Result<Rigid, String> {
     let is_turn = rows.iter().all(|row| (row.norm() - 1.0).abs() < UNIT)
         && (rows[0].cross(&rows[1]) - rows[2]).norm() < UNIT;
     if !is_turn || m[12..] != [0.0, 0.0, 0.0, 1.0] {
-        return Err("colour_from_depth is no rotation and translation; expected four rows of four numbers, the last 0 0 0 1".into());
+        return Err("colour_from_depth is not a rotation and a translation, expected four rows of four numbers, the last of them 0 0 0 1".into());
     }
     if place.iter().any(|m| m.is_nan() || m.abs() >= 1.0) {
         let found: [f32; 3] = place.into();
         return Err(format!(
-            "colour_from_depth moves by {found:?}, expected metres, below 1; are these millimetres?"
+            "the translation of colour_from_depth is {found:?}, expected metres, each below 1; are these millimetres?"
         ));
     }
     let rows = rows.map(|row| row.transpose());
@@ -121,7 +121,9 @@ impl Calibration {
         // An infrared picture is the depth camera's own.
         let colour = both.colour.unwrap_or_else(|| both.depth.clone());
         if both.depth.distortion != Distortion::default() {
-            return Err("depth: distortion is not read; undistort the depth pictures".into());
+            return Err(
+                "depth: distortion is not supported; undistort the depth pictures first".into(),
+            );
         }
         for (name, view) in [("depth", &both.depth), ("colour", &colour)] {
             if let Some(fault) = view.fault() {

@@ -26,16 +26,16 @@ use head_turn::Turned;
 /// Whose performance moves what.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A head with named morph targets, as bake writes it
+    /// Head with named morph targets, as bake writes it
     #[arg(long)]
     pub mesh: PathBuf,
-    /// What mien run --csv wrote
+    /// CSV written by mien run --csv
     #[arg(long)]
     pub csv: PathBuf,
-    /// The head with the run as an animation, .glb or .vrm
+    /// Animated head to write, .glb or .vrm
     #[arg(long, value_parser = written)]
     pub out: PathBuf,
-    /// Slot to follow [default: the first that appears]
+    /// Slot of the person to animate [default: the first that appears]
     #[arg(long)]
     pub user: Option<String>,
 }
@@ -288,7 +288,7 @@ fn animated(
     }
     if animation["channels"].is_null() {
         return Err(Fault::within(path)(format!(
-            "no column belongs to any of the {total} morph targets of the mesh; bake the mesh with mien-studio bake, or give its targets ARKit's names"
+            "no column drives any of the {total} morph targets of the mesh; bake the mesh with mien-studio bake, or give its targets ARKit's names"
         )));
     }
     if let Some((input, poses)) = turning.filter(|(_, poses)| !poses.is_empty()) {

@@ -39,7 +39,7 @@ pub struct FitArgs {
     /// Table of face boxes: file, x, y, w, h
     #[arg(long)]
     pub boxes: Option<PathBuf>,
-    /// Mean offset of each landmark, as train writes them, to take out of the error
+    /// Mean offset of each landmark, as written by train, to remove from the error
     #[arg(long)]
     pub offsets: Option<PathBuf>,
 }

@@ -195,7 +195,7 @@ fn files(hero: &Hero, out: &Path, stem: &str) -> Result<(&'static str, Files), F
         ("neutral, coloured", files)
     } else {
         return Err(Fault::within(out)(
-            "expected a name that ends in .glb (baked, coloured) or .obj (neutral, coloured); both get their 68 landmarks in a .txt beside",
+            "expected a name that ends in .glb (baked, coloured) or .obj (neutral, coloured); the 68 landmarks are written to a .txt beside it",
         ));
     };
     let lines: String = hero.landmarks.iter().map(|v| format!("{v}\n")).collect();

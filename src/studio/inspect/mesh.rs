@@ -97,7 +97,9 @@ fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, Fault> {
                 };
                 left = left
                     .checked_sub(12 * glb.count(accessor as usize)?)
-                    .ok_or_else(|| too_much("more, from data used repeatedly".into()))?;
+                    .ok_or_else(|| {
+                        too_much("more, because several targets use the same data".into())
+                    })?;
                 let moves = glb.floats(accessor as usize, 3)?;
                 for (vertex, way) in rows.placed(&moves) {
                     targets[at].moves[vertex] = way;

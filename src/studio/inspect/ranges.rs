@@ -60,7 +60,7 @@ fn picture(rows: &[Row]) -> RgbImage {
 
 /// Remembered people as they were saved.
 pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
-    let advice = "; mien moves such a file aside and starts over";
+    let advice = "; mien renames such a file and starts over";
     let people = saved::read(text, SystemTime::now())
         .map_err(|error| Fault::new(format!("{error}{advice}")))?;
     let mut album = Album::new(format!("People {name}"));
@@ -85,8 +85,9 @@ pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
             learned.eye_distance_m * 1e3
         );
         album.fact(&who, known);
-        let caption =
-            format!("{who}: population's range grey, this person's blue; marks show rest");
+        let caption = format!(
+            "{who}: the population's range in grey, this person's in blue; marks show rest"
+        );
         album.pictures.push((caption, picture(&rows)));
         album.table.extend(rows.iter().map(|row| {
             let bounds = row.person.iter().chain(&row.population);

@@ -11,7 +11,7 @@ use std::time::Instant;
 /// Tracks in, shapes out.
 #[derive(clap::Args)]
 pub struct Args {
-    /// 2F x P image tracks: x row, y row per frame; a missing point empty or nan
+    /// 2F x P image tracks: x row, y row per frame; a missing point is empty or nan
     #[arg(long)]
     tracks: PathBuf,
     /// Number of shape modes, 0 for a rigid reconstruction [default: chosen from the tracks]
@@ -21,7 +21,7 @@ pub struct Args {
     /// 3F x P shapes to write
     #[arg(long)]
     pub out: PathBuf,
-    /// 3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence
+    /// 3F x P true shapes, to print the error: each frame rigidly aligned, one reflection for the whole sequence
     #[arg(long)]
     truth: Option<PathBuf>,
 }

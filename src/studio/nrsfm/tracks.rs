@@ -39,7 +39,7 @@ impl Tracks {
             let sightings = of_point.flatten().count();
             if sightings < Self::LEAST_SIGHTINGS {
                 return Err(Fault::new(format!(
-                    "column {}: expected the point in at least 3 frames, found it in {sightings}; leave the column out",
+                    "column {}: expected the point in at least 3 frames, found it in {sightings}; remove the column",
                     point + 1
                 )));
             }

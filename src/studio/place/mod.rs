@@ -237,7 +237,7 @@ impl Place {
                 files::write(&self.out, text.as_bytes()).map_err(|error| error.to_string())?;
                 Ok(json!({"said": format!("saved {}", self.out.display())}))
             }
-            _ => Err("nothing to change here".into()),
+            _ => Err("no such command".into()),
         }
     }
 }
@@ -302,7 +302,7 @@ impl Site for Place {
         match &*asked.path {
             "/start.json" => Answer::json(&self.start()),
             "/head.glb" => Answer::File("model/gltf-binary", self.glb(asked.word("shape"))),
-            _ => Answer::Missing("not here; the page is at /\n"),
+            _ => Answer::Missing("no such file; the page is at /\n"),
         }
     }
 }

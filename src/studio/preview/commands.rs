@@ -47,20 +47,20 @@ impl Obeys {
         sender: Option<std::net::IpAddr>,
     ) -> Result<String, String> {
         match self {
-            Self::Nobody => {
-                Err("this is a recording or a one-way line, which cannot take commands".into())
-            }
+            Self::Nobody => Err(
+                "this source is a recording or a one-way line and cannot receive commands".into(),
+            ),
             Self::Here(pipeline) => {
                 let pipeline = pipeline.lock().unwrap_or_else(PoisonError::into_inner);
-                let busy = |_| "the tracker has stopped or is too busy; try again".to_owned();
+                let busy = |_| "the tracker has stopped or is busy; try again".to_owned();
                 pipeline.try_send(command).map_err(busy)?;
                 Ok(done(command).to_owned())
             }
             Self::Box(named) => {
                 let found = named.or_else(|| Some(SocketAddr::new(sender?, PORT)));
-                let address = found.ok_or("nothing has arrived from the box yet, so its address is unknown; give it with --box ADDRESS:PORT")?;
+                let address = found.ok_or("the address of the box is unknown, because nothing has arrived from it yet; give it with --box ADDRESS:PORT")?;
                 send(command, address)?;
-                Ok(format!("asked {address}: {}", done(command)))
+                Ok(format!("command sent to {address}: {}", done(command)))
             }
         }
     }
@@ -72,7 +72,7 @@ fn done(command: Command) -> &'static str {
         Command::Neutral(_) => "the current face is now neutral",
         Command::Freeze(_, true) => "learning is frozen",
         Command::Freeze(_, false) => "learning is resumed",
-        Command::Level(..) => "the gesture's level is moved",
+        Command::Level(..) => "the gesture's level is changed",
     }
 }
 
@@ -92,7 +92,7 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
     );
     // The message alone: without the bundle's header and its length there.
     let datagram = &packet.bytes()[20..];
-    let cannot = |error: std::io::Error| format!("cannot ask {to}: {error}");
+    let cannot = |error: std::io::Error| format!("cannot send the command to {to}: {error}");
     let here = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
     let socket = UdpSocket::bind(here).map_err(cannot)?;
     socket.connect(to).map_err(cannot)?;

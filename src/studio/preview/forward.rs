@@ -42,7 +42,7 @@ pub static RECEIVERS: LazyLock<Vec<Known>> = LazyLock::new(|| {
     let mut known: Vec<Known> = known.expect("a test reads it");
     let missing = known.iter_mut().filter(|one| one.section == "live_link");
     for one in missing.filter(|_| !cfg!(feature = "wires")) {
-        one.hint = "Needs the build with wires: cargo build --release --features studio,wires, or the Debian package.".into();
+        one.hint = "This needs a build with the feature wires (cargo build --release --features studio,wires) or the Debian package.".into();
     }
     known
 });
@@ -107,7 +107,7 @@ impl Forwarder {
             wish,
             settings,
         };
-        let busy = |_| "too many requests at once; try again".to_owned();
+        let busy = |_| "too many requests at the same time; try again".to_owned();
         self.orders.try_send(order).map_err(busy)?;
         let name = &known.name;
         Ok(match wish {

@@ -97,10 +97,10 @@ pub struct Args {
     /// Value of a weight of 1, serial.full of the sender
     #[arg(long, default_value_t = 100)]
     full: u32,
-    /// What mien run --csv wrote, to play, pause and scrub; - for standard input
+    /// CSV written by mien run --csv, to play, pause and scrub; - for standard input
     #[arg(long, group = "feed")]
     csv: Option<PathBuf>,
-    /// A recording, kinect or simulated: followed here, with pictures
+    /// A recording, kinect or simulated: tracked by this program, with pictures
     #[arg(long, group = "feed")]
     source: Option<String>,
     /// Face model, with --source [default: the built-in one]
@@ -109,13 +109,13 @@ pub struct Args {
     /// Configuration file in which to save gains tried on the page
     #[arg(long)]
     config: Option<PathBuf>,
-    /// ADDRESS:PORT where the box hears commands (osc.listen there) [default: the host that sends, port 9131]
+    /// ADDRESS:PORT at which the box receives commands (its osc.listen) [default: the host that sends, port 9131]
     #[arg(long = "box", value_parser = address)]
     commands: Option<SocketAddr>,
-    /// Heads with named morph targets (.glb) [default: a head of our own]
+    /// Heads with named morph targets (.glb) [default: the built-in head]
     #[arg(long, num_args = 1..)]
     mesh: Vec<PathBuf>,
-    /// Where the page is served, PORT or ADDRESS:PORT; 0 takes a free one
+    /// PORT or ADDRESS:PORT of the page; 0 takes a free port
     #[arg(long, default_value = PAGE_AT, value_parser = address)]
     port: SocketAddr,
 }
@@ -159,8 +159,8 @@ fn address(text: &str) -> Result<SocketAddr, &'static str> {
 fn warning(page: SocketAddr) -> Option<String> {
     (!page.ip().is_loopback()).then(|| {
         format!(
-            "warning: {page} is open to everybody whose packets reach this machine, without a password: they see \
-             weights and heads, no pictures, and may let people be forgotten, frozen or taken for neutral; --port {} is for this machine only",
+            "warning: {page} has no password, so everybody who can reach this machine can see weights and heads (but no \
+             pictures) and use Set neutral, Freeze and Forget; use --port {} to serve this machine only",
             page.port()
         )
     })
@@ -200,7 +200,7 @@ impl Preview {
             Some((number, sensor::picture(&seen, wants_depth)?))
         };
         let Some((number, (of_depth, jpeg))) = found() else {
-            return Answer::Missing("no picture of this frame\n");
+            return Answer::Missing("there is no picture of this frame\n");
         };
         let view = if of_depth { "depth" } else { "colour" };
         let headers = format!("X-Frame: {number}\r\nX-View: {view}\r\n");
@@ -254,7 +254,7 @@ impl Site for Preview {
         if asked.post {
             let Some(done) = self.change(asked) else {
                 self.refused();
-                return Answer::Missing("nothing to change here\n");
+                return Answer::Missing("no such command\n");
             };
             let (ok, said) = done.map_or_else(|why| (false, why), |said| (true, said));
             return Answer::json(&json!({"ok": ok, "said": said}));
@@ -263,7 +263,9 @@ impl Site for Preview {
             return file;
         }
         match &*asked.path {
-            "/events" if asked.elsewhere => Answer::Forbidden("allowed for this page only\n"),
+            "/events" if asked.elsewhere => {
+                Answer::Forbidden("events are served to this page only\n")
+            }
             "/events" => Answer::Events,
             "/units.json" => Answer::json(&self.units),
             "/words.json" => Answer::json(&json!({"receivers": *forward::RECEIVERS})),
@@ -271,7 +273,7 @@ impl Site for Preview {
             path => {
                 let Some(number) = path.strip_prefix("/mesh/") else {
                     self.refused();
-                    return Answer::Missing("not here; the page is at /\n");
+                    return Answer::Missing("no such file; the page is at /\n");
                 };
                 let head = self.mesh(number);
                 head.unwrap_or(Answer::Missing("no such head\n"))

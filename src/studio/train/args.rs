@@ -13,13 +13,13 @@ pub struct TrainArgs {
     /// Model file to write
     #[arg(long)]
     pub out: PathBuf,
-    /// The heads to draw (`ict_facekit`) and the photographs they wear (`faces_frl189`).
+    /// The heads to draw (`ict_facekit`) and the photographs that are their textures (`faces_frl189`).
     #[command(flatten)]
     pub data: Data,
-    /// Faces drawn for training
+    /// Number of rendered faces to train on
     #[arg(long, default_value_t = 200_000)]
     pub drawn: usize,
-    /// Disturbed starts for each portrait and its mirror image
+    /// Number of perturbed starts for each portrait and its mirror image
     #[arg(long, default_value_t = 32)]
     pub starts: usize,
     /// Seed of everything random
@@ -31,7 +31,7 @@ pub struct TrainArgs {
     /// Where to write the mean offset of each landmark
     #[arg(long)]
     pub offsets: Option<PathBuf>,
-    /// Keep the paper's appearance model of this model file
+    /// Model file from which the paper's appearance model is kept
     #[arg(long)]
     pub paper_of: Option<PathBuf>,
     /// Train the paper's appearance model alone and put it into this model file, which otherwise stays the same
@@ -40,7 +40,7 @@ pub struct TrainArgs {
     /// A recording of one person who goes through all expressions: train a model of that person alone
     #[arg(long)]
     pub person: Option<PathBuf>,
-    /// Also hold out the people used for choosing settings, to measure on them
+    /// Also hold out the people used for choosing settings, to evaluate on them
     #[arg(long)]
     pub hold_out_dev: bool,
 }

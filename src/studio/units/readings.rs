@@ -100,16 +100,16 @@ const FULLY: f64 = 0.8;
 /// What is played.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Practice {
-    /// People who act
+    /// Number of people who act
     #[arg(long, default_value_t = 60)]
     pub people: usize,
-    /// Seconds of each
+    /// Seconds per person
     #[arg(long, default_value_t = 40.0)]
     pub seconds: f64,
     /// Seed of everything random
     #[arg(long, default_value_t = 41)]
     pub seed: u64,
-    /// File with what they acted: read if it exists, else written, so that another try takes seconds
+    /// File of the acted sessions: read if it exists, otherwise written, so that a second run takes seconds
     #[arg(long)]
     pub examples: Option<PathBuf>,
 }
@@ -183,7 +183,7 @@ fn examples(
         }
     };
     if let (Some(path), true) = (kept, examples.is_empty()) {
-        let found = "expected lines that --examples wrote, found none; give another place";
+        let found = "expected lines written by --examples, found none; give another file";
         return Err(Fault::within(path)(found));
     }
     if let (Some(path), None) = (&practice.examples, kept) {
@@ -193,7 +193,7 @@ fn examples(
 }
 
 fn unusable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
-    let advice = "; give another place with --examples";
+    let advice = "; give another file with --examples";
     Fault::cannot("read or write", path, advice)
 }
 

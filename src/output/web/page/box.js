@@ -48,7 +48,7 @@ function lamp(gesture, index) {
   element("span", row, "", gesture.name.replaceAll("_", " "));
   const canvas = element("canvas", row);
   one.number = element("span", row, "", "0");
-  one.number.title = "how often it went on";
+  one.number.title = "how many times it went on";
   one.draw = () => {
     const [width, height] = [canvas.width = canvas.clientWidth, canvas.height = canvas.clientHeight];
     const pen = canvas.getContext("2d");
@@ -72,7 +72,7 @@ function lamp(gesture, index) {
   canvas.onpointerup = () => {
     const [on, off] = [one.on, one.off].map((level) => level.toFixed(2));
     order(`level/${index}/${Math.round(100 * one.on)}`, "");
-    at("level").textContent = `${gesture.name}: until the box starts again. To keep it, write on = ${on} and off = ${off} into its configuration.`;
+    at("level").textContent = `${gesture.name}: valid until the box restarts. To keep it, write on = ${on} and off = ${off} into its configuration.`;
   };
   return one;
 }
@@ -124,7 +124,7 @@ async function start() {
     box = await (await fetch("box.json")).json();
   } catch { return void setTimeout(start, 2000); }
   document.title = at("name").textContent = box.name;
-  at("sends").textContent = box.sends ? `Sends ${box.sends}` : "Sends nowhere yet: switch an output on in the configuration.";
+  at("sends").textContent = box.sends ? `Sends ${box.sends}` : "Sends nothing yet: enable an output in the configuration.";
   for (let slot = 0; slot < box.slots; slot += 1) {
     cards.push(card(slot));
     cards[slot].article.hidden = true;
@@ -135,7 +135,7 @@ async function start() {
   setInterval(() => {
     if (Date.now() - heard > 3000) {
       tell(4, "no reply");
-      at("people").textContent = "The box does not answer, trying again …";
+      at("people").textContent = "The box does not answer; retrying …";
     }
   }, 1000);
 }

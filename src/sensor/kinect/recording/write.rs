@@ -48,7 +48,7 @@ impl Recorder {
         let index = File::create_new(&path).map_err(|problem| match problem.kind() {
             std::io::ErrorKind::AlreadyExists => {
                 let problem =
-                    "holds a recording already; choose another directory, nothing was changed";
+                    "already contains a recording; choose another directory (nothing was changed)";
                 RecordingError(directory.to_path_buf(), problem.into())
             }
             _ => failed(&path, problem),

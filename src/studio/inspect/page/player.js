@@ -182,7 +182,7 @@ if (key) {
 const every = Math.max(...plots.map((plot) => plot.every));
 byId("about").textContent = [
   "Space plays and pauses, arrow keys step, dragging in a curve scrubs.",
-  every > 1 ? `Of every ${every} rows the curves show the value farthest from their mean.` : "",
+  every > 1 ? `The curves show one value for every ${every} rows: the one farthest from their mean.` : "",
 ].join(" ");
 redraw();
 draw();

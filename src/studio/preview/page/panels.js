@@ -66,7 +66,7 @@ export class Bars {
       const ready = range?.[3] ?? null;
       row.ready.parentElement.style.visibility = ready === null ? "hidden" : "visible";
       row.ready.style.transform = `scaleX(${ready ?? 0})`;
-      const learnt = range ? `\nlearned: low ${range[0].toFixed(2)}, rest ${range[1].toFixed(2)}, high ${range[2].toFixed(2)}` : "\nno ranges received: set ranges = true under [osc] of mien";
+      const learnt = range ? `\nlearned: low ${range[0].toFixed(2)}, rest ${range[1].toFixed(2)}, high ${range[2].toFixed(2)}` : "\nno ranges received: set ranges = true under [osc] in mien's configuration";
       row.row.title = `${row.about}${learnt}${ready === null ? "" : `\n${Math.round(100 * ready)} % of the range is this person's own`}\nclick to pin its curve`;
     }
   }
@@ -125,15 +125,15 @@ export const isFrozen = (sample) => Boolean(sample?.f);
 // Why nothing moves, in one sentence; or how it is.
 function why(stream, sample, silent) {
   const { source, counts } = stream;
-  if (!stream.connected) return "Lost the connection to mien-studio, reconnecting; start it again if it has ended.";
+  if (!stream.connected) return "The connection to mien-studio is lost; reconnecting. Start it again if it has ended.";
   if (counts.note) return counts.note;
   if (stream.empty && source?.kind === "osc") {
     return counts.refused > counts.received
-      ? `Something arrives at ${source.name.replace("OSC at ", "")}, but it is not mien's OSC.`
+      ? `Something arrives at ${source.name.replace("OSC at ", "")}, but it is not OSC from mien.`
       : `Nothing has arrived at ${source.name.replace("OSC at ", "")} yet: start mien run with this address as the target under [osc].`;
   }
   if (stream.empty) return `Waiting for ${source?.name ?? "the source"}.`;
-  if (silent) return "Nothing is arriving: mien has stopped, or the network is down.";
+  if (silent) return "Nothing arrives any more: mien has stopped, or the network is down.";
   return sample ? "" : "Connected; nobody is in front of the sensor.";
 }
 
