@@ -426,7 +426,7 @@ mod tests {
         assert!(Index::parse("", "").depth.is_empty());
         assert_eq!(index.apart(), None);
         let told = Index::parse("10.0 d/0\n10.033 d/1\n", "900.5 r/0\n").apart();
-        assert!(told.expect("two clocks").contains("begin 890.500 s after"));
+        assert!(told.expect("two clocks").contains("begin 890.500 s later"));
     }
 
     #[test]

@@ -390,7 +390,7 @@ mod tests {
             ),
             (
                 "[[gesture]]\nof = \"AU26\"\n",
-                "expected a gesture with a name of its own",
+                "expected a gesture with a name that no other gesture has",
             ),
             (
                 "[[gesture]]\nname = \"grin\"\n",
@@ -398,11 +398,11 @@ mod tests {
             ),
             (
                 "[[gesture]]\nname = \"smile\"\noff = 1.5\n",
-                "expected off of the gesture smile below its on, which is 0.25, found 1.5",
+                "expected off of the gesture smile to be below its on, 0.25, found 1.5",
             ),
             (
                 "[[gesture]]\nname = \"smile\"\nof = \"AU12L +\"\n",
-                "gesture.of to be units added and subtracted",
+                "gesture.of to be a sum of units",
             ),
             (
                 "[[gesture]]\nname = \"smile\"\nof = \"AU12L AU12R\"\n",
@@ -418,7 +418,7 @@ mod tests {
             ),
             (
                 "[[gesture]]\nname = \"smile\"\n[[gesture]]\nname = \"smile\"\n",
-                "a name of its own",
+                "a name that no other gesture has",
             ),
         ] {
             let told = refused(text);
@@ -460,7 +460,7 @@ mod tests {
             ("AU26 = { name = \"a b\" }", "found \"a b\""),
             (
                 "AU26 = { name = \"AU25\" }",
-                "no other unit has, found \"AU25\"",
+                "not the name of another unit, found \"AU25\"",
             ),
         ] {
             let message = refused(&format!("[units]\n{text}"));
