@@ -149,8 +149,8 @@ def still(points, frames):
 def main():
     mien, tables, renderings, faces, wild, folder = sys.argv[1:]
     regions = [("all but the contour", INNER), *REGIONS.items()]
-    print("Error in % of the outer-eye distance, mien / MediaPipe, offsets over all frames of the table out; in brackets the scene's own:"
-          " how well the face's motion is followed.\n")
+    print("Error in % of the outer-eye distance, mien / MediaPipe, after removing mean offsets over all frames of the table;"
+          " in brackets those of each scene: how accurately motion is tracked.\n")
     costs, jitter, scenes = [], None, []
     for name in os.environ["SCENES"].split():
         session, = glob.glob(f"{renderings}/{name}-[0-9]*")

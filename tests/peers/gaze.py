@@ -69,7 +69,7 @@ def main(studio, data, scratch):
     with open("config/units.toml", "rb") as f:
         gaze = tomllib.load(f)["gaze"]
     left, up = (np.array(gaze[name][:-1]) for name in ("left", "up"))
-    print("\nGaze of real people against MediaPipe's irises, the head's turn taken out of both:\n")
+    print("\nGaze of real people against MediaPipe's irises, after removing the head's rotation from both:\n")
     print("| pictures | seen by both | correlation, horizontal | vertical |\n| --- | --- | --- | --- |")
     for what, folder, video in (("a video of one person talking", "video_talkingface/img", True),
                                 ("stills of 205 people", "faces_ytfaces68", False)):
