@@ -8,11 +8,7 @@ What is judged, all in eye distances w (between landmarks 39 and 42):
 
 found     largest distance of one of the landmarks 17 to 67 from where it is known to be, where it is known; else the
           confidence that `bake --landmarks auto` prints. 'no' if there was no bake.
-inverted  triangles, summed over all shapes, whose normal opposes the area-weighted mean normal of the triangles up to two
-          rings around it in the moved mesh (cosine below 0) though it agreed in the neutral (above 0.3). Skin only: the
-          connected part with the chin, without faces that fill the slit between two lids or lips. A shape that is meant
-          upon another one is judged upon it.
-jaw       by how much the inner lips (landmarks 62 and 66) part in jawOpen, upwards; and the upper one's way over the lower's.
+fails     which measures of verdict.py the shapes miss, with their value; 'none' if they keep all.
 lids      largest distance of a vertex of the upper lid line from the lower line in eyeBlink; both lines are shortest ways
           along edges through the landmarks of the lid.
 bends     of what is worn (HEAD.rigid.json beside the head names it), the furthest way of a vertex in any shape from where the
@@ -35,166 +31,15 @@ import subprocess
 import sys
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
+
+from mesh import Head, displacement, frame, polygons, positions, triangles
+from verdict import kept, verdict
 
 BEGIN, END = "<!-- tests/heads/run -->\n", "<!-- end -->"
 METHODS = ["aoi", "paper", "laplacian", "carried"]
 # ICT's names of what ours are called; a name alone is its own.
 ICT = {"cheekPuff": "cheekPuff_L cheekPuff_R", "browInnerUp": "browInnerUp_L browInnerUp_R"}
-CELL, IN_FRONT = 0.01, 0.05
-
-
-def positions(text):
-    lines = [line for line in text.split("\n") if line.startswith("v ")]
-    return np.array([line.split()[1:4] for line in lines], dtype=float)
-
-
-def polygons(text):
-    lines = (line.split()[1:] for line in text.split("\n") if line.startswith("f "))
-    return [[int(corner.split("/")[0]) - 1 for corner in line] for line in lines]
-
-
-def displacement(path):
-    return np.fromfile(path, dtype="<f4").reshape(-1, 3).astype(float)
-
-
-def unit(v):
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300)
-
-
-class Head:
-    """A neutral mesh with its landmarks."""
-
-    def __init__(self, p, faces, landmarks):
-        self.p, self.landmarks = p, np.asarray(landmarks)
-        self.w, self.axes = frame(p[self.landmarks])
-        self.triangles = triangles(p, faces)
-        n = len(p)
-        t = self.triangles
-        a, b = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]).T
-        length = np.linalg.norm(p[a] - p[b], axis=1) + 1e-12
-        both = coo_matrix((np.r_[length, length], (np.r_[a, b], np.r_[b, a])), (n, n)).tocsr()
-        self.ring = both > 0
-        # Edges of a face, not the cut through it: what lines go along.
-        edges = np.array([(f[k - 1], f[k]) for f in faces for k in range(len(f))])
-        a, b = edges.T
-        length = np.linalg.norm(p[a] - p[b], axis=1) + 1e-12
-        graph = coo_matrix((length, (a, b)), (n, n)).tocsr()
-        self.graph = graph.maximum(graph.T)
-        part = connected_components(self.graph, directed=False)[1]
-        self.skin = part == part[self.landmarks[8]]
-        self.lids = [self.seam([42, 43, 44, 45], [42, 47, 46, 45]), self.seam([36, 37, 38, 39], [36, 41, 40, 39])]
-        self.lips = self.seam([60, 61, 62, 63, 64], [60, 67, 66, 65, 64])
-        keep = self.skin[t[:, 0]] & ~self.films(faces)
-        self.skin_triangles = t[keep]
-        self.neutral = self.lie(p)
-
-    def seam(self, *rows):
-        lines = []
-        for row in rows:
-            line = [self.landmarks[row[0]]]
-            for a, b in zip(row, row[1:]):
-                a, b = self.landmarks[a], self.landmarks[b]
-                before = dijkstra(self.graph, directed=False, indices=a, return_predecessors=True, limit=2 * self.w)[1]
-                way = [b]
-                while way[-1] != a and before[way[-1]] >= 0:
-                    way.append(before[way[-1]])
-                line += way[::-1][1:]
-            lines.append(np.array(line))
-        return lines
-
-    def films(self, faces):
-        """Triangles of faces whose corners lie on the two lines of one seam, on both of them."""
-        out = []
-        seams = [(set(u), set(l)) for u, l in [*self.lids, self.lips]]
-        for f in faces:
-            film = any(
-                all(v in u or v in l for v in f) and any(v not in l for v in f) and any(v not in u for v in f) for u, l in seams
-            )
-            out += [film] * (len(f) - 2)
-        return np.array(out)
-
-    def lie(self, p):
-        t = self.skin_triangles
-        normal = np.cross(p[t[:, 1]] - p[t[:, 0]], p[t[:, 2]] - p[t[:, 0]])
-        one = np.zeros_like(p)
-        for k in range(3):
-            np.add.at(one, t[:, k], normal)
-        two = one + self.ring @ one
-        around = two[t].sum(1)
-        size = np.linalg.norm(normal, axis=1) * np.linalg.norm(around, axis=1)
-        return np.where(size > 0, (normal * around).sum(1) / np.maximum(size, 1e-300), 0)
-
-    def inverted(self, d):
-        return int(((self.neutral > 0.3) & (self.lie(self.p + d) < 0)).sum())
-
-    def visible(self):
-        """Vertices of the skin that a camera in front sees."""
-        q = (self.p @ self.axes) / self.w
-        t = self.triangles
-        normal = np.zeros_like(q)
-        flat = np.cross(q[t[:, 1]] - q[t[:, 0]], q[t[:, 2]] - q[t[:, 0]])
-        for k in range(3):
-            np.add.at(normal, t[:, k], flat)
-        cell = np.floor((q[:, :2] - q[:, :2].min(0)) / CELL).astype(int)
-        size = cell.max(0) + 2
-        depth = np.full(size, -np.inf)
-        # Every triangle is sprinkled with points closer than half a cell.
-        longest = np.max([np.linalg.norm(q[t[:, k]] - q[t[:, k - 1]], axis=1) for k in range(3)], axis=0)
-        steps = np.minimum(np.ceil(longest / (0.5 * CELL)).astype(int) + 1, 400)
-        for n in np.unique(steps):
-            i, j = np.tril_indices(n + 1)
-            weights = np.column_stack([n - i, i - j, j]) / n
-            at = np.einsum("gk,mkc->mgc", weights, q[t[steps == n]]).reshape(-1, 3)
-            c = np.floor((at[:, :2] - q[:, :2].min(0)) / CELL).astype(int)
-            np.maximum.at(depth, (c[:, 0], c[:, 1]), at[:, 2])
-        seen = q[:, 2] > depth[cell[:, 0], cell[:, 1]] - IN_FRONT
-        return self.skin & seen & (normal[:, 2] > 0)
-
-    def lid_gap(self, d):
-        worst = 0.0
-        for side, name in enumerate(["eyeBlinkLeft", "eyeBlinkRight"]):
-            if name not in d:
-                continue
-            p = self.p + d[name]
-            upper, lower = self.lids[side]
-            a, b = p[lower[:-1]], p[lower[1:]]
-            for v in upper:
-                line = b - a
-                along = ((p[v] - a) * line).sum(1) / np.maximum((line**2).sum(1), 1e-300)
-                far = np.linalg.norm(a + line * np.clip(along, 0, 1)[:, None] - p[v], axis=1)
-                worst = max(worst, far.min() / self.w)
-        return worst
-
-    def jaw(self, d):
-        up, lower = d[self.landmarks[62]], d[self.landmarks[66]]
-        part = (up - lower) @ self.axes[:, 1] / self.w
-        return part, np.linalg.norm(up) / max(np.linalg.norm(lower), 1e-12)
-
-
-def frame(l):
-    """Eye distance and axes (columns left, up, out) of a face by its landmarks."""
-    left = l[42] - l[39]
-    w = np.linalg.norm(left)
-    left = left / w
-    up = 0.5 * (l[39] + l[42]) - l[8]
-    up = unit(up - left * (up @ left))
-    if up[1] > 0.8:
-        up = unit(np.array([0, 1, 0]) - left * left[1])
-    return w, np.column_stack([left, up, np.cross(left, up)])
-
-
-def triangles(p, faces):
-    """Quads are cut along their shorter diagonal."""
-    out = []
-    for f in faces:
-        if len(f) == 4 and ((p[f[1]] - p[f[3]]) ** 2).sum() < ((p[f[0]] - p[f[2]]) ** 2).sum() * (1 - 1e-9):
-            out += [(f[0], f[1], f[3]), (f[1], f[2], f[3])]
-        else:
-            out += [(f[0], f[k - 1], f[k]) for k in range(2, len(f))]
-    return np.array(out)
 
 
 # ------------------------------------------------------------------------------------------------------ carried over
@@ -281,8 +126,8 @@ def carried(head, data, names):
 # ------------------------------------------------------------------------------------------------------------- heads
 
 
-def vitruvian(data):
-    folder = data / "head_vitruvian"
+def sculpted(folder):
+    """A head with the shapes that somebody made for it."""
     rows = [line.split(",")[:2] for line in (folder / "index.csv").read_text().split("\n")[1:] if line]
     return folder / "head.obj", None, {ours: displacement(folder / "shapes" / file) for file, ours in rows}
 
@@ -304,7 +149,9 @@ def person(data, work, seed):
 
 def heads(data, work):
     """Name of every head with what makes its file, known landmarks and sculpted shapes."""
-    out = {"vitruvian": lambda: vitruvian(data)}
+    folders = {"vitruvian": "head_vitruvian", "facecap": "head_facecap", "faceunits": "heads_makehuman/faceunits01"}
+    out = {name: lambda folder=data / folder: sculpted(folder) for name, folder in folders.items()}
+    out["scan"] = lambda: (data / "head_scan/head.obj", None, None)
     for path in sorted((data / "heads_makehuman").glob("*.obj")):
         out[path.stem] = lambda path=path: (path, None, None)
     marks = lambda folder: np.loadtxt(data / folder / "landmarks68.txt", dtype=int)
@@ -385,15 +232,16 @@ def worn(path, head, d):
 
 
 def judge(head, d, upon):
-    inverted = sum(head.inverted(moved + (d[upon[name]] if upon.get(name) else 0)) for name, moved in d.items())
-    part, ratio = head.jaw(d["jawOpen"])
-    return inverted, part, ratio, head.lid_gap(d)
+    """What the verdict finds at fault, and the widest gap between lids."""
+    worst, _ = verdict(head, d, upon)
+    fails = [f"{m} {v:.3g} {shape}".strip() for m, (v, shape) in worst.items() if not kept(m, v)]
+    return "; ".join(fails) or "none", head.lid_gap(d)
 
 
 def one(name, make, options, rows):
     folder = options.work / name
     folder.mkdir(parents=True, exist_ok=True)
-    path, known, sculpted = make()
+    path, known, made = make()
     head, table = None, {}
     for method in options.methods:
         found = "-"
@@ -416,15 +264,15 @@ def one(name, make, options, rows):
             if known is not None and method == "aoi":
                 off = np.linalg.norm(head.p[known] - head.p[head.landmarks], axis=1) / head.w
                 found = f"{off[17:].max():.3f}"
-        if sculpted == "ict":
-            sculpted = {n: t for n, t in ((n, ict_shapes(options.data, n)) for n in d) if t is not None}
-        inverted, part, ratio, gap = judge(head, d, upon)
-        line = f"{name:24} {method:10} found {found:5}  inverted {inverted:4}  jaw {part:5.2f} ({ratio:4.2f})  lids {gap:.3f}"
+        if made == "ict":
+            made = {n: t for n, t in ((n, ict_shapes(options.data, n)) for n in d) if t is not None}
+        fails, gap = judge(head, d, upon)
+        line = f"{name:24} {method:10} found {found:5}  lids {gap:.3f}  fails: {fails}"
         line += worn(path, head, d)
-        row = [name, method, found, str(inverted), f"{part:.2f} ({ratio:.2f})", f"{gap:.3f}", ""]
+        row = [name, method, found, fails, f"{gap:.3f}", ""]
         rows.append(row)
-        if sculpted:
-            e = table[method] = errors(head, d, sculpted)
+        if made:
+            e = table[method] = errors(head, d, made)
             worst = max(e, key=e.get)
             both = [e[n] for n in e if ict_shapes(options.data, n) is not None]
             row[-1] = f"{np.mean(list(e.values())):.3f} of {len(e)} ({worst} {e[worst]:.3f})"
@@ -432,12 +280,12 @@ def one(name, make, options, rows):
         print(line, flush=True)
     if options.shapes and table:
         print(f"   {'':46}" + "".join(f"{m:>10}" for m in table))
-        for shape in sculpted:
+        for shape in made:
             print(f"   {shape:46}" + "".join(f"{table[m].get(shape, float('nan')):10.3f}" for m in table))
 
 
 def write(page, rows):
-    titles = ["head", "method", "found", "inverted", "jaw: parts (upper/lower)", "lids apart", "error of shapes (worst)"]
+    titles = ["head", "method", "found", "fails", "lids apart", "error of shapes (worst)"]
     lines = [titles, ["---"] * len(titles), *rows]
     table = "".join("| " + " | ".join(line) + " |\n" for line in lines)
     before, rest = page.read_text().split(BEGIN)
