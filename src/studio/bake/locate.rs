@@ -41,6 +41,11 @@ const UNMARKED: usize = 27;
 const DOUBTFUL: f64 = 0.1;
 /// A rim vertex further than this from a fitted point is another opening's, in widths of the head.
 const RIM: f64 = 0.03;
+/// The lids meet no further than this beyond the fitted inner corner, and no further than that above or below, in widths of the eye;
+/// the sine of the slope of lids.
+const CORNER: f64 = 0.25;
+const LEVEL: f64 = 0.1;
+const STEEP: f64 = 0.3;
 /// Width of the head in the picture, pixels.
 const WIDTH: f64 = PIXELS as f64 / FRAME;
 
@@ -244,7 +249,39 @@ impl Placing<'_> {
             let vertex = vertex.or_else(|| nearest(&|_| true));
             taken.push(vertex.unwrap_or(0) as u32);
         }
+        for [corner, outer] in [[39, 36], [42, 45]] {
+            if let Some(end) = self.lids_meet(taken[corner], taken[outer], &|v| visible[v], &up) {
+                taken[corner] = end;
+            }
+        }
         taken
+    }
+
+    /// The vertex where an eye's lids meet beside the nose, beyond the lacrimal caruncle: from the fitted corner on, and on its level,
+    /// the first with skin right below that faces up and skin right above that faces down.
+    fn lids_meet(
+        &self,
+        corner: u32,
+        outer: u32,
+        visible: &dyn Fn(usize) -> bool,
+        up: &dyn Fn(usize) -> f64,
+    ) -> Option<u32> {
+        let at = |v: u32| self.screen[v as usize].xy();
+        let along = at(corner) - at(outer);
+        let wide = along.norm();
+        let beyond = |v: u32| (at(v) - at(corner)).dot(&along) / (wide * wide);
+        let level = |v: u32| (at(v) - at(corner)).perp(&along).abs() / (wide * wide) < LEVEL;
+        let near = |v: u32| (0.0..CORNER).contains(&beyond(v)) && level(v) && visible(v as usize);
+        let meets = |v: u32| {
+            let mut lids = [false; 2];
+            for &o in self.rings.of(v as usize) {
+                lids[0] |= up(o as usize) > STEEP && at(o).y >= at(v).y;
+                lids[1] |= up(o as usize) < -STEEP && at(o).y <= at(v).y;
+            }
+            lids == [true; 2]
+        };
+        let corners = (0..self.screen.len() as u32).filter(|&v| near(v) && meets(v));
+        corners.min_by(|&a, &b| beyond(a).total_cmp(&beyond(b)))
     }
 
     /// Where the plane is that mirrors the face, in pixels from the left, if nearly all of the face has a partner there.
