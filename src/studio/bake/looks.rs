@@ -53,6 +53,22 @@ fn after<'a>(line: &'a str, word: &str) -> Option<&'a str> {
     rest.starts_with([' ', '\t']).then(|| rest.trim())
 }
 
+/// The name of a picture after the options of its map: words that begin with a minus, with numbers, `on` or `off` after them.
+fn without_options(words: &str) -> &str {
+    let mut rest = words;
+    while rest.starts_with('-') {
+        let option = |word: &str| word.parse::<f64>().is_ok() || word == "on" || word == "off";
+        let next = |rest: &str| rest.find([' ', '\t']).unwrap_or(rest.len());
+        // A channel is one letter.
+        let letter = rest.starts_with("-imfchan");
+        rest = rest[next(rest)..].trim_start();
+        while !rest.is_empty() && (option(&rest[..next(rest)]) || letter && next(rest) == 1) {
+            rest = rest[next(rest)..].trim_start();
+        }
+    }
+    rest
+}
+
 impl Looks {
     /// Of an OBJ file and its text.
     pub(super) fn of(path: &Path, obj: &str) -> Self {
@@ -74,7 +90,7 @@ impl Looks {
         let mut name = None;
         for line in mtl.lines() {
             if let Some(new) = after(line, "newmtl") {
-                name = new.split_ascii_whitespace().next();
+                name = Some(new);
                 continue;
             }
             let Some(name) = name else { continue };
@@ -86,6 +102,7 @@ impl Looks {
             } else if let Some(clear) = after(line, "Tr").and_then(share) {
                 look.opacity = Some(1.0 - clear);
             } else if let Some(picture) = after(line, "map_Kd") {
+                let picture = without_options(picture);
                 let bytes = bounded_read::read_below(folder, picture, text_files::MOST).ok();
                 look.picture = bytes.filter(|bytes| kind(bytes).is_some());
             }
@@ -270,7 +287,7 @@ mod tests {
     #[test]
     fn a_material_s_colour_and_picture_reach_the_file() {
         let folder = tempfile::tempdir().unwrap();
-        let mtl = "# eyes\nnewmtl skin\n Kd 1 0.5 0\nd 0.25\nmap_Kd my skin.png\nnewmtl eye\nKd 2 0 0\nmap_Kd gone.png\nKs 1 1 1\n";
+        let mtl = "# eyes\nnewmtl my skin\n Kd 1 0.5 0\nd 0.25\nmap_Kd -s 1 2 -clamp on -imfchan r my skin.png\nnewmtl eye\nKd 2 0 0\nmap_Kd gone.png\nKs 1 1 1\n";
         std::fs::write(folder.path().join("head.mtl"), mtl).unwrap();
         let png = [&[0x89, b'P', b'N', b'G'][..], b"pixels"].concat();
         std::fs::write(folder.path().join("my skin.png"), &png).unwrap();
@@ -281,7 +298,7 @@ mod tests {
         let plain = json!({"baseColorFactor": [0.8, 0.7, 0.6, 1.0]});
         let mut glb = Glb {
             json: json!({"materials": [
-                {"name": "skin", "pbrMetallicRoughness": plain},
+                {"name": "my skin", "pbrMetallicRoughness": plain},
                 {"name": "eye", "pbrMetallicRoughness": plain},
                 {"name": "teeth", "pbrMetallicRoughness": plain},
             ]}),

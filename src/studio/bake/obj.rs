@@ -6,6 +6,7 @@
 //!
 //! Limits: polygonal faces only; curves and surfaces are carried through but not deformed.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 
 use super::mesh::{Corner, Mesh, Vec3};
@@ -53,14 +54,34 @@ fn unmarked(text: &str) -> &str {
     text.trim_start_matches('\u{feff}')
 }
 
+/// The lines of a text with the number of the first of those that a backslash at the end makes one.
+fn lines(text: &str) -> impl Iterator<Item = (Cow<'_, str>, usize)> {
+    let mut lines = unmarked(text).lines().zip(1..);
+    std::iter::from_fn(move || {
+        let (first, number) = lines.next()?;
+        let mut whole = Cow::Borrowed(first);
+        while let Some(begun) = whole.trim_end().strip_suffix('\\') {
+            let next = lines.next().map_or("", |(next, _)| next);
+            whole = Cow::Owned(format!("{begun} {next}"));
+        }
+        Some((whole, number))
+    })
+}
+
+/// The words of a line before a comment.
+fn words(line: &str) -> std::str::SplitAsciiWhitespace<'_> {
+    let said = line.split_once('#').map_or(line, |(said, _)| said);
+    said.split_ascii_whitespace()
+}
+
 /// Reads the text of an OBJ file.
 ///
 /// # Errors
 /// If a vertex or face line is malformed or names something that is not there, with its line number.
 pub fn parse(text: &str) -> Result<Mesh, Fault> {
     let (mut mesh, mut material) = (Mesh::default(), 0);
-    for (text, line) in unmarked(text).lines().zip(1..) {
-        add_line(&mut mesh, &mut material, text).map_err(|expected| {
+    for (text, line) in lines(text) {
+        add_line(&mut mesh, &mut material, &text).map_err(|expected| {
             let found: String = text.chars().take(80).collect();
             Fault::new(format!("line {line}: expected {expected}, found {found:?}"))
         })?;
@@ -79,7 +100,7 @@ pub fn parse(text: &str) -> Result<Mesh, Fault> {
 
 /// Adds what a line says; what it should hold if it does not. `material` is that of the faces to come.
 fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'static str> {
-    let mut words = line.split_ascii_whitespace();
+    let mut words = words(line);
     match words.next() {
         Some("v") => {
             let v = numbers::<3>(&mut words).ok_or("v and three numbers")?;
@@ -99,7 +120,9 @@ fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'sta
             mesh.normals.push(v.map(|x| x as f32));
         }
         Some("usemtl") => {
-            let name = words.next().unwrap_or("default");
+            // Names may have blanks, and more than a comment begins with #.
+            let name = line.trim().trim_start_matches("usemtl").trim();
+            let name = if name.is_empty() { "default" } else { name };
             let known = mesh.materials.iter().position(|m| m == name);
             *material = known.unwrap_or(mesh.materials.len()) as u32;
             if known.is_none() {
@@ -133,8 +156,8 @@ fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'sta
 pub fn with_positions(source: &str, positions: &[Vec3]) -> String {
     let mut out = String::with_capacity(source.len() + positions.len() * 8);
     let mut next = positions.iter();
-    for line in unmarked(source).lines() {
-        let mut words = line.split_ascii_whitespace();
+    for (line, _) in lines(source) {
+        let mut words = words(&line);
         match words.next() {
             Some("v") => {
                 let Some(p) = next.next() else { continue };
@@ -155,7 +178,7 @@ pub fn with_positions(source: &str, positions: &[Vec3]) -> String {
                     }
                 }
             }
-            _ => out.push_str(line),
+            _ => out.push_str(&line),
         }
         out.push('\n');
     }
@@ -255,6 +278,19 @@ mod tests {
         assert_eq!(same.materials, mesh.materials);
         let moved = with_positions(&marked, &mesh.positions);
         assert_eq!(parse(&moved).unwrap().positions, mesh.positions);
+    }
+
+    #[test]
+    fn names_with_blanks_comments_and_lines_that_go_on_are_read_as_others_read_them() {
+        let text =
+            "v 0 0 0\nv 1 0 0 # corner\nv 1 1 0\nusemtl my skin\nf 1 2 \\\n  3 # face\nf 1/ 2\n";
+        let refused = parse(text).unwrap_err().to_string();
+        assert!(refused.starts_with("line 7"), "{refused}");
+        let text = text.replace("f 1/ 2\n", "");
+        let mesh = parse(&text).unwrap();
+        assert_eq!((mesh.faces(), &*mesh.materials[0]), (1, "my skin"));
+        let moved = with_positions(&text, &mesh.positions);
+        assert_eq!(parse(&moved).unwrap().corners, mesh.corners);
     }
 
     #[test]
