@@ -24,7 +24,7 @@ use super::render::Outside;
 use super::rig::{self, Method};
 use super::shape::{Shape, Target};
 use super::table::table;
-use super::{morphs, report};
+use super::{morphs, report, verdict};
 use crate::appliance::memory::peak_resident_bytes;
 use crate::face_model::FaceModel;
 use crate::studio::fault::Fault;
@@ -34,6 +34,8 @@ use crate::studio::text_files;
 
 /// How many of the points found least surely are named.
 const NAMED: usize = 5;
+/// Between people's inner eye corners, metres.
+const EYES: f64 = 0.034;
 /// What a vertex of a shape takes: its displacement, its influence and whether it could move.
 const SHAPE_BYTES: usize = 33;
 /// What all shapes together may take: 67 of a mesh of a million vertices.
@@ -66,7 +68,7 @@ pub struct Request {
     /// Pictures and figures of every shape, one HTML file
     #[arg(long)]
     pub report: Option<PathBuf>,
-    /// Unit of the mesh: mm, cm or m [default: from the distance of the eyes]
+    /// Unit of an OBJ: mm, cm, dm, m, in or metres as a number [default: from the distance of the eyes]; a glTF is in metres
     #[arg(long = "unit", value_parser = metres)]
     pub metres: Option<f64>,
     /// aoi; for comparison paper, its Procedure 1 as printed, or laplacian, plain least squares
@@ -99,8 +101,13 @@ fn metres(unit: &str) -> Result<f64, String> {
     match unit {
         "mm" => Ok(1e-3),
         "cm" => Ok(1e-2),
+        "dm" => Ok(0.1),
         "m" => Ok(1.0),
-        _ => Err("expected mm, cm or m".into()),
+        "in" => Ok(0.0254),
+        _ => match unit.parse::<f64>() {
+            Ok(metres) if metres.is_normal() && metres > 0.0 => Ok(metres),
+            _ => Err("expected mm, cm, dm, m, in or a number above 0 of metres".into()),
+        },
     }
 }
 
@@ -216,17 +223,21 @@ impl Source {
 }
 
 /// Metres per unit of the mesh, and how that is known.
-fn scale(request: &Request, head: &Head) -> Result<(f64, &'static str), Fault> {
+fn scale(request: &Request, source: &Source, head: &Head) -> (f64, &'static str) {
+    if source.foreign.is_some() {
+        return (1.0, "as glTF has it");
+    }
     if let Some(metres) = request.metres {
-        return Ok((metres, "as given"));
+        return (metres, "as given");
     }
     let found = head.eye_distance;
-    let mut units = [1.0, 1e-2, 1e-3].into_iter();
+    let mut units = [1.0, 1e-2, 1e-3, 0.1, 0.0254].into_iter();
     match units.find(|m| (0.02..0.06).contains(&(found * m))) {
-        Some(metres) => Ok((metres, "from the distance of the eyes")),
-        None => Err(Fault::new(format!(
-            "the inner eye corners are {found} units apart, which is no head in mm, cm or m (2 to 6 cm); say which with --unit mm|cm|m or scale the mesh"
-        ))),
+        Some(metres) => (metres, "from the distance of the eyes"),
+        None => (
+            EYES / found,
+            "no usual one: eyes put as far apart as people's",
+        ),
     }
 }
 
@@ -259,6 +270,8 @@ fn of_recipe(request: &Request, head: &Head) -> Result<Vec<Target>, Fault> {
     Ok(targets)
 }
 
+const JOINED: &str = "The lips are joined: skin spans the mouth and stretches as it opens; cut the mesh along the lip line for a mouth that opens.";
+
 /// What was read, and what will not open.
 fn say_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &str)) {
     println!(
@@ -269,9 +282,7 @@ fn say_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &s
         head.eye_distance * metres * 1e3
     );
     if head.lips_are_joined() {
-        println!(
-            "lips joined: skin spans the mouth and will stretch as it opens; cut the mesh along the lip line for a mouth that opens"
-        );
+        println!("{JOINED}");
     }
 }
 
@@ -284,29 +295,31 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     // Unpacked while the mesh is read: it takes as long.
     std::thread::spawn(Prior::shipped);
     let mut source = Source::read(&request.mesh)?;
-    let numbers = match request.landmarks.as_os_str() == "auto" {
+    let (numbers, mut notes) = match request.landmarks.as_os_str() == "auto" {
         true => found(request, &source)?,
-        false => source.told(&request.landmarks)?,
+        false => (source.told(&request.landmarks)?, String::new()),
     };
     let mut ordered = Ordered::new(&source.mesh);
     let numbers = ordered.landmarks(&numbers)?;
     let head = Head::new(std::mem::take(&mut ordered.mesh), &numbers)?;
-    let (metres, how) = scale(request, &head)?;
+    let (metres, how) = scale(request, &source, &head);
     say_head(request, &source.mesh, &head, (metres, how));
+    if head.lips_are_joined() {
+        notes = format!("{JOINED} {notes}");
+    }
     let targets = targets(request, &head, ordered.vertex())?;
     let progress = Progress::new("baking", targets.len());
     let done = |name: &str| progress.step_with(|| name.to_owned());
     let prior = Some(Prior::shipped());
     let shapes = rig::bake(&head, &targets, request.method, prior, &done)?;
     drop(progress);
-    let promises = report::promises(&shapes);
-    if !promises.is_empty() {
-        println!("{promises}");
-    }
+    let faults = verdict::faults(&head, &shapes);
+    println!("{}", verdict::verdict(&shapes, &faults));
     let report = request.report.as_ref().map(|path| {
         let outside = Outside::new(&source.mesh, ordered.vertex(), &source.looks);
         let title = format!("Blendshapes of {}", text_files::name_of(&request.mesh));
-        (path, report::html(&head, &outside, &shapes, &title))
+        let page = report::html(&head, &outside, &shapes, &faults, [&title, &notes]);
+        (path, page)
     });
     let neck = Neck::of(&head, &source.mesh.positions);
     // From here on in the order of the file.
@@ -343,7 +356,7 @@ pub fn skin(data: &Path, out: &Path) -> Result<(), Fault> {
 }
 
 /// Landmarks found on the mesh, written beside the output for a person to confirm.
-fn found(request: &Request, source: &Source) -> Result<Vec<u64>, Fault> {
+fn found(request: &Request, source: &Source) -> Result<(Vec<u64>, String), Fault> {
     let [picture, text] =
         ["png", "txt"].map(|kind| request.out.with_extension(format!("landmarks.{kind}")));
     let found = source.guess(&request.mesh)?;
@@ -356,7 +369,14 @@ fn found(request: &Request, source: &Source) -> Result<Vec<u64>, Fault> {
         )));
     }
     let numbers = landmark_text(&found.vertices, source.foreign.as_ref());
-    write(&text, numbers.as_bytes())?;
+    // Not over points that somebody saved.
+    let saved = text.exists() && read(&text)? != numbers;
+    if saved {
+        let text = text.display();
+        println!("{text} has other points and was kept; delete it to save the points found here");
+    } else {
+        write(&text, numbers.as_bytes())?;
+    }
     let unsure = found.unsure();
     let names: Vec<&str> = unsure.iter().take(NAMED).map(|&k| NAMES[k]).collect();
     let doubts = match unsure.len() {
@@ -364,8 +384,10 @@ fn found(request: &Request, source: &Source) -> Result<Vec<u64>, Fault> {
         count => format!("; {count} points unsure, least {}", names.join(", ")),
     };
     let (up, facing, text) = (found.up, found.facing, text.display());
+    let found_it =
+        format!("face found with confidence {confidence:.2}, up {up}, facing {facing}{doubts}");
     println!(
-        "face found with confidence {confidence:.2}, up {up}, facing {facing}{doubts}: look at {shown}; to correct points, use mien-studio place, or edit {text} and give it with --landmarks"
+        "{found_it}: look at {shown}; to correct points, use mien-studio place, or edit {text} and give it with --landmarks"
     );
-    Ok(found.vertices)
+    Ok((found.vertices, found_it))
 }

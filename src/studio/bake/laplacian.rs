@@ -124,6 +124,18 @@ impl Operator {
         }
     }
 
+    /// The same with one stiffness everywhere.
+    pub fn even(&self) -> Self {
+        let mean = self.area.iter().sum::<f64>() / self.area.len().max(1) as f64;
+        let weight = |&area: &f64| if area > 0.0 { mean / area } else { 0.0 };
+        let weight: Vec<f64> = self.area.iter().map(weight).collect();
+        Self {
+            energy: self.cotangent.squared(&weight),
+            weight,
+            ..self.clone()
+        }
+    }
+
     /// The vertices with area that pass, in the order in which they are eliminated.
     pub fn unknowns(&self, passes: impl Fn(usize) -> bool) -> Unknowns {
         Unknowns::new(&self.elimination, |v| self.area[v] > 0.0 && passes(v))

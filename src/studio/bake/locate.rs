@@ -32,7 +32,7 @@ use crate::studio::inspect::canvas;
 /// The picture to look at is larger by this.
 const ENLARGED: u32 = 3;
 /// A face less certain than this is none.
-const LEAST: f32 = 0.2;
+const LEAST: f32 = 0.6;
 /// A point less certain than this wants to be looked at: named by `bake`, low in `place`.
 pub const LOW: f32 = 0.4;
 /// Points 0 to 16 are the jaw's, up to 26 the brows'.

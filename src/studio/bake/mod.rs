@@ -16,12 +16,14 @@
 //! learn                 learned from sculpted shapes
 //! head                  axes, ten points more on cheeks and forehead, lids and lips (seam), eyeball, mouth, parts
 //! recipe, table         targets: which point goes where
+//! jaw                   its axis, and how the skin takes part in its motion
 //! influence             how far a point acts
 //! solve, sparse         the deformation, and its linear systems
 //! skin                  one shape's points, its skin, and contacts: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
 //! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
 //! morphs                a new glTF with them; looks: the colours of an OBJ
+//! verdict               what is wrong with a shape, by measures that artists' shapes pass
 //! render, report        figures and pictures of what was baked
 //! ```
 //!
@@ -36,6 +38,7 @@ pub(in crate::studio) mod files;
 pub mod glb;
 pub mod head;
 pub mod influence;
+mod jaw;
 pub mod laplacian;
 pub mod learn;
 pub mod locate;
@@ -64,5 +67,6 @@ pub mod solve;
 pub mod sparse;
 pub mod surroundings;
 pub mod table;
+pub mod verdict;
 mod vrm;
 mod weld;

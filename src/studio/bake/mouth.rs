@@ -7,9 +7,11 @@
 //! * Tongue is what lies inside the arch of the lower teeth and faces outwards (gums there face inwards), and what is
 //!   near it along the surface.
 //!
+//! * Teeth and gums of both rows in one piece: the same field, between what lies highest and what lies lowest; a tooth has the
+//!   share of the gum it stands on, however the rows overlap.
+//!
 //! Frame and units: the mesh's; `axes` as in [`super::head`]. Cost: one small factor per piece and teeth times vertices of it.
-//! Limits: a piece that touches no teeth follows the jaw by the height of its vertices; a mouth without lower teeth has
-//! no tongue.
+//! Limits: a mouth without lower teeth of their own has no tongue that can be put out.
 
 use super::head::Head;
 use super::laplacian::Operator;
@@ -23,6 +25,10 @@ const AT_TOOTH: f64 = 0.04;
 /// The harmonic share below which a vertex stays, and above which it goes with the jaw all the way.
 const STAYS: f64 = 0.45;
 const GOES: f64 = 0.80;
+/// A piece that touches no teeth has both rows if it is at least so wide, in widths of the mouth, and reaches at least this share
+/// of its height to either side of the bite; what lies in the outer part of that is gum.
+const BOTH: [f64; 2] = [0.9, 0.35];
+const GUM: f64 = 0.6;
 /// The tongue's sides lie at least this far inside the teeth and face outwards with this cosine, in eye distances.
 const INSIDE: f64 = 0.054;
 const OUTWARDS: f64 = 0.5;
@@ -90,6 +96,34 @@ impl Head {
         harmonic(&self.operator, piece, &mut value);
         let share = |&v: &u32| smoothstep(STAYS, GOES, value[v as usize]);
         Some(piece.iter().map(share).collect())
+    }
+
+    /// Share of the jaw's motion for each vertex of a large piece that touches no teeth, `wide` in mesh units: of both rows in one,
+    /// or of one row or the tongue, which moves as a whole.
+    pub(super) fn shares_by_place(&self, piece: &[u32], wide: f64) -> Vec<f64> {
+        let heights = piece.iter();
+        let heights: Vec<f64> = heights
+            .map(|&v| self.below_bite(&self.mesh.positions[v as usize]))
+            .collect();
+        let below = heights.iter().copied().fold(0.0, f64::max);
+        let above = -heights.iter().copied().fold(0.0, f64::min);
+        let [least_wide, least] = BOTH;
+        let is_both =
+            wide > least_wide * self.mouth_width && above.min(below) > least * (above + below);
+        if !is_both {
+            return vec![f64::from(u8::from(above < 2.0 * below)); piece.len()];
+        }
+        let mut value = vec![f64::NAN; self.mesh.positions.len()];
+        for (&v, height) in piece.iter().zip(heights) {
+            if height > GUM * below {
+                value[v as usize] = 1.0;
+            } else if -height > GUM * above {
+                value[v as usize] = 0.0;
+            }
+        }
+        harmonic(&self.operator, piece, &mut value);
+        let share = |&v: &u32| smoothstep(STAYS, GOES, value[v as usize]);
+        piece.iter().map(share).collect()
     }
 
     /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip. `normals` are the mesh's.

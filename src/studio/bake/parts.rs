@@ -366,7 +366,7 @@ impl Head {
     /// Shares of teeth, gums and tongue.
     fn find_mouth(&mut self, parts: &[&Part]) {
         let w = self.eye_distance;
-        let mut large: Vec<&[u32]> = Vec::new();
+        let mut large: Vec<&Part> = Vec::new();
         let mut teeth: [Vec<u32>; 2] = [Vec::new(), Vec::new()];
         for part in parts {
             if part.size().max() < TOOTH * w {
@@ -375,7 +375,7 @@ impl Head {
                 let share = f32::from(u8::from(below));
                 part.follow(&mut self.follow, |_| Follow::Jaw(share));
             } else {
-                large.push(&part.vertices);
+                large.push(part);
             }
         }
         if large.is_empty() {
@@ -387,13 +387,10 @@ impl Head {
             nearest: nearest.map(|row| Nearest::new(&self.mesh.positions, row)),
             lower: teeth[1].clone(),
         };
-        let soft = 0.08 * w;
-        for piece in large {
-            let shares = self.jaw_shares(piece, &teeth).unwrap_or_else(|| {
-                let height = |&v: &u32| self.below_bite(&self.mesh.positions[v as usize]);
-                let share = |v| smoothstep(-soft, soft, height(v));
-                piece.iter().map(share).collect()
-            });
+        for part in large {
+            let (piece, wide) = (&part.vertices[..], part.size().x);
+            let shares = self.jaw_shares(piece, &teeth);
+            let shares = shares.unwrap_or_else(|| self.shares_by_place(piece, wide));
             let tongue = self.tongue_shares(piece, &teeth, &shares, &normals);
             for (k, &v) in piece.iter().enumerate() {
                 self.follow[v as usize] = Follow::Jaw(shares[k] as f32);

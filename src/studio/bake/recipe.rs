@@ -7,8 +7,9 @@ use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion};
 use serde::Deserialize;
 
 use super::head::Head;
+use super::jaw::{self, turned};
 use super::mesh::Vec3;
-use super::names::{self, NAMES, mirrored};
+use super::names::{self, LANDMARKS, NAMES, mirrored};
 use super::shape::{Deed, Promise, Target, Undo};
 use crate::output::other_side;
 use crate::studio::fault::Fault;
@@ -141,6 +142,7 @@ struct Entry {
     jaw: Vec<(String, f64)>,
     #[serde(default)]
     jaw_turn: [f64; 2],
+    jaw_opens: Option<f64>,
     #[serde(default)]
     jaw_shift: [f64; 3],
     #[serde(default)]
@@ -181,6 +183,8 @@ struct Side<'a> {
     mirror: bool,
 }
 
+/// The jaw's motion, and the landmarks' shares of it.
+type Carried = (Isometry3<f64>, Vec<(u32, f64)>);
 /// Displacements of all control points; those without are free.
 type Moves = Vec<Option<Vec3>>;
 
@@ -302,12 +306,15 @@ impl<'a> Side<'a> {
     }
 
     /// The jaw's motion, and what points take of it.
-    fn jaw(&self, head: &Head, d: &mut Moves) -> Result<Option<Isometry3<f64>>, Fault> {
+    fn jaw(&self, head: &Head, d: &mut Moves) -> Result<Option<Carried>, Fault> {
         let (turn, shift) = (self.entry.jaw_turn, self.entry.jaw_shift);
         if turn == [0.0; 2] && shift == [0.0; 3] {
             return Ok(None);
         }
-        let [open, left] = turn.map(f64::to_radians);
+        let mut shares = vec![0.0; LANDMARKS];
+        let [most, left] = turn.map(f64::to_radians);
+        let opens = self.entry.jaw_opens;
+        let open = opens.map_or(most, |lowers| jaw::opening(head, lowers, most));
         // Opening turns the chin down and back: from "out" towards "down", positive about the left axis.
         let turn = UnitQuaternion::from_axis_angle(&axis(head, 1), left * self.flip())
             * UnitQuaternion::from_axis_angle(&axis(head, 0), open);
@@ -318,11 +325,15 @@ impl<'a> Side<'a> {
         for (words, share) in &self.entry.jaw {
             for point in self.points(words)? {
                 let p = head.point(point);
-                let moved = jaw.transform_point(&p.into()).coords - p;
+                let moved = turned(&jaw, &p);
                 add(d, point, moved * *share);
+                if let Some(of_point) = shares.get_mut(point) {
+                    *of_point = *share;
+                }
             }
         }
-        Ok(Some(jaw))
+        let shares = head.points.iter().copied().zip(shares);
+        Ok(Some((jaw, shares.collect())))
     }
 
     /// What is taken back of a shape above; also if that is of the lips.
@@ -347,9 +358,9 @@ impl<'a> Side<'a> {
     fn target(&self, head: &Head, above: &[Target]) -> Result<Target, Fault> {
         let entry = self.entry;
         let mut d: Moves = vec![None; NAMES.len()];
-        d[..names::LANDMARKS].fill(Some(Vec3::zeros()));
+        d[..LANDMARKS].fill(Some(Vec3::zeros()));
         self.moved(head, &mut d)?;
-        let jaw = self.jaw(head, &mut d)?;
+        let (jaw, shares) = self.jaw(head, &mut d)?.unzip();
         let undo = self.undo(head, above, &mut d)?;
         let mut close = [None; 2];
         for (side, amount, line) in &entry.close {
@@ -376,6 +387,8 @@ impl<'a> Side<'a> {
             close,
             gaze,
             jaw,
+            still_inside: shares.is_none(),
+            shares: shares.unwrap_or_default(),
             tongue: entry.tongue.map(|[up, forwards]| {
                 // The tongue lies in the jaw: its directions turn with the jaw of the shape it is added to.
                 let base = above.iter().find(|t| Some(&t.name) == entry.upon.as_ref());

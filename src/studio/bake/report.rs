@@ -1,5 +1,5 @@
-//! The report: one HTML file with a picture and the figures of every shape: leakage, inverted and collapsed triangles, lids and
-//! lips.
+//! The report: one HTML file with the verdict, a picture of every shape with what is wrong with it, and figures: leakage, inverted
+//! and collapsed triangles, lids and lips.
 
 use std::fmt::Write as _;
 
@@ -12,8 +12,9 @@ use super::eyeball::Ball;
 use super::head::{Follow, Head};
 use super::mesh::Vec3;
 use super::render::Outside;
-use super::shape::Shape;
+use super::shape::{Shape, shown};
 use super::surroundings::Surroundings;
+use super::verdict::verdict;
 use crate::studio::picture_files::jpeg;
 
 /// A triangle with less of its area than this has collapsed.
@@ -134,40 +135,11 @@ fn embedded(picture: &RgbImage) -> String {
     format!("data:image/jpeg;base64,{jpeg}")
 }
 
-/// Displacement of a shape as it is meant to be seen: with the shape it is meant to be added to.
-pub fn shown(shapes: &[Shape], k: usize) -> Vec<Vec3> {
-    let mut d = shapes[k].displacement.clone();
-    for base in shapes[k].beneath(shapes) {
-        for (d, b) in d.iter_mut().zip(&base.displacement) {
-            *d += b;
-        }
-    }
-    d
-}
-
 fn number(value: f64) -> String {
     if value == 0.0 {
         "0".into()
     } else {
         format!("{value:.4}")
-    }
-}
-
-/// How many shapes do what they must, and what the others miss; empty if nothing is asked of any.
-pub fn promises(shapes: &[Shape]) -> String {
-    let asked = || shapes.iter().filter_map(|s| Some((s, s.misses.as_ref()?)));
-    let missed: Vec<String> = asked()
-        .filter(|(_, misses)| !misses.is_empty())
-        .map(|(shape, misses)| format!("{} ({})", shape.name, misses.join(", ")))
-        .collect();
-    let (all, kept) = (asked().count(), asked().count() - missed.len());
-    match (all, missed.is_empty()) {
-        (0, _) => String::new(),
-        (_, true) => format!("All {all} shapes that are checked do what they must."),
-        _ => format!(
-            "{kept} of {all} shapes that are checked do what they must; not: {}.",
-            missed.join("; ")
-        ),
     }
 }
 
@@ -179,8 +151,14 @@ const STYLE: &str = "<!doctype html><meta charset=\"utf-8\"><title>Baked shapes<
     td,th{padding:3px 10px;border-bottom:1px solid #ddd;text-align:right}\
     td:first-child,th:first-child{text-align:left}.bad{background:#fbd3c8}</style>";
 
-/// The report as HTML, and the figures it shows.
-pub fn html(head: &Head, drawn: &Outside, shapes: &[Shape], title: &str) -> (String, Vec<Figures>) {
+/// The report as HTML, and the figures it shows; `faults` are every shape's in words, `notes` what else is to be known of the head.
+pub fn html(
+    head: &Head,
+    drawn: &Outside,
+    shapes: &[Shape],
+    faults: &[Vec<String>],
+    [title, notes]: [&str; 2],
+) -> (String, Vec<Figures>) {
     let judge = Judge::new(head);
     let one = |k: usize| {
         let picture = drawn.draw(head, &shown(shapes, k), YAW, PIXELS);
@@ -191,17 +169,22 @@ pub fn html(head: &Head, drawn: &Outside, shapes: &[Shape], title: &str) -> (Str
     let (count, vertices) = (shapes.len(), head.mesh.positions.len());
     let neutral = embedded(&drawn.draw(head, &[], YAW, PIXELS));
     let mut out = format!(
-        "{STYLE}<h1>{title}</h1><p>{}</p><p>{count} shapes on {vertices} vertices. \
+        "{STYLE}<h1>{title}</h1><p><b>{}</b></p><p>{notes}</p><p>{count} shapes on {vertices} vertices. \
          Lengths are in distances between the inner eye corners. A shape made to be added to another one is shown and \
          judged upon it.</p><div class=\"sheet\">\
          <figure><img alt=\"neutral\" src=\"{neutral}\"><figcaption>neutral</figcaption></figure>",
-        promises(shapes)
+        verdict(shapes, faults)
     );
-    for (Shape { name, unit, .. }, picture) in shapes.iter().zip(&pictures) {
-        let unit = unit.as_deref().unwrap_or("");
+    for ((Shape { name, unit, .. }, picture), faults) in shapes.iter().zip(&pictures).zip(faults) {
+        let (unit, faults) = (unit.as_deref().unwrap_or(""), faults.join("; "));
+        let class = if faults.is_empty() {
+            ""
+        } else {
+            " class=\"bad\""
+        };
         let _ = write!(
             out,
-            "<figure><img alt=\"{name}\" src=\"{picture}\"><figcaption><b>{name}</b> {unit}</figcaption></figure>"
+            "<figure><img alt=\"{name}\" src=\"{picture}\"><figcaption{class}><b>{name}</b> {unit} {faults}</figcaption></figure>"
         );
     }
     out += "</div>";

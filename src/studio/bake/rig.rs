@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use super::canonical::Canonical;
 use super::head::{Follow, Head, LANDMARKS};
 use super::influence::Field;
+use super::jaw::{Jaw, turned};
 use super::laplacian::Operator;
 use super::mesh::Vec3;
 use super::printed::{self, printed};
@@ -98,6 +99,7 @@ struct Rig<'a> {
     around: Surroundings,
     contacts: Contacts<'a>,
     learned: Option<Canonical<'a>>,
+    jaw: Jaw<'a>,
     /// A method of comparison: its operator and rounds.
     printed: Option<(Operator, usize)>,
 }
@@ -144,6 +146,7 @@ impl<'a> Rig<'a> {
             around,
             contacts,
             learned,
+            jaw: Jaw::new(head, targets)?,
             printed: match method {
                 Method::Aoi => None,
                 Method::Paper => Some((head.operator.printed(), printed::ROUNDS)),
@@ -188,16 +191,20 @@ impl<'a> Rig<'a> {
     fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
         let mut kept = None;
+        let carried = self.jaw.motion(target);
         let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
             let placing = Placing {
                 contacts: &self.contacts,
                 target,
                 // Only what takes a shape back is solved from it.
                 base: base.filter(|_| target.undo.is_some()),
+                jaw: carried.as_deref(),
             };
             placing.place(&self.influence[k], beyond, &mut kept)
         };
-        let learned = self.learned.as_ref().filter(|_| target.derive);
+        // Below the mouth the jaw says more than what was learned.
+        let learned = self.learned.as_ref();
+        let learned = learned.filter(|_| target.derive && carried.is_none());
         let solved = match learned {
             None => place(target, None)?,
             Some(learned) => {
@@ -218,7 +225,7 @@ impl<'a> Rig<'a> {
             solved,
         };
         if learned.is_some() && best.faults.rank() > (0, 0) {
-            best.blend(place(target, None)?.d);
+            best.blend(place(target, None)?);
         }
         for spans in [false, true] {
             if !best.faults.places.is_empty() {
@@ -241,7 +248,12 @@ impl<'a> Rig<'a> {
 
 impl Best<'_> {
     /// Tries the plain solution around the faults that it does not have itself, then all of it.
-    fn blend(&mut self, plain: Vec<Vec3>) {
+    fn blend(&mut self, plain: Solved) {
+        // Its contacts may have moved what lies beyond the other's area.
+        let Solved { d: plain, area } = plain;
+        for (inside, also) in self.solved.area.iter_mut().zip(area) {
+            *inside |= also;
+        }
         let others = self.rig.faults(self.target, self.base, &plain).places;
         let mut own = self.faults.places.clone();
         own.retain(|v| others.binary_search(v).is_err());
@@ -343,9 +355,7 @@ fn followers(head: &Head, target: &Target, d: &mut [Vec3], area: &mut [bool]) {
                 _ => continue,
             },
             Follow::Jaw(share) => {
-                let jaw = target.jaw.map_or(Vec3::zeros(), |jaw| {
-                    jaw.transform_point(&p.into()).coords - p
-                });
+                let jaw = target.jaw.map_or(Vec3::zeros(), |jaw| turned(&jaw, &p));
                 jaw * f64::from(share) + tip * f64::from(head.tongue[v])
             }
         };

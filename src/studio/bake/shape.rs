@@ -43,6 +43,17 @@ impl Shape {
     }
 }
 
+/// Displacement of a shape as it is meant to be seen: with the shape it is meant to be added to.
+pub fn shown(shapes: &[Shape], k: usize) -> Vec<Vec3> {
+    let mut d = shapes[k].displacement.clone();
+    for base in shapes[k].beneath(shapes) {
+        for (d, b) in d.iter_mut().zip(&base.displacement) {
+            *d += b;
+        }
+    }
+    d
+}
+
 /// The name of a shape that is taken back, and its share.
 pub type Undo = (String, f64);
 
@@ -67,6 +78,10 @@ pub struct Target {
     pub gaze: [Option<Rotation3<f64>>; 2],
     /// Motion of the jaw and what it carries.
     pub jaw: Option<Isometry3<f64>>,
+    /// Share of that motion at the points on the skin; all shapes of a recipe have it at the same ones.
+    pub shares: Vec<(u32, f64)>,
+    /// What lies in the mouth stays, as it does in a recipe's shape without a jaw; a table of controls says itself what moves.
+    pub still_inside: bool,
     /// Displacement of the tongue's tip.
     pub tongue: Option<Vec3>,
     /// Shape whose effect on the lip line is taken back, and its share.
@@ -99,6 +114,13 @@ impl Target {
             }),
             gaze: sides.map(|side: usize| self.gaze[side].or(other.gaze[side])),
             jaw: self.jaw.or(other.jaw),
+            shares: if self.jaw.is_some() {
+                &self.shares
+            } else {
+                &other.shares
+            }
+            .clone(),
+            still_inside: self.still_inside && other.still_inside,
             tongue: self.tongue.or(other.tongue),
             corrects: Some(of),
             ..Self::default()

@@ -11,6 +11,7 @@
 use std::collections::BTreeMap;
 
 use super::head::{Head, LANDMARKS, LIP_FREE};
+use super::jaw::turned;
 use super::mesh::{Nearest, Vec3, extent_of};
 use super::shape::Target;
 use super::solve::{DISC, EDGE, FULL, REACH, ROUNDS, System, unknown};
@@ -255,6 +256,8 @@ pub(super) struct Placing<'a> {
     pub(super) target: &'a Target,
     /// Displacement of the shape that this one takes back.
     pub(super) base: Option<&'a [Vec3]>,
+    /// How the jaw moves the skin.
+    pub(super) jaw: Option<&'a [Vec3]>,
 }
 
 /// Where one shape's vertices must go and how strongly it acts on each.
@@ -287,9 +290,14 @@ impl Placing<'_> {
         self.derived_points_act(&mut asked);
         self.lids_act(&mut asked);
         let shuts = self.target.close.iter().any(Option::is_some);
-        let inside =
-            |v: usize| head.skin[v] && asked.u[v] > edge && !(shuts && head.lines_socket(v));
+        // Without a jaw nothing moves what is rigid with the skull.
+        let still =
+            |v: usize| shuts && head.lines_socket(v) || self.target.still_inside && head.deep(v);
+        let inside = |v: usize| head.skin[v] && asked.u[v] > edge && !still(v);
         asked.area = (0..asked.u.len()).map(inside).collect();
+        for (inside, moved) in asked.area.iter_mut().zip(self.jaw.into_iter().flatten()) {
+            *inside |= *moved != Vec3::zeros();
+        }
         self.mouth_follows_jaw(&mut asked);
         self.lips_go_back(&mut asked);
         // Towards the area's edge what is expected fades, so that outside nothing moves at all.
@@ -297,7 +305,8 @@ impl Placing<'_> {
         let fade = |v: usize| ((asked.u[v] - edge) / fades).clamp(0.0, 1.0);
         let share = |v: usize| if asked.area[v] { fade(v) } else { 0.0 };
         let beyond = beyond.into_iter().flatten().enumerate();
-        let beyond: Vec<Vec3> = beyond.map(|(v, d)| d * share(v)).collect();
+        let beyond = beyond.map(|(v, d)| d * share(v)).collect();
+        let beyond: Vec<Vec3> = self.jaw.map_or(beyond, <[Vec3]>::to_vec);
         let mut d = vec![Vec3::zeros(); asked.u.len()];
         let unknown = unknown(&asked.area, asked.goal.keys().copied());
         let system = match kept.take().filter(|kept| kept.unknown == unknown) {
@@ -367,7 +376,7 @@ impl Placing<'_> {
             asked.u[v] = asked.u[v].max(EDGE * w * 1.01);
             if head.deep(v) {
                 let p = head.mesh.positions[v];
-                let moved = jaw.transform_point(&p.into()).coords - p;
+                let moved = turned(jaw, &p);
                 asked.goal.entry(v as u32).or_insert(moved * share);
             }
         }

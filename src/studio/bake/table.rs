@@ -78,7 +78,7 @@ pub fn targets(text: &str, path: &Path, count: usize, derive: bool) -> Result<Ve
 /// The jaw's motion behind a table of controls: a turn about its axis, if chin and lower lip go down and back together.
 fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
     /// What a sculpted chin takes part in a jaw's motion, see `jawOpen` in the recipe.
-    const SHARE: f64 = 0.84;
+    const SHARE: f64 = 0.98;
     let w = head.eye_distance;
     let [left, up] = [0, 1].map(|k| head.axes.column(k).into_owned());
     let of = |point: usize| controls.iter().find(|(v, _)| *v == head.points[point]);

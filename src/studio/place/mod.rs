@@ -23,8 +23,8 @@ use super::bake::locate::LOW;
 use super::bake::mesh::{Mesh, Vec3};
 use super::bake::names::{LANDMARKS, NAMES, mirrored};
 use super::bake::order::Ordered;
-use super::bake::shape::Shape;
-use super::bake::{files, morphs, report};
+use super::bake::shape::{Shape, shown};
+use super::bake::{files, morphs};
 use super::fault::Fault;
 use super::heads::default_head;
 use super::preview;
@@ -179,7 +179,7 @@ impl Place {
         }
         let baked = self.baked.lock().unwrap_or_else(PoisonError::into_inner);
         let found = baked.iter().position(|s| s.name == shape).map(|k| Shape {
-            displacement: report::shown(&baked, k),
+            displacement: shown(&baked, k),
             ..baked[k].clone()
         });
         drop(baked);

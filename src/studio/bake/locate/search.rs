@@ -42,7 +42,7 @@ const MISSED: usize = 3;
 /// Points so far from where people have them, in inner-eye-corner distances, are hardly a face.
 const UNLIKE: f64 = 0.25;
 /// Sure enough to look in no other direction.
-const SURE: f32 = 0.5;
+const SURE: f32 = 0.6;
 /// A vertex so far before or behind where people have a point is not it, in inner-eye-corner distances.
 pub(super) const DEEP: f64 = 0.4;
 /// Fits next to the best that say how sure each point is.
