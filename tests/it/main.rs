@@ -35,6 +35,7 @@ mod reads_still_portraits;
 mod records_and_replays;
 mod recovers_shape_from_tracks;
 mod refuses_bad_input;
+mod reloads_cost_no_memory;
 mod remembers_people;
 mod replays_the_corpus;
 mod sees_nobody;

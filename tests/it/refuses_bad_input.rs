@@ -271,6 +271,10 @@ fn odd_values_of_every_key_are_accepted_by_all_or_by_none() {
             }
             // Accepted: a run with it must start.
             let (codes, told) = judged(folder.path(), &text);
+            if !has_wires() && told.contains("was built without it") {
+                assert_eq!(codes, [Some(2); 3], "{text}: {told}");
+                continue;
+            }
             assert_eq!([codes[0], codes[2]], [Some(0); 2], "{text}: {told}");
             assert_ne!(codes[1], Some(2), "{text}");
             played += 1;
@@ -288,7 +292,7 @@ fn whole_models_with_odd_numbers_are_refused_or_used() {
     let cases: usize = std::env::var("MIEN_MODELS").map_or(200, |n| n.parse().expect("a number"));
     let mut random = fastrand::Rng::with_seed(31);
     let odd = [1e6_f32, -1e3, 0.31, f32::NAN, f32::INFINITY, 1e-30, 0.0];
-    let (mut used, mut longest) = (0, 0.0_f64);
+    let mut used = 0;
     for _ in 0..cases {
         let mut bytes = shipped.to_vec();
         for _ in 0..random.usize(1..4) {
@@ -314,14 +318,12 @@ fn whole_models_with_odd_numbers_are_refused_or_used() {
         let body = bytes.len() - 4;
         let checksum = mien::base::checksum::crc32(&bytes[..body]);
         bytes[body..].copy_from_slice(&checksum.to_le_bytes());
-        let began = std::time::Instant::now();
         if let Ok(model) = mien::face_model::FaceModel::read(&bytes)
             && Pipeline::new(&settings, &camera, &model).is_ok()
         {
             used += 1;
         }
-        longest = longest.max(began.elapsed().as_secs_f64());
     }
-    println!("{used} of {cases} were usable, the longest took {longest:.2} s");
-    assert!(longest < 10.0);
+    println!("{used} of {cases} were usable");
+    assert!((1..cases).contains(&used));
 }

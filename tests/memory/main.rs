@@ -6,7 +6,6 @@ mod common;
 
 mod in_use;
 mod lives_for_a_week;
-mod reloads_cost_no_memory;
 mod stays_in_its_memory;
 mod survives_packet_loss;
 mod wires_cost_little;

@@ -274,7 +274,7 @@ async function controls(page, url) {
   const said = (pattern) => until(page, (text) => new RegExp(text).test(document.getElementById("said").textContent), pattern).then(() => page.textContent("#said"));
   await until(page, () => window.mien.stream.present().length > 0);
   await page.click("#neutral");
-  check("the box is asked for a neutral face", /^asked .*neutral/.test(await said("asked")), await page.textContent("#said"));
+  check("the box is asked for a neutral face", /^command sent .*neutral/.test(await said("command sent")), await page.textContent("#said"));
   await page.click("#freeze");
   check("freezing is shown", /frozen/.test(await said("frozen")) && (await page.getAttribute("#freeze", "aria-pressed")) === "true");
   const other = await open(page.context().browser(), url);
