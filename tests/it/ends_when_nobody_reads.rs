@@ -67,7 +67,7 @@ fn every_command_ends_quietly_or_with_one_sentence() {
         ],
         &["send-test", "--help"],
     ];
-    let mut all: Vec<(&str, &[&str])> = of_mien.map(|words| (mien.as_str(), words)).to_vec();
+    let all = of_mien.map(|words| (mien.as_str(), words)).into_iter();
     #[cfg(feature = "studio")]
     let of_studio: [&[&str]; 16] = [
         &["--help"],
@@ -106,7 +106,7 @@ fn every_command_ends_quietly_or_with_one_sentence() {
         ],
     ];
     #[cfg(feature = "studio")]
-    all.extend(of_studio.map(|words| (env!("CARGO_BIN_EXE_mien-studio"), words)));
+    let all = all.chain(of_studio.map(|words| (env!("CARGO_BIN_EXE_mien-studio"), words)));
     for (program, words) in all {
         for (kind, out) in [("full", full()), ("closed", closed())] {
             let ended = ended(program, words, out, folder.path());

@@ -20,6 +20,7 @@ use mien::simulator::simulated::Simulated;
 use mien::{expression, landmarks, pose};
 
 use crate::common;
+#[cfg(feature = "studio")]
 use crate::common::data::Set;
 
 const FRAMES: u32 = 300;

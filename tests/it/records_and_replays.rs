@@ -10,6 +10,7 @@ use mien::sensor::kinect::recording::{Recorder, Recording};
 use mien::sensor::kinect::registration::Registration;
 
 use crate::common;
+#[cfg(feature = "studio")]
 use crate::common::data::Set;
 
 const SEED: u64 = 20;
