@@ -23,6 +23,16 @@ const seen = (k) => {
   return [x + box.left, y + box.top];
 };
 
+// Where a point is on the screen, once the view has come to rest.
+async function atRest(page, point) {
+  for (let before = await page.evaluate(seen, point); ;) {
+    await page.waitForTimeout(500);
+    const now = await page.evaluate(seen, point);
+    if (Math.hypot(now[0] - before[0], now[1] - before[1]) < 0.1) return now;
+    before = now;
+  }
+}
+
 // A point by the keyboard alone: chosen, moved by a vertex and back where it was.
 async function keys(page) {
   await page.selectOption("#look", "48-67");
@@ -31,11 +41,10 @@ async function keys(page) {
   await page.keyboard.press("n");
   check("N chooses the next point", /^54 /.test(await page.textContent("#which")), await page.textContent("#which"));
   const before = await page.evaluate(() => window.mien.now.points.slice());
-  const [x, y] = await page.evaluate(seen, 54);
+  const [x, y] = await atRest(page, 54);
   await page.keyboard.press("ArrowUp");
   await page.waitForFunction((was) => window.mien.now.points[54] !== was, before[54]);
-  await page.waitForTimeout(800);
-  const [p, q] = await page.evaluate(seen, 54);
+  const [p, q] = await atRest(page, 54);
   const after = await page.evaluate(() => window.mien.now.points.slice());
   const changed = before.map((v, k) => [v, k]).filter(([v, k]) => v !== after[k]).map(([, k]) => k);
   check("an arrow key moves the point and its twin up, by a vertex", y - q > 0.5 && y - q > Math.abs(p - x) && y - q < 40 && changed.join() === "48,54", `${(p - x).toFixed(1)}, ${(q - y).toFixed(1)} px; ${changed}`);
