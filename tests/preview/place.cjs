@@ -91,7 +91,7 @@ async function keys(page) {
   }
   await page.waitForFunction(() => window.mien.baked);
   await keys(page);
-  await judge(page, "place", { check, shots, panels: ["#scene", "aside"] });
+  await judge(page, "place", { check, shots, panels: ["#scene", "#actions", ".bar-of-tab"] });
   await page.setViewportSize({ width: 1600, height: 900 });
 
   await page.selectOption("#look", "48-67");

@@ -154,7 +154,7 @@ def everything(mien):
         assert one.get("state_topic", "mien/hall/").startswith("mien/hall/"), one
     wire = next(one for one in status["outputs"] if one["name"] == "mqtt")
     assert (wire["commands"], wire["commands_refused"]) == (1, 3), wire
-    assert "Neutral(0)" in log, log
+    assert "asked to set the neutral face of person 1" in log, log
     print(f"mosquitto, MQTT 3.1.1: presence, {len(states)} states, {len(health)} reports of health, "
           f"{compared} weights equal to the CSV's, {len(discovery)} entities for Home Assistant, 1 command taken and 3 refused")
 
