@@ -30,6 +30,7 @@ use crate::users::saved::People;
 /// # Errors
 /// As [`Failure`] lists.
 pub fn run(run: &Run) -> Result<(), Failure> {
+    memory::map_large_blocks();
     let Some(mut session) = Session::start(run)? else {
         return Ok(());
     };
@@ -70,7 +71,6 @@ struct Session<'r> {
 impl<'r> Session<'r> {
     /// Opens everything and allocates all memory; `None` if stopped before its CSV had a reader.
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
-        memory::map_large_blocks();
         let settings = settings(run.config.as_deref())?;
         crate::appliance::log::start(run.level(settings.log_level));
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;

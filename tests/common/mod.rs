@@ -10,6 +10,7 @@ pub mod data;
 pub mod drivers_table;
 pub mod faults;
 pub mod paced;
+pub mod service;
 pub mod test_pattern;
 pub mod whole_run;
 

@@ -4,104 +4,13 @@
 
 use std::io::{BufRead, BufReader, PipeReader, PipeWriter, Read, Write};
 use std::net::UdpSocket;
-use std::os::unix::net::UnixDatagram;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 
-use crate::common::program;
-
-/// Long enough for a slow machine; only a broken run waits for it.
-const PATIENCE: Duration = Duration::from_secs(300);
-
-struct Service {
-    child: Child,
-    socket: UnixDatagram,
-}
-
-impl Drop for Service {
-    /// A test that fails leaves no run behind.
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Service {
-    fn start(folder: &Path, config: &str) -> Self {
-        Self::start_with(folder, config, &[], Stdio::null(), Stdio::null())
-    }
-
-    fn start_with(
-        folder: &Path,
-        config: &str,
-        words: &[&str],
-        out: impl Into<Stdio>,
-        said: impl Into<Stdio>,
-    ) -> Self {
-        let notify = folder.join("notify");
-        let _before = std::fs::remove_file(&notify);
-        let socket = UnixDatagram::bind(&notify).unwrap();
-        socket.set_read_timeout(Some(PATIENCE)).unwrap();
-        std::fs::write(folder.join("mien.toml"), config).unwrap();
-        let child = Command::new(program())
-            .args(["run", "--source", "simulated", "--config"])
-            .arg(folder.join("mien.toml"))
-            .args(words)
-            .env("NOTIFY_SOCKET", &notify)
-            .env("WATCHDOG_USEC", "400000")
-            .env_remove("WATCHDOG_PID")
-            .stdout(out)
-            .stderr(said)
-            .spawn()
-            .unwrap();
-        Self { child, socket }
-    }
-
-    /// The next message that is not of this kind.
-    fn next_but(&self, skipped: &[&str]) -> String {
-        let mut buffer = [0; 512];
-        loop {
-            let length = self.socket.recv(&mut buffer).expect("a message in time");
-            let message = String::from_utf8_lossy(&buffer[..length]).into_owned();
-            if !skipped.iter().any(|start| message.starts_with(start)) {
-                return message;
-            }
-        }
-    }
-
-    /// Reads the configuration again, whatever comes of it.
-    fn reload(&self, folder: &Path, config: &str) {
-        std::fs::write(folder.join("mien.toml"), config).unwrap();
-        self.signal("-HUP");
-        assert_eq!(self.next_but(&["WATCHDOG=", "STATUS="]), "RELOADING=1");
-        assert_eq!(self.next_but(&["WATCHDOG=", "STATUS="]), "READY=1");
-    }
-
-    /// Stops it; how it ended.
-    fn stop(&mut self) -> Option<i32> {
-        self.signal("-TERM");
-        assert_eq!(self.next_but(&["WATCHDOG=", "STATUS="]), "STOPPING=1");
-        self.child.wait().unwrap().code()
-    }
-
-    fn signal(&self, name: &str) {
-        // The queue is short, and nobody waits for room in it: what comes of the signal is to find some.
-        self.socket.set_nonblocking(true).unwrap();
-        while self.socket.recv(&mut [0; 512]).is_ok() {}
-        self.socket.set_nonblocking(false).unwrap();
-        let id = self.child.id().to_string();
-        assert!(
-            Command::new("kill")
-                .args([name, &id])
-                .status()
-                .unwrap()
-                .success()
-        );
-    }
-}
+use crate::common::service::{PATIENCE, Service};
 
 #[test]
 fn ready_alive_reloaded_and_stopped_cleanly() {

@@ -2,12 +2,11 @@
 
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::os::unix::net::UnixDatagram;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
-use crate::common::program;
+use crate::common::service::Service;
 
 /// Reloads with each key: there and back.
 const RELOADS: usize = 30;
@@ -31,68 +30,17 @@ const KEYS: [(&str, &str, [&str; 2]); 9] = [
     ("vmc", "enabled", ["false", "true"]),
 ];
 
-struct Run(Child, UnixDatagram);
-
-impl Drop for Run {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
+/// Most memory so far, without the program's own pages: those of a development build are twice as many; bytes.
+fn peak(run: &Service) -> u64 {
+    bytes(run, "VmHWM:").saturating_sub(bytes(run, "RssFile:"))
 }
 
-impl Run {
-    fn start(folder: &Path, scene: &str) -> Self {
-        let notify = folder.join("notify");
-        let _ = std::fs::remove_file(&notify);
-        let socket = UnixDatagram::bind(&notify).unwrap();
-        socket
-            .set_read_timeout(Some(Duration::from_secs(60)))
-            .unwrap();
-        let child = Command::new(program())
-            .args(["run", "-q", "--source", scene, "--config"])
-            .arg(folder.join("mien.toml"))
-            .env("NOTIFY_SOCKET", &notify)
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let run = Self(child, socket);
-        run.wait_for("READY=1");
-        run
-    }
-
-    fn wait_for(&self, wanted: &str) {
-        let mut buffer = [0; 512];
-        while self
-            .1
-            .recv(&mut buffer)
-            .map(|n| &buffer[..n])
-            .expect("a message in time")
-            != wanted.as_bytes()
-        {}
-    }
-
-    fn reload(&self) {
-        let id = self.0.id().to_string();
-        let sent = Command::new("kill").args(["-HUP", &id]).status().unwrap();
-        assert!(sent.success());
-        self.wait_for("RELOADING=1");
-        self.wait_for("READY=1");
-    }
-
-    /// Most memory so far, without the program's own pages: those of a development build are twice as many; bytes.
-    fn peak(&self) -> u64 {
-        self.bytes("VmHWM:").saturating_sub(self.bytes("RssFile:"))
-    }
-
-    /// A line of `/proc/PID/status`, bytes; 0 where the system does not tell.
-    fn bytes(&self, name: &str) -> u64 {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
-        let line = status.lines().find_map(|line| line.strip_prefix(name));
-        let kibibytes: Option<u64> =
-            line.and_then(|line| line.split_whitespace().next()?.parse().ok());
-        kibibytes.unwrap_or(0) * 1024
-    }
+/// A line of `/proc/PID/status`, bytes; 0 where the system does not tell.
+fn bytes(run: &Service, name: &str) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", run.child.id())).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix(name));
+    let kibibytes: Option<u64> = line.and_then(|line| line.split_whitespace().next()?.parse().ok());
+    kibibytes.unwrap_or(0) * 1024
 }
 
 /// Number behind a key of the status file.
@@ -116,27 +64,29 @@ fn reloads_with_four_people_leave_memory_and_figures_as_they_were() {
 fn reload_with_every_key(scene: &str) {
     let mut table = String::new();
     let folder = tempfile::tempdir().unwrap();
-    let configure = |key: &str| {
-        let path = folder.path().join("status.json");
-        let text = format!("{key}\n[status]\npath = {path:?}\n[osc]\n");
-        // One section once only.
-        let text = match key.strip_prefix("[osc]\n") {
-            Some(of_osc) => format!("[status]\npath = {path:?}\n[osc]\n{of_osc}\n"),
-            None => text,
-        };
-        std::fs::write(folder.path().join("mien.toml"), text).unwrap();
+    let status = folder.path().join("status.json");
+    // A section may appear once only.
+    let config = |key: &str| match key.strip_prefix("[osc]\n") {
+        Some(of_osc) => format!("[status]\npath = {status:?}\n[osc]\n{of_osc}\n"),
+        None => format!("{key}\n[status]\npath = {status:?}\n[osc]\n"),
     };
     // Whoever is there has been found, and learned from.
     let settled = |key: &str| {
-        configure(key);
-        let _ = std::fs::remove_file(folder.path().join("status.json"));
-        let run = Run::start(folder.path(), scene);
+        let _ = std::fs::remove_file(&status);
+        let words = ["-q", "--source", scene];
+        let run = Service::start_with(
+            folder.path(),
+            &config(key),
+            &words,
+            Stdio::null(),
+            Stdio::null(),
+        );
         while figure(folder.path(), "frames") < 200.0 {
             std::thread::sleep(Duration::from_millis(200));
         }
         run
     };
-    let most = settled(LARGEST).peak() + TWICE;
+    let most = peak(&settled(LARGEST)) + TWICE;
     let run = settled("");
     let frames = figure(folder.path(), "frames");
     for (section, key, values) in KEYS {
@@ -144,24 +94,23 @@ fn reload_with_every_key(scene: &str) {
         let mut before = 0;
         for n in 0..RELOADS + 2 {
             if n == 2 {
-                before = run.bytes("RssAnon:").max(1);
+                before = bytes(&run, "RssAnon:").max(1);
             }
-            configure(&format!("[{section}]\n{key} = {}", values[(n + 1) % 2]));
-            run.reload();
+            let changed = format!("[{section}]\n{key} = {}", values[(n + 1) % 2]);
+            run.reload(folder.path(), &config(&changed));
         }
-        configure("");
-        run.reload();
-        let after = run.bytes("RssAnon:").max(1);
+        run.reload(folder.path(), &config(""));
+        let after = bytes(&run, "RssAnon:").max(1);
         let _ = writeln!(
             table,
             "{scene:<16} {section}.{key:<14} anonymous {:>6} KiB before, {:>6} after; resident at most {:>6}",
             before >> 10,
             after >> 10,
-            run.peak() >> 10
+            peak(&run) >> 10
         );
         assert!(after <= before + MORE, "{table}");
     }
-    assert!(run.peak() <= most, "{table}at most {}", most >> 10);
+    assert!(peak(&run) <= most, "{table}at most {}", most >> 10);
     std::thread::sleep(Duration::from_millis(1500));
     assert!(figure(folder.path(), "frames") > frames, "{table}");
     assert!(figure(folder.path(), "uptime_s") > 8.0);

@@ -53,6 +53,7 @@ const LID_FREE: f64 = 0.12;
 /// Height of the axis above the chin, as share of the ears', and that height over its distance behind the chin.
 const HINGE: f64 = 0.55;
 const RATIO: f64 = 0.72;
+
 /// How a part of the mesh that is not skin moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Follow {
@@ -151,11 +152,11 @@ fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), Fault> {
 /// distance behind the chin is .69 to .82.
 fn hinge(at: impl Fn(usize) -> Vec3, axes: &Matrix3<f64>) -> Vec3 {
     let (up, out) = (axes.column(1), axes.column(2));
-    let (ears, chin) = ((at(0) + at(16)) / 2.0, at(8));
-    let height = HINGE * (ears - chin).dot(&up);
-    let below = ears - chin;
-    let over_chin = ears - up * below.dot(&up) - out * below.dot(&out);
-    over_chin + up * height - out * (height / RATIO)
+    let ears = (at(0) + at(16)) / 2.0;
+    let from_chin = ears - at(8);
+    let height = HINGE * from_chin.dot(&up);
+    let beside_chin = ears - up * from_chin.dot(&up) - out * from_chin.dot(&out);
+    beside_chin + up * height - out * (height / RATIO)
 }
 
 /// Lips, left lids and right lids, these at most `slack` beside their landmarks, which move onto them; `out` is out of the face.

@@ -101,10 +101,8 @@ impl Head {
     /// Share of the jaw's motion for each vertex of a large piece that touches no teeth, `wide` in mesh units: of both rows in one,
     /// or of one row or the tongue, which moves as a whole.
     pub(super) fn shares_by_place(&self, piece: &[u32], wide: f64) -> Vec<f64> {
-        let heights = piece.iter();
-        let heights: Vec<f64> = heights
-            .map(|&v| self.below_bite(&self.mesh.positions[v as usize]))
-            .collect();
+        let height = |&v: &u32| self.below_bite(&self.mesh.positions[v as usize]);
+        let heights: Vec<f64> = piece.iter().map(height).collect();
         let below = heights.iter().copied().fold(0.0, f64::max);
         let above = -heights.iter().copied().fold(0.0, f64::min);
         let [least_wide, least] = BOTH;

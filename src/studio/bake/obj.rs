@@ -121,7 +121,7 @@ fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'sta
         }
         Some("usemtl") => {
             // Names may have blanks, and more than a comment begins with #.
-            let name = line.trim().trim_start_matches("usemtl").trim();
+            let name = line.trim().strip_prefix("usemtl").unwrap_or("").trim();
             let name = if name.is_empty() { "default" } else { name };
             let known = mesh.materials.iter().position(|m| m == name);
             *material = known.unwrap_or(mesh.materials.len()) as u32;

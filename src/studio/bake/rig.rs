@@ -202,7 +202,7 @@ impl<'a> Rig<'a> {
             };
             placing.place(&self.influence[k], beyond, &mut kept)
         };
-        // Below the mouth the jaw says more than what was learned.
+        // The jaw's field on the skin replaces what was learned of it.
         let learned = self.learned.as_ref();
         let learned = learned.filter(|_| target.derive && carried.is_none());
         let solved = match learned {

@@ -290,7 +290,7 @@ impl Placing<'_> {
         self.derived_points_act(&mut asked);
         self.lids_act(&mut asked);
         let shuts = self.target.close.iter().any(Option::is_some);
-        // Without a jaw nothing moves what is rigid with the skull.
+        // In a shape without a jaw, the skin deep in the mouth stays.
         let still =
             |v: usize| shuts && head.lines_socket(v) || self.target.still_inside && head.deep(v);
         let inside = |v: usize| head.skin[v] && asked.u[v] > edge && !still(v);

@@ -1,7 +1,7 @@
-//! Whether baked shapes are what an animator would sign: measures and bars calibrated on shapes that artists made by hand.
+//! Checks of baked shapes: measures and bars calibrated on shapes that artists sculpted.
 //!
 //! The definitions are those of `tests/heads/verdict.py`, which says them in full and measures the artists' shapes; this is
-//! code of its own, and neither looks where the solver does. Measured on the skin that one of nine views sees in the neutral: edges
+//! separate code, and neither uses the solver's own checks. Measured on the skin that one of nine views sees in the neutral: edges
 //! that fold, area that turns over, skin seen from behind at the mouth; in `jawOpen` the chin's path, the lips and a mask's rim; what
 //! lies in the mouth; the open area left in a blink.
 //!
@@ -30,7 +30,7 @@ const VIEWS: [[f64; 2]; 9] = [
     [-40.0, -35.0],
     [40.0, -35.0],
 ];
-/// Side of a cell of a depth buffer; what is before a point by more than the second hides it.
+/// Side of a cell of a depth buffer; a surface in front of a point by more than the second value hides it.
 const CELL: f64 = 0.02;
 const IN_FRONT: f64 = 0.06;
 /// What is further from the eyes up or down, or aside, is no face.
@@ -54,7 +54,7 @@ const SHUT: f64 = 0.05;
 /// What shapes are called that move jaw or tongue, in lower case: recipes for other programs begin with capitals.
 const JAW: [&str; 4] = ["jaw", "mouthstretchwide", "mouthclose", "tongue"];
 
-/// What is looked at, in words.
+/// The checks, as report and command list them.
 pub const CHECKED: &str = "folds, skin turned over or seen from behind, the jaw's path, lips that part, teeth, the inside of the mouth, \
     eyes that shut, the rim of a mask, and what the recipe asks of each shape";
 
