@@ -3,7 +3,7 @@
 
 use std::fmt::{Display, Write as _};
 use std::io::ErrorKind;
-use std::net::ToSocketAddrs;
+use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
 use crate::appliance::devices::{DeviceError, usb_devices};
@@ -163,16 +163,33 @@ fn targets(lines: &mut Lines, settings: &Settings) {
             _ => {}
         }
         for target in (row.targets)(settings) {
-            let found = target.to_socket_addrs();
-            let (verdict, text) = if found.is_ok_and(|mut all| all.next().is_some()) {
-                (OK, "resolves")
-            } else {
-                let advice =
-                    "does not resolve; check the name, or give an address like 192.168.1.20:9130";
-                (WARN, advice)
+            let found = target.to_socket_addrs().ok().and_then(|mut all| all.next());
+            let (verdict, text) = match found {
+                Some(address) => (OK, receivers(address.ip())),
+                None => (
+                    WARN,
+                    "does not resolve; check the name, or give an address like 192.168.1.20:9130",
+                ),
             };
             lines.say(verdict, row.section, format_args!("{target} {text}"));
         }
+    }
+}
+
+/// Who receives what is sent to an address.
+fn receivers(address: IpAddr) -> &'static str {
+    let last = match address {
+        IpAddr::V4(address) => address.octets()[3],
+        IpAddr::V6(_) => 0,
+    };
+    if address.is_loopback() {
+        "resolves; only programs on this machine receive it"
+    } else if address.is_multicast() {
+        "resolves; every computer that joins this multicast group receives it"
+    } else if last == u8::MAX {
+        "resolves; as a broadcast address it reaches every computer on its network"
+    } else {
+        "resolves; that computer receives it"
     }
 }
 
@@ -213,6 +230,23 @@ mod tests {
         assert_eq!(verdicts(&text).len(), 6, "{text}");
         assert!(verdicts(&text).iter().all(|word| *word == "OK  "), "{text}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn each_target_is_listed_with_who_receives_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = folder.path().join("mien.toml");
+        let text = "[sensor]\nsource = \"simulated\"\n[osc]\ntarget = [\"127.0.0.1:1\", \"192.0.2.255:1\", \"239.0.0.1:1\", \"192.0.2.7:1\"]\n";
+        std::fs::write(&config, text).unwrap();
+        let (text, _) = report(Some(&config));
+        for who in [
+            "127.0.0.1:1 resolves; only programs on this machine",
+            "192.0.2.255:1 resolves; as a broadcast address",
+            "239.0.0.1:1 resolves; every computer that joins",
+            "192.0.2.7:1 resolves; that computer",
+        ] {
+            assert!(text.contains(who), "{who}: {text}");
+        }
     }
 
     #[test]

@@ -25,6 +25,7 @@ use mien::sensor::Frame;
 use mien::appliance::source::Source;
 use mien::appliance::settings::Settings;
 use mien::studio::bake::glb::Glb;
+use mien::studio::bake::looks::Looks;
 use mien::studio::bake::{self, obj};
 use mien::studio::bake::patch::Foreign;
 use mien::studio::bake::recipe::Recipe;
@@ -183,6 +184,7 @@ fuzz_target!(init: {
                 assert!(obj::parse(&printed).is_ok(), "what is printed is accepted");
             }
         }
+        "mtl" => black_box(Looks::default()).add(&words(), &FOLDER),
         "glb" => {
             if let Ok(glb) = Glb::parse(bytes) {
                 if let Ok((_, foreign)) = Foreign::read(glb) {

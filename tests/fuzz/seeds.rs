@@ -149,6 +149,7 @@ pub fn write(folder: &Path) {
     let (mesh, shapes) = head();
     corpus.add("obj", "sheet", obj::emit(&mesh));
     corpus.add("obj", "quads", "o a\nv 0 0 0\nv 1 0 0 .5 .5 .5\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl s\nf 1/1/1 2/1/1 3//1 -1\n");
+    corpus.add("mtl", "skin", "newmtl the skin\nKd 0.8 .7 0.6\nd 1.0\nTr 0\nmap_Kd -o 1 0 -imfchan r a picture.png\nnewmtl s\nmap_Kd ../b.jpg\n");
     for dense in [false, true] {
         let mut glb = morphs::build(&mesh, &shapes, 1.0, dense, None);
         glb.json["extensions"] = serde_json::json!({

@@ -85,8 +85,8 @@ impl Looks {
         looks
     }
 
-    /// The materials of an MTL in this folder.
-    fn add(&mut self, mtl: &str, folder: &Path) {
+    /// Adds the materials of an MTL in this folder.
+    pub fn add(&mut self, mtl: &str, folder: &Path) {
         let mut name = None;
         for line in mtl.lines() {
             if let Some(new) = after(line, "newmtl") {

@@ -17,6 +17,13 @@ use crate::studio::fault::Fault;
 /// The shipped recipe.
 pub const SHIPPED: &str = include_str!("../../../config/blendshapes.toml");
 
+/// More shapes than this no recipe has; each is solved.
+const MOST_SHAPES: usize = 512;
+/// Largest length or share in a recipe: a head is four distances of its inner eye corners wide.
+const FARTHEST: f64 = 5.0;
+/// Largest angle in a recipe, degrees.
+const WIDEST_DEG: f64 = 90.0;
+
 /// Two shapes that do not simply add.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -39,9 +46,26 @@ impl Recipe {
     /// Reads TOML.
     ///
     /// # Errors
-    /// If it is not TOML, has unknown keys or gives a name twice.
+    /// If it is not TOML, has unknown keys, gives a name twice, or has numbers that no face moves by.
     pub fn read(text: &str) -> Result<Self, Fault> {
         let recipe: Self = toml::from_str(text)?;
+        let count = recipe.names().len();
+        if count > MOST_SHAPES {
+            return Err(Fault::new(format!(
+                "expected at most {MOST_SHAPES} shapes, found {count}"
+            )));
+        }
+        for entry in &recipe.shape {
+            let beyond = entry
+                .numbers()
+                .find(|(value, most)| !(-most..=*most).contains(value));
+            if let Some((value, most)) = beyond {
+                return Err(Fault::new(format!(
+                    "shape {}: expected a number within {most} of 0, found {value}",
+                    entry.name
+                )));
+            }
+        }
         let mut seen = std::collections::HashSet::new();
         if let Some(twice) = recipe.names().into_iter().find(|name| !seen.insert(*name)) {
             return Err(Fault::new(format!(
@@ -174,6 +198,29 @@ impl Entry {
             mirror,
         };
         std::iter::once(side(false)).chain(self.mirror.is_some().then(|| side(true)))
+    }
+
+    /// All numbers, each with the largest that a face can move by.
+    fn numbers(&self) -> impl Iterator<Item = (f64, f64)> {
+        let (close, gaze) = (self.close.iter(), self.gaze.iter());
+        let lengths = self.moves.iter().flat_map(|m| [m.1, m.2, m.3]);
+        let lengths = lengths.chain(self.jaw_shift).chain(self.jaw_opens);
+        let lengths = lengths.chain(self.tongue.into_iter().flatten());
+        let shares = self
+            .jaw
+            .iter()
+            .map(|j| j.1)
+            .chain(close.flat_map(|c| [c.1, c.2]));
+        let shares = shares.chain(self.undo.iter().map(|u| u.2));
+        let bounds = self.must.iter().map(|asked| match asked {
+            Asked::Of(_, _, bound) | Asked::Between(_, _, _, bound) => *bound,
+        });
+        let degrees = self
+            .jaw_turn
+            .into_iter()
+            .chain(gaze.flat_map(|g| [g.1, g.2]));
+        let near = lengths.chain(shares).chain(bounds).map(|x| (x, FARTHEST));
+        near.chain(degrees.map(|x| (x, WIDEST_DEG)))
     }
 }
 
@@ -470,6 +517,23 @@ mod tests {
                 .to_string()
                 .contains("moev")
         );
+        for (row, found) in [
+            ("move = [[\"chin\", 0.0, 1e6, 0.0]]", "1000000"),
+            ("jaw_turn = [nan, 0.0]", "NaN"),
+            ("must = [[\"up\", \"chin\", inf]]", "inf"),
+        ] {
+            let text = format!("[[shape]]\nname = \"a\"\nwhy = \"\"\n{row}\n");
+            let said = Recipe::read(&text).unwrap_err().to_string();
+            assert!(
+                said.starts_with("shape a: ") && said.ends_with(found),
+                "{said}"
+            );
+        }
+        let many = (0..600).map(|k| format!("[[shape]]\nname = \"s{k}\"\nwhy = \"\"\n"));
+        let said = Recipe::read(&many.collect::<String>())
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("found 600"), "{said}");
     }
 
     #[test]
