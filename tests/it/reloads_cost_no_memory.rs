@@ -8,8 +8,6 @@ use std::time::Duration;
 
 use crate::common::service::Service;
 
-/// Reloads with each key: there and back.
-const RELOADS: usize = 30;
 /// What anonymous memory may grow by with one key (.2 MB were measured); and the peak beyond that of a run that starts with the
 /// largest stages, where one person's exist twice for a moment (3.7 MB were measured); bytes.
 const MORE: u64 = 1 << 19;
@@ -53,15 +51,16 @@ fn figure(folder: &Path, key: &str) -> f64 {
 
 #[test]
 fn reloads_with_one_person_leave_memory_and_figures_as_they_were() {
-    reload_with_every_key("simulated:still");
+    reload_with_every_key("simulated:still", 10);
 }
 
 #[test]
 fn reloads_with_four_people_leave_memory_and_figures_as_they_were() {
-    reload_with_every_key("simulated:four");
+    reload_with_every_key("simulated:four", 30);
 }
 
-fn reload_with_every_key(scene: &str) {
+/// As many reloads with each key, there and back.
+fn reload_with_every_key(scene: &str, reloads: usize) {
     let mut table = String::new();
     let folder = tempfile::tempdir().unwrap();
     let status = folder.path().join("status.json");
@@ -92,7 +91,7 @@ fn reload_with_every_key(scene: &str) {
     for (section, key, values) in KEYS {
         // There and back once: what is allocated at the start is resident only where it was used.
         let mut before = 0;
-        for n in 0..RELOADS + 2 {
+        for n in 0..reloads + 2 {
             if n == 2 {
                 before = bytes(&run, "RssAnon:").max(1);
             }
