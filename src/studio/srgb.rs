@@ -1,4 +1,4 @@
-//! Colours from sRGB to linear light (IEC 61966-2-1), as glTF wants them.
+//! Colours from sRGB to linear light (IEC 61966-2-1), as glTF wants them, and back.
 
 /// One channel, 0 to 1.
 pub fn linear(value: f64) -> f64 {
@@ -9,9 +9,18 @@ pub fn linear(value: f64) -> f64 {
     }
 }
 
+/// One channel the other way round.
+pub fn coded(light: f64) -> f64 {
+    if light <= 0.003_130_8 {
+        light * 12.92
+    } else {
+        1.055 * light.powf(1.0 / 2.4) - 0.055
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::linear;
+    use super::{coded, linear};
 
     #[test]
     fn half_grey_is_a_fifth_of_the_light_and_the_ends_stay() {
@@ -20,5 +29,6 @@ mod tests {
         // The standard's own table: 8-bit 128 is 0.215861.
         assert!((linear(128.0 / 255.0) - 0.215_861).abs() < 1e-6);
         assert!((linear(0.04045) - 0.003_130_8).abs() < 1e-7);
+        assert!([0.0, 0.02, 0.5, 1.0].map(|c| (coded(linear(c)) - c).abs() < 1e-9) == [true; 4]);
     }
 }

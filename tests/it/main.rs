@@ -23,6 +23,7 @@ mod keeps_the_log_short;
 mod learns_a_range;
 mod lives_as_a_service;
 mod maps_depth_to_colour;
+mod opens_joined_lips;
 mod output_bytes;
 mod places_points;
 mod plays_any_depth_camera;

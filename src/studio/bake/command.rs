@@ -10,6 +10,7 @@ use super::files::{read, read_bytes, write};
 use super::glb::Glb;
 use super::head::Head;
 use super::learn::{Lesson, Truth};
+use super::lips;
 use super::locate::{Located, guess};
 use super::looks::Looks;
 use super::mesh::{Mesh, Vec3};
@@ -41,6 +42,15 @@ const SHAPE_BYTES: usize = 33;
 /// What all shapes together may take: 67 of a mesh of a million vertices.
 const SHAPES_MOST: usize = (67 * SHAPE_BYTES) << 20;
 
+/// What becomes of joined lips.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Joined {
+    /// They stay as they are and stretch.
+    Keep,
+    /// They are cut open.
+    Cut,
+}
+
 /// What to bake and where to put it.
 #[derive(Debug, Default, clap::Args)]
 pub struct Request {
@@ -62,7 +72,7 @@ pub struct Request {
     /// CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
     #[arg(long)]
     pub controls: Option<PathBuf>,
-    /// Also neutral.obj, one OBJ per shape and shapes.json in this folder
+    /// Also neutral.obj, one OBJ per shape and shapes.json in this folder; where lips were cut open, also landmarks.txt
     #[arg(long)]
     pub obj: Option<PathBuf>,
     /// Pictures and figures of every shape, one HTML file
@@ -77,10 +87,18 @@ pub struct Request {
     /// With --controls: skin between the given vertices moves as learned from sculpted shapes; with a recipe it always does
     #[arg(long = "derive-controls")]
     pub derive: bool,
+    /// Joined lips, which have no slit between them: cut opens the mesh from corner to corner and puts an inside of the mouth
+    /// behind; keep bakes them as they are, so that they stretch [default: an OBJ is cut, a glTF or VRM is refused]
+    #[arg(long, value_enum, hide_possible_values = true, value_name = "keep|cut")]
+    pub lips: Option<Joined>,
     /// Also the recipe's correctives for pairs of shapes, named like jawOpen_mouthSmileLeft, to be weighted by the product
     /// of both weights, as animate does
     #[arg(long)]
     pub correctives: bool,
+    /// Also the fifteen mouth shapes of speech, viseme_sil to viseme_ou, as sums of the others; a VRM without expressions of its
+    /// own for aa, ih, ou, ee and oh gets these
+    #[arg(long, conflicts_with = "controls")]
+    pub visemes: bool,
     /// Morph targets in full, for programs that cannot read sparse ones
     #[arg(long)]
     pub dense: bool,
@@ -183,6 +201,29 @@ impl Source {
         })
     }
 
+    /// Cuts joined lips open, as a head of this mesh has them; where its landmarks are then.
+    fn cut(
+        &mut self,
+        path: &Path,
+        head: &Head,
+        vertex: &[u32],
+        landmarks: &mut [u64],
+    ) -> Result<(), Fault> {
+        let Some(text) = self.obj.take() else {
+            return Err(Fault::within(path)(
+                "expected lips with a slit between them, found joined ones, which only an OBJ can be cut at; give an OBJ of this head, or --lips keep to bake them as they are",
+            ));
+        };
+        let opened = lips::opened(&self.mesh, vertex, head).ok_or(
+            "expected joined lips with a way from corner to corner to cut along, found none; cut the mesh by hand, or give --lips keep to bake them as they are",
+        );
+        let opened = opened.map_err(Fault::within(path))?;
+        self.obj = Some(obj::cut(&text, &self.mesh, &opened.mesh, &opened.kept));
+        self.mesh = opened.mesh;
+        landmarks[60..68].copy_from_slice(&opened.landmarks);
+        Ok(())
+    }
+
     /// The file that is asked for, with the shapes.
     fn with_shapes(
         &mut self,
@@ -267,12 +308,21 @@ fn of_recipe(request: &Request, head: &Head) -> Result<Vec<Target>, Fault> {
     if request.correctives {
         targets.extend(recipe.correctives(&targets));
     }
+    if request.visemes {
+        let visemes = recipe.visemes(head).map_err(Fault::within(path))?;
+        if visemes.is_empty() {
+            let none = "expected [[viseme]] tables for --visemes, found none; the built-in recipe has them";
+            return Err(Fault::within(path)(none));
+        }
+        targets.extend(visemes);
+    }
     Ok(targets)
 }
 
-const JOINED: &str = "The lips are joined: skin spans the mouth and stretches as it opens; cut the mesh along the lip line for a mouth that opens.";
+const KEPT: &str = "The lips are joined: skin spans the mouth and stretches as it opens.";
+const CUT: &str = "The lips were joined: they are cut open along the line between them, with an inside of the mouth behind; give --lips keep to bake them as they were.";
 
-/// What was read, and what will not open.
+/// What was read.
 fn say_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &str)) {
     println!(
         "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
@@ -281,9 +331,34 @@ fn say_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &s
         mesh.faces(),
         head.eye_distance * metres * 1e3
     );
-    if head.lips_are_joined() {
-        println!("{JOINED}");
+}
+
+/// The head of a source, in the one order.
+fn analysed(source: &Source, landmarks: &[u64]) -> Result<(Head, Ordered), Fault> {
+    let mut ordered = Ordered::new(&source.mesh);
+    let numbers = ordered.landmarks(landmarks)?;
+    let head = Head::new(std::mem::take(&mut ordered.mesh), &numbers)?;
+    Ok((head, ordered))
+}
+
+/// The head of a source, whose lips are cut open if they are joined; what was done about that.
+fn opened(
+    request: &Request,
+    source: &mut Source,
+    numbers: &mut [u64],
+) -> Result<(Head, Ordered, Option<&'static str>), Fault> {
+    let (head, ordered) = analysed(source, numbers)?;
+    if !head.lips_are_joined() {
+        return Ok((head, ordered, None));
     }
+    if request.lips == Some(Joined::Keep) {
+        println!("{KEPT}");
+        return Ok((head, ordered, Some(KEPT)));
+    }
+    source.cut(&request.mesh, &head, ordered.vertex(), numbers)?;
+    let (head, ordered) = analysed(source, numbers)?;
+    println!("{CUT}");
+    Ok((head, ordered, Some(CUT)))
 }
 
 /// Bakes what the request asks for and writes it; prints one line per step.
@@ -295,18 +370,14 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     // Unpacked while the mesh is read: it takes as long.
     std::thread::spawn(Prior::shipped);
     let mut source = Source::read(&request.mesh)?;
-    let (numbers, mut notes) = match request.landmarks.as_os_str() == "auto" {
+    let (mut numbers, mut notes) = match request.landmarks.as_os_str() == "auto" {
         true => found(request, &source)?,
         false => (source.told(&request.landmarks)?, String::new()),
     };
-    let mut ordered = Ordered::new(&source.mesh);
-    let numbers = ordered.landmarks(&numbers)?;
-    let head = Head::new(std::mem::take(&mut ordered.mesh), &numbers)?;
+    let (head, ordered, joined) = opened(request, &mut source, &mut numbers)?;
+    notes = format!("{} {notes}", joined.unwrap_or(""));
     let (metres, how) = scale(request, &source, &head);
     say_head(request, &source.mesh, &head, (metres, how));
-    if head.lips_are_joined() {
-        notes = format!("{JOINED} {notes}");
-    }
     let targets = targets(request, &head, ordered.vertex())?;
     let progress = Progress::new("baking", targets.len());
     let done = |name: &str| progress.step_with(|| name.to_owned());
@@ -334,6 +405,10 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     println!("{out} written at {:.2} s{memory}", elapsed());
     if let Some(folder) = &request.obj {
         source.folder_of_obj(folder, &shapes)?;
+        if joined == Some(CUT) {
+            let numbers = landmark_text(&numbers, None);
+            write(&folder.join("landmarks.txt"), numbers.as_bytes())?;
+        }
         println!("{} written", folder.display());
     }
     if let Some((path, (text, figures))) = report {

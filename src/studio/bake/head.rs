@@ -15,10 +15,10 @@ use nalgebra::Matrix3;
 
 use super::eyeball::Ball;
 use super::laplacian::Operator;
-use super::mesh::{Mesh, Rings, Vec3};
+use super::mesh::{Mesh, Nearest, Rings, Vec3};
 pub use super::names::LANDMARKS;
 use super::names::mirrored;
-use super::seam::{Seam, films, lines};
+use super::seam::{Seam, distances, films, lines};
 use super::solve::stiffness;
 use crate::studio::fault::Fault;
 
@@ -53,6 +53,12 @@ const LID_FREE: f64 = 0.12;
 /// Height of the axis above the chin, as share of the ears', and that height over its distance behind the chin.
 const HINGE: f64 = 0.55;
 const RATIO: f64 = 0.72;
+
+/// Ways along the surface over straight ones, at most, from lip to lip where these are one skin: between the lines of the inner lips
+/// and from outer lip to outer lip; of the first so much more, in eye distances.
+const INNER: f64 = 1.5;
+const OUTER: f64 = 2.0;
+const TOUCHING: f64 = 0.02;
 
 /// How a part of the mesh that is not skin moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -270,15 +276,28 @@ impl Head {
         both.into_iter().flatten().map(nearest).collect()
     }
 
-    /// Whether, along half of the mouth, skin spans the slit or the lips' lines are one: then the mouth does not open, it
-    /// stretches. Less is a landmark that lies beyond the slit's end.
+    /// Whether the lips are one skin, or a membrane spans them: then the mouth does not open, it stretches. From the upper to the lower
+    /// lip the way along the surface is no longer than it must be, neither through a mouth's inside nor about a corner.
     pub fn lips_are_joined(&self) -> bool {
-        let upper = &self.lips.upper;
-        let shared = upper.iter().filter(|v| self.lips.lower.contains(v));
-        let spans = films(&self.mesh, &[&self.lips]).into_iter();
-        let spans = spans.filter(|is_film| *is_film).count();
-        // Both lines have their two corners.
-        shared.count() + spans > upper.len().div_ceil(2).max(2)
+        let (positions, lips) = (&self.mesh.positions, &self.lips);
+        let middle = 0.5 * (self.point(60) + self.point(64));
+        let near = |v: usize| (positions[v] - middle).norm() < self.mouth_width;
+        let from = |some: &[u32]| distances(positions, &self.rings, some, near);
+        let outer = from(&self.points[51..52])[self.points[57] as usize];
+        let around = OUTER * (self.point(51) - self.point(57)).norm();
+        let inner = from(&lips.upper);
+        let upper = Nearest::new(positions, &lips.upper);
+        let spans = |v: &&u32| {
+            let p = positions[**v as usize];
+            let gap = upper.of(&p).map(|o| (positions[o as usize] - p).norm());
+            let most = INNER * gap.unwrap_or(0.0) + TOUCHING * self.eye_distance;
+            f64::from(inner[**v as usize]) <= most
+        };
+        let along =
+            |v: &&u32| (0.2..0.8).contains(&lips.across(&self.mesh, &positions[**v as usize]));
+        let line = || lips.lower.iter().filter(along);
+        let spanned = line().filter(spans).count();
+        f64::from(outer) < around && 2 * spanned > line().count()
     }
 
     /// Whether a vertex lies so deep in the mouth that the jaw alone moves it: gums, teeth, tongue and throat that hang on the

@@ -15,6 +15,7 @@
 //! prior, canonical      how skin moves beyond the solve; laid onto a head
 //! learn                 learned from sculpted shapes
 //! head                  axes, ten points more on cheeks and forehead, lids and lips (seam), eyeball, mouth, parts
+//! lips, crease          joined ones cut open
 //! recipe, table         targets: which point goes where
 //! jaw                   its axis, and how the skin takes part in its motion
 //! influence             how far a point acts
@@ -33,6 +34,7 @@
 mod by_shape;
 mod canonical;
 pub mod command;
+mod crease;
 pub mod eyeball;
 pub(in crate::studio) mod files;
 pub mod glb;
@@ -41,6 +43,7 @@ pub mod influence;
 mod jaw;
 pub mod laplacian;
 pub mod learn;
+mod lips;
 pub mod locate;
 pub mod looks;
 pub mod mesh;

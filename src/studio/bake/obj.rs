@@ -11,7 +11,7 @@ use std::fmt::Write as _;
 
 use super::mesh::{Corner, Mesh, Vec3};
 use crate::studio::fault::Fault;
-use crate::studio::srgb::linear;
+use crate::studio::srgb::{coded, linear};
 
 /// Corners of the largest face, and materials: each has a primitive with all shapes in glTF.
 const CORNERS: usize = 1024;
@@ -194,17 +194,57 @@ pub fn emit(mesh: &Mesh) -> String {
     for t in &mesh.uv {
         let _ = writeln!(out, "vt {} {}", t[0], t[1]);
     }
-    faces(&mut out, mesh, |corner| match corner.uv {
-        Some(uv) => format!("{}/{}", corner.vertex + 1, uv + 1),
-        None => (corner.vertex + 1).to_string(),
-    });
+    faces(&mut out, mesh, 0, number);
     out
 }
 
-/// Adds the faces of a mesh with their materials; `number` is what a corner is called.
-pub(in crate::studio) fn faces(out: &mut String, mesh: &Mesh, number: impl Fn(&Corner) -> String) {
+/// What a corner is called.
+fn number(corner: &Corner) -> String {
+    match corner.uv {
+        Some(uv) => format!("{}/{}", corner.vertex + 1, uv + 1),
+        None => (corner.vertex + 1).to_string(),
+    }
+}
+
+/// The text of a mesh that was cut: `source`, the text of `before`, without the faces that are not `kept`, and then what `mesh` has
+/// beyond these: vertices, texture coordinates and faces.
+pub(super) fn cut(source: &str, before: &Mesh, mesh: &Mesh, kept: &[bool]) -> String {
+    let mut out = String::with_capacity(source.len());
+    let mut stays = kept.iter();
+    for (line, _) in lines(source) {
+        if words(&line).next() != Some("f") || stays.next() == Some(&true) {
+            let _ = writeln!(out, "{line}");
+        }
+    }
+    for (v, p) in mesh
+        .positions
+        .iter()
+        .enumerate()
+        .skip(before.positions.len())
+    {
+        let _ = write!(out, "v {} {} {}", p.x as f32, p.y as f32, p.z as f32);
+        for c in mesh.tints.get(v).into_iter().flatten() {
+            let _ = write!(out, " {:.4}", coded(f64::from(*c)));
+        }
+        out.push('\n');
+    }
+    for t in mesh.uv.iter().skip(before.uv.len()) {
+        let _ = writeln!(out, "vt {} {}", t[0], t[1]);
+    }
+    let kept = kept.iter().filter(|stays| **stays).count();
+    faces(&mut out, mesh, kept, number);
+    out
+}
+
+/// Adds the faces of a mesh, from the `first` one on, with their materials; `number` is what a corner is called.
+pub(in crate::studio) fn faces(
+    out: &mut String,
+    mesh: &Mesh,
+    first: usize,
+    number: impl Fn(&Corner) -> String,
+) {
     let mut material = u32::MAX;
-    for f in 0..mesh.faces() {
+    for f in first..mesh.faces() {
         if mesh.face_material[f] != material {
             material = mesh.face_material[f];
             let _ = writeln!(out, "usemtl {}", mesh.materials[material as usize]);

@@ -551,6 +551,43 @@ mod tests {
     }
 
     #[test]
+    fn visemes_become_an_avatar_s_preset_mouth_shapes_where_it_has_none_that_move() {
+        let bind = json!({"mesh": 0, "index": 0, "weight": 100.0});
+        let own = json!({"morphTargetBinds": [{"node": 0, "index": 0, "weight": 1.0}]});
+        let file = extended(json!({
+            "VRM": {"blendShapeMaster": {"blendShapeGroups": [
+                {"name": "A", "presetName": "a", "binds": [bind]},
+                {"name": "I", "presetName": "i", "binds": []},
+            ]}},
+            "VRMC_vrm": {"specVersion": "1.0", "expressions": {"preset": {"aa": own, "ih": {}}}},
+        }));
+        let (_, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
+        let new = ["aa", "ih", "ou", "E", "oh", "PP"].map(|v| format!("viseme_{v}"));
+        let new = new.map(|name| shape(&name, 25, 7, Vec3::z()));
+        let json = Glb::parse(&foreign.patched(&new, false).emit())
+            .unwrap()
+            .json;
+        let groups = &json["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"];
+        let bound = |preset: &str| {
+            let mut of_preset = list(groups).iter().filter(|g| g["presetName"] == preset);
+            let group = of_preset.next().unwrap();
+            assert!(of_preset.next().is_none(), "{preset}");
+            group["binds"][0]["index"].clone()
+        };
+        // The first target is the avatar's own.
+        assert_eq!(
+            ["a", "i", "u", "e", "o"].map(bound),
+            [0, 2, 3, 4, 5].map(Value::from)
+        );
+        let preset = &json["extensions"]["VRMC_vrm"]["expressions"]["preset"];
+        let bound = |name: &str| preset[name]["morphTargetBinds"][0]["index"].clone();
+        assert_eq!(
+            ["aa", "ih", "ou", "ee", "oh"].map(bound),
+            [0, 2, 3, 4, 5].map(Value::from)
+        );
+    }
+
+    #[test]
     fn files_without_triangles_inside_are_refused() {
         let empty = json!({"asset": {"version": "2.0"}, "buffers": [{"byteLength": 0}]});
         let glb = |json: Value| Glb {

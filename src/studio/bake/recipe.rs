@@ -3,6 +3,8 @@
 //! The format is explained at the top of `config/blendshapes.toml`, which is built into the program. Lengths there are in
 //! distances of the face itself; [`Recipe::targets`] turns them into displacements in the mesh's unit and axes.
 
+use std::collections::HashSet;
+
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion};
 use serde::Deserialize;
 
@@ -33,6 +35,23 @@ struct Pair {
     _why: String,
 }
 
+/// A mouth shape of speech: a sum of shapes, each of which stands for its mirror image as well.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Viseme {
+    name: String,
+    sum: Vec<(String, f64)>,
+    #[serde(default)]
+    must: Vec<Asked>,
+    #[serde(rename = "why")]
+    _why: String,
+}
+
+/// Visemes of a recipe, and shapes of one of them.
+const VISEMES: usize = 15;
+/// The most that a viseme takes of a shape.
+const WEIGHT: f64 = 1.5;
+
 /// The recipe as read.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -40,25 +59,78 @@ pub struct Recipe {
     shape: Vec<Entry>,
     #[serde(default)]
     corrective: Vec<Pair>,
+    #[serde(default)]
+    viseme: Vec<Viseme>,
 }
 
 impl Recipe {
     /// Reads TOML.
     ///
     /// # Errors
-    /// If it is not TOML, has unknown keys, gives a name twice, or has numbers that no face moves by.
+    /// If it is not TOML, has unknown keys, gives a name twice, sums up what is not there, or has numbers that no face
+    /// moves by.
     pub fn read(text: &str) -> Result<Self, Fault> {
         let recipe: Self = toml::from_str(text)?;
-        let count = recipe.names().len();
+        recipe.check_numbers()?;
+        let names = recipe.names();
+        let visemes = recipe.viseme.iter().map(|viseme| viseme.name.as_str());
+        let mut seen = HashSet::new();
+        let mut all = names.iter().copied().chain(visemes);
+        let twice = all.find(|name| !seen.insert(*name));
+        let wrong = |text: String| Err(Fault::new(text));
+        if let Some(twice) = twice {
+            return wrong(format!(
+                "two shapes are called {twice:?}; names must differ"
+            ));
+        }
+        let mut corrected = recipe.corrective.iter().flat_map(|pair| &pair.of);
+        if let Some(name) = corrected.find(|name| !names.contains(&name.as_str())) {
+            return wrong(format!(
+                "a corrective: expected the names of two shapes of the recipe, found {name:?}"
+            ));
+        }
+        if let found @ 16.. = recipe.viseme.len() {
+            return wrong(format!("expected at most 15 visemes, found {found}"));
+        }
+        for Viseme { name, sum, .. } in &recipe.viseme {
+            let mut seen = HashSet::new();
+            let mut rows = sum.iter().enumerate();
+            let bad = rows.find(|(k, (name, weight))| {
+                let known = names.contains(&name.as_str()) && (0.0..=WEIGHT).contains(weight);
+                // Of a pair either side stands for both.
+                !known || *k == VISEMES || !seen.insert(recipe.other_side(name).min(name))
+            });
+            if let Some((_, row)) = bad {
+                return wrong(format!(
+                    "viseme {name}: expected at most {VISEMES} shapes of the recipe, each or its mirror image once, with weights from 0 to {WEIGHT}, found {row:?}"
+                ));
+            }
+        }
+        Ok(recipe)
+    }
+
+    /// The name of the shape on the other side; of a shape of both sides its own.
+    fn other_side<'a>(&'a self, name: &'a str) -> &'a str {
+        let pairs = self.shape.iter();
+        let mut pairs = pairs.filter_map(|e| Some([&*e.name, e.mirror.as_deref()?]));
+        let other = pairs.find_map(|[left, right]| match name {
+            _ if name == left => Some(right),
+            _ => (name == right).then_some(left),
+        });
+        other.unwrap_or(name)
+    }
+
+    /// That there are not too many shapes, and that a face can move by every number.
+    fn check_numbers(&self) -> Result<(), Fault> {
+        let count = self.names().len();
         if count > MOST_SHAPES {
             return Err(Fault::new(format!(
                 "expected at most {MOST_SHAPES} shapes, found {count}"
             )));
         }
-        for entry in &recipe.shape {
-            let beyond = entry
-                .numbers()
-                .find(|(value, most)| !(-most..=*most).contains(value));
+        for entry in &self.shape {
+            let mut numbers = entry.numbers();
+            let beyond = numbers.find(|(value, most)| !(-most..=*most).contains(value));
             if let Some((value, most)) = beyond {
                 return Err(Fault::new(format!(
                     "shape {}: expected a number within {most} of 0, found {value}",
@@ -66,20 +138,7 @@ impl Recipe {
                 )));
             }
         }
-        let mut seen = std::collections::HashSet::new();
-        if let Some(twice) = recipe.names().into_iter().find(|name| !seen.insert(*name)) {
-            return Err(Fault::new(format!(
-                "two shapes are called {twice:?}; names must differ"
-            )));
-        }
-        for name in recipe.corrective.iter().flat_map(|pair| &pair.of) {
-            if !seen.contains(name.as_str()) {
-                return Err(Fault::new(format!(
-                    "a corrective: expected the names of two shapes of the recipe, found {name:?}"
-                )));
-            }
-        }
-        Ok(recipe)
+        Ok(())
     }
 
     /// Names of all shapes, mirrors after their originals.
@@ -110,13 +169,7 @@ impl Recipe {
 
     /// The pairs that do not simply add, both sides of each, as shapes of their own; `targets` are all of the recipe's.
     pub fn correctives(&self, targets: &[Target]) -> Vec<Target> {
-        let sides = self.shape.iter();
-        let sides = sides.filter_map(|e| Some([&e.name, e.mirror.as_ref()?]));
-        let sides: Vec<_> = sides.flat_map(|[l, r]| [[l, r], [r, l]]).collect();
-        let other_side = |name: &String| {
-            let pair = sides.iter().find(|pair| pair[0] == name);
-            pair.map_or(name, |pair| pair[1]).clone()
-        };
+        let other_side = |name: &String| self.other_side(name).to_owned();
         let mut pairs: Vec<[String; 2]> = Vec::new();
         for pair in &self.corrective {
             for of in [pair.of.clone(), pair.of.each_ref().map(other_side)] {
@@ -128,6 +181,35 @@ impl Recipe {
         let named = |name: &String| targets.iter().find(|t| t.name == *name);
         let together = |of: [String; 2]| Some(named(&of[0])?.with(named(&of[1])?, of));
         pairs.into_iter().filter_map(together).collect()
+    }
+
+    /// The visemes, as shapes that are sums of others.
+    ///
+    /// # Errors
+    /// If a point of what they must do does not exist.
+    pub fn visemes(&self, head: &Head) -> Result<Vec<Target>, Fault> {
+        let one = |viseme: &Viseme| {
+            let entry = &Entry {
+                name: viseme.name.clone(),
+                ..Entry::default()
+            };
+            let must = entry.sides().flat_map(|side| {
+                let must = viseme.must.iter();
+                must.map(move |asked| side.promise(asked, head))
+            });
+            let sum = viseme.sum.iter().flat_map(|(name, weight)| {
+                let other = Some(self.other_side(name)).filter(|other| other != name);
+                let both = std::iter::once(&**name).chain(other);
+                both.map(|name| (name.to_owned(), *weight))
+            });
+            Ok(Target {
+                name: viseme.name.clone(),
+                sum: Some(sum.collect()),
+                must: must.collect::<Result<_, _>>()?,
+                ..Target::default()
+            })
+        };
+        self.viseme.iter().map(one).collect()
     }
 }
 
@@ -149,7 +231,7 @@ enum Asked {
     Between(String, String, String, f64),
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Entry {
     name: String,
@@ -428,7 +510,6 @@ impl<'a> Side<'a> {
             unit: self.unit(),
             upon: entry.upon.clone(),
             controls: controls.filter_map(|(d, &v)| Some((v, d?))).collect(),
-            exact: false,
             // What is taken back was placed already.
             derive: undo.is_none(),
             close,
@@ -443,8 +524,8 @@ impl<'a> Side<'a> {
                 turn * (head.axes * Vec3::new(0.0, up, forwards) * head.eye_distance)
             }),
             undo,
-            corrects: None,
             must: must.collect::<Result<_, _>>()?,
+            ..Target::default()
         })
     }
 }
@@ -534,6 +615,33 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(said.contains("found 600"), "{said}");
+    }
+
+    #[test]
+    fn a_viseme_sums_up_shapes_that_are_there_once_each_with_weights_that_make_sense() {
+        let shapes = "[[shape]]\nname = \"aL\"\nmirror = \"aR\"\nwhy = \"\"\n";
+        let viseme = |name: &str, sum: &str| {
+            let text =
+                format!("{shapes}[[viseme]]\nname = \"{name}\"\nsum = [{sum}]\nwhy = \"\"\n");
+            Recipe::read(&text).map(drop)
+        };
+        let good = "[\"aR\", 1.5]";
+        assert!(viseme("v", good).is_ok() && viseme("v", "").is_ok());
+        for sum in [
+            "[\"b\", 1.0]",
+            "[\"v\", 1.0]",
+            "[\"aL\", 1.6]",
+            "[\"aL\", -0.1]",
+            "[\"aL\", nan]",
+            "[\"aL\", 0.5], [\"aR\", 0.5]",
+        ] {
+            let refused = viseme("v", sum).expect_err(sum).to_string();
+            assert!(refused.starts_with("viseme v: expected"), "{refused}");
+        }
+        assert!(viseme("aR", good).is_err());
+        let one = |k| format!("[[viseme]]\nname = \"v{k}\"\nsum = []\nwhy = \"\"\n");
+        let many = |n| Recipe::read(&(shapes.to_owned() + &(0..n).map(one).collect::<String>()));
+        assert!(many(15).is_ok() && many(16).is_err());
     }
 
     #[test]

@@ -55,6 +55,8 @@ pub fn bake(
     done: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Shape>, Fault> {
     faer::set_global_parallelism(faer::Par::Seq);
+    // Sums of others come last.
+    let (targets, sums) = targets.split_at(targets.partition_point(|t| t.sum.is_none()));
     let rig = Rig::new(head, targets, method, prior)?;
     let bases: Vec<Option<usize>> = (0..targets.len()).map(|k| base(targets, k)).collect();
     let mut shapes: Vec<Option<Shape>> = vec![None; targets.len()];
@@ -74,7 +76,39 @@ pub fn bake(
     }
     let mut shapes: Vec<Shape> = shapes.into_iter().flatten().collect();
     take_off_pairs(&mut shapes, targets, NOTHING * head.eye_distance);
+    for target in sums {
+        shapes.push(summed(head, target, &shapes));
+        done(&target.name);
+    }
     Ok(shapes)
+}
+
+/// A shape that is a weighted sum of others.
+fn summed(head: &Head, target: &Target, shapes: &[Shape]) -> Shape {
+    let n = head.mesh.positions.len();
+    let (mut displacement, mut area) = (vec![Vec3::zeros(); n], vec![false; n]);
+    for (name, weight) in target.sum.iter().flatten() {
+        for shape in shapes.iter().filter(|s| s.name == *name) {
+            for v in 0..n {
+                displacement[v] += shape.displacement[v] * *weight;
+                area[v] |= shape.area[v];
+            }
+        }
+    }
+    Shape {
+        name: target.name.clone(),
+        misses: misses(head, target, &displacement, None),
+        displacement,
+        area,
+        ..Shape::default()
+    }
+}
+
+/// What a shape must do and does not, if anything is asked of it.
+fn misses(head: &Head, target: &Target, d: &[Vec3], base: Option<&[Vec3]>) -> Option<Vec<String>> {
+    let at = head.moved(d, base);
+    let missed = target.must.iter().filter_map(|m| m.missed(head, &at));
+    (!target.must.is_empty()).then(|| missed.collect())
 }
 
 /// Makes lengths below `nothing` 0.
@@ -171,16 +205,11 @@ impl<'a> Rig<'a> {
         };
         followers(head, target, &mut d, &mut area);
         hold(&mut d, NOTHING * head.eye_distance);
-        let misses = (!target.must.is_empty()).then(|| {
-            let at = head.moved(&d, base);
-            let missed = target.must.iter().map(|m| m.missed(head, &at));
-            missed.flatten().collect()
-        });
         Ok(Shape {
             name: target.name.clone(),
             unit: target.unit.clone(),
             upon: target.upon.clone(),
-            misses,
+            misses: misses(head, target, &d, base),
             displacement: d,
             area,
         })

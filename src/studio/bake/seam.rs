@@ -100,9 +100,9 @@ const PULL: f64 = 0.7;
 const END_PULL: f64 = 3.0;
 
 /// Where a way has come, the shortest first. Lengths are not below 0, so that their bits are in their order.
-type Steps<T> = BinaryHeap<Reverse<(u64, T)>>;
+pub(super) type Steps<T> = BinaryHeap<Reverse<(u64, T)>>;
 
-fn step<T>(length: f64, at: T) -> Reverse<(u64, T)> {
+pub(super) fn step<T>(length: f64, at: T) -> Reverse<(u64, T)> {
     Reverse((length.to_bits(), at))
 }
 

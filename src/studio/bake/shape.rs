@@ -88,6 +88,8 @@ pub struct Target {
     pub undo: Option<Undo>,
     /// The two shapes that this one makes together; what is left of it when both are taken off is their corrective.
     pub corrects: Option<[String; 2]>,
+    /// It is not solved: other shapes and what it takes of each.
+    pub sum: Option<Vec<(String, f64)>>,
     /// What is checked once it is baked.
     pub must: Vec<Promise>,
 }

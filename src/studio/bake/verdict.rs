@@ -52,7 +52,7 @@ const MM: f64 = 34.0;
 /// An eye that is open by less on the mean is shut.
 const SHUT: f64 = 0.05;
 /// What shapes are called that move jaw or tongue, in lower case: recipes for other programs begin with capitals.
-const JAW: [&str; 4] = ["jaw", "mouthstretchwide", "mouthclose", "tongue"];
+const JAW: [&str; 5] = ["jaw", "mouthstretchwide", "mouthclose", "tongue", "viseme"];
 
 /// The checks, as report and command list them.
 pub const CHECKED: &str = "folds, skin turned over or seen from behind, the jaw's path, lips that part, teeth, the inside of the mouth, \

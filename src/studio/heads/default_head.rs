@@ -141,7 +141,7 @@ fn obj(hero: &Hero, materials: &str) -> String {
         for [u, v] in &layer.uv {
             let _ = writeln!(out, "vt {u:.5} {:.5}", 1.0 - v);
         }
-        faces(&mut out, mesh, |corner| {
+        faces(&mut out, mesh, 0, |corner| {
             let number = corner.vertex + first;
             format!("{number}/{number}")
         });
