@@ -1,6 +1,6 @@
 """Heads that played no part in the work, baked and judged: a table of heads and methods.
 
-python judge.py STUDIO DATA WORK [--heads A,B*] [--methods aoi,carried] [--shapes] [--write PAGE]
+python judge.py STUDIO DATA WORK [--heads A,B*] [--methods aoi,carried] [--shapes]
 STUDIO is mien-studio, DATA the shared data, WORK a folder that is kept: what is there of the same binary is not baked again.
 Needs numpy and scipy. None of the product's code is used, only the OBJ files that `bake --obj` writes.
 
@@ -33,10 +33,9 @@ import sys
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mesh import Head, displacement, frame, polygons, positions, triangles
+from mesh import Head, displacement, polygons, positions
 from verdict import kept, verdict
 
-BEGIN, END = "<!-- tests/heads/run -->\n", "<!-- end -->"
 METHODS = ["aoi", "paper", "laplacian", "carried"]
 # ICT's names of what ours are called; a name alone is its own.
 ICT = {"cheekPuff": "cheekPuff_L cheekPuff_R", "browInnerUp": "browInnerUp_L browInnerUp_R"}
@@ -102,25 +101,26 @@ def ict_shapes(data, name):
     return sum(map(displacement, paths)) if all(p.exists() for p in paths) else None
 
 
-def carried(head, data, names):
-    """ICT's shapes on another head, by name."""
-    text = (data / "ict_facekit/generic_neutral_mesh.obj").read_text()
-    p = positions(text)
-    marks = np.loadtxt(data / "ict_facekit/landmarks68.txt", dtype=int)
-    w, axes = frame(p[marks])
-    there = warp(p[marks] @ axes / w, head.p[head.landmarks] @ head.axes / head.w)(p @ axes / w)
-    # The skin: face, head and neck, sockets of mouth and eyes.
-    t = triangles(p, [f for f in polygons(text) if max(f) < 14062])
+def carried(head, source, shapes):
+    """Another head's shapes on this one, by name."""
+    at, there = (h.p[h.landmarks] @ h.axes / h.w for h in (source, head))
+    skin = warp(at, there)(source.p @ source.axes / source.w)
     here = np.flatnonzero(head.skin)
-    corner, weight = nearest(head.p[here] @ head.axes / head.w, there, t)
+    t = source.triangles[source.skin[source.triangles[:, 0]]]
+    corner, weight = nearest(head.p[here] @ head.axes / head.w, skin, t)
     out = {}
-    for name in names:
-        d = ict_shapes(data, name)
-        if d is not None:
-            moved = np.zeros_like(head.p)
-            moved[here] = (d[corner] * weight[..., None]).sum(1) @ axes / w @ head.axes.T * head.w
-            out[name] = moved
+    for name, d in shapes.items():
+        out[name] = moved = np.zeros_like(head.p)
+        moved[here] = (d[corner] * weight[..., None]).sum(1) @ source.axes / source.w @ head.axes.T * head.w
     return out
+
+
+def ict(data, names):
+    """ICT's head, and its shapes by our names."""
+    text = (data / "ict_facekit/generic_neutral_mesh.obj").read_text()
+    marks = np.loadtxt(data / "ict_facekit/landmarks68.txt", dtype=int)
+    shapes = {name: d for name in names if (d := ict_shapes(data, name)) is not None}
+    return Head(positions(text), polygons(text), marks), shapes
 
 
 # ------------------------------------------------------------------------------------------------------------- heads
@@ -196,17 +196,17 @@ def baked(out):
     return p, text, d, {s["name"]: s["upon"] for s in listed}
 
 
-def errors(head, d, sculpted):
-    """Error of every sculpted shape with the best gain, over what a camera in front sees."""
+def errors(head, d, sculpted, gains=False):
+    """Error of every sculpted shape with the best gain, over what a camera in front sees; if asked for, also the gains."""
     seen = head.visible()
-    out = {}
+    out, gain = {}, {}
     for name, true in sculpted.items():
         parts = [d.get(n) for n in name.split("+")]
-        if all(part is not None for part in parts):
+        if all(part is not None for part in parts) and true[seen].any():
             b, t = sum(parts)[seen].ravel(), true[seen].ravel()
-            gain = (b @ t) / max(b @ b, 1e-300)
-            out[name] = np.linalg.norm(gain * b - t) / np.linalg.norm(t)
-    return out
+            gain[name] = (b @ t) / max(b @ b, 1e-300)
+            out[name] = np.linalg.norm(gain[name] * b - t) / np.linalg.norm(t)
+    return (out, gain) if gains else out
 
 
 def rigid(here, there):
@@ -238,7 +238,7 @@ def judge(head, d, upon):
     return "; ".join(fails) or "none", head.lid_gap(d)
 
 
-def one(name, make, options, rows):
+def one(name, make, options):
     folder = options.work / name
     folder.mkdir(parents=True, exist_ok=True)
     path, known, made = make()
@@ -248,7 +248,7 @@ def one(name, make, options, rows):
         if method == "carried":
             if head is None or name.startswith("ict"):
                 continue
-            d, upon = carried(head, options.data, first), {}
+            d, upon = carried(head, *ict(options.data, first)), {}
         else:
             said = bake(options.studio, path, method, folder)
             if said is None:
@@ -269,27 +269,16 @@ def one(name, make, options, rows):
         fails, gap = judge(head, d, upon)
         line = f"{name:24} {method:10} found {found:5}  lids {gap:.3f}  fails: {fails}"
         line += worn(path, head, d)
-        row = [name, method, found, fails, f"{gap:.3f}", ""]
-        rows.append(row)
         if made:
             e = table[method] = errors(head, d, made)
             worst = max(e, key=e.get)
             both = [e[n] for n in e if ict_shapes(options.data, n) is not None]
-            row[-1] = f"{np.mean(list(e.values())):.3f} of {len(e)} ({worst} {e[worst]:.3f})"
             line += f"  error {np.mean(list(e.values())):.3f} of {len(e)}, {np.mean(both):.3f} of both {len(both)} (worst {worst} {e[worst]:.3f})"
         print(line, flush=True)
     if options.shapes and table:
         print(f"   {'':46}" + "".join(f"{m:>10}" for m in table))
         for shape in made:
             print(f"   {shape:46}" + "".join(f"{table[m].get(shape, float('nan')):10.3f}" for m in table))
-
-
-def write(page, rows):
-    titles = ["head", "method", "found", "fails", "lids apart", "error of shapes (worst)"]
-    lines = [titles, ["---"] * len(titles), *rows]
-    table = "".join("| " + " | ".join(line) + " |\n" for line in lines)
-    before, rest = page.read_text().split(BEGIN)
-    page.write_text(before + BEGIN + table + END + rest.split(END)[1])
 
 
 def main():
@@ -300,18 +289,14 @@ def main():
     ask.add_argument("--heads", default="")
     ask.add_argument("--methods", default=",".join(METHODS))
     ask.add_argument("--shapes", action="store_true", help="every sculpted shape")
-    ask.add_argument("--write", type=pathlib.Path, help="puts the table into this page, between its marks")
     options = ask.parse_args()
     options.methods = options.methods.split(",")
     options.work.mkdir(parents=True, exist_ok=True)
     chosen = options.heads.split(",") if options.heads else None
-    rows = []
     for name, make in heads(options.data, options.work).items():
         if chosen is None or any(fnmatch.fnmatch(name, c) for c in chosen):
             (options.work / name).mkdir(parents=True, exist_ok=True)
-            one(name, make, options, rows)
-    if options.write:
-        write(options.write, rows)
+            one(name, make, options)
 
 
 if __name__ == "__main__":

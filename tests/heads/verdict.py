@@ -1,6 +1,6 @@
 """Whether baked shapes are what an animator would sign, by definitions that artists' own shapes were measured with.
 
-python verdict.py DATA WORK                  artists' shapes: the calibration
+python verdict.py DATA WORK                  artists' shapes: the calibration; WORK as judge.py left it
 python verdict.py FOLDER...       heads baked with `--landmarks auto --out FOLDER/h.glb --obj FOLDER/obj`; --shapes says each shape's
 
 The product's report has the same definitions (src/studio/bake/verdict.rs) in its own code; neither uses what the solver looks for.
@@ -323,7 +323,7 @@ def artists(data, marks):
     for name, folder in [("facecap", "head_facecap"), ("faceunits", "heads_makehuman/faceunits01"), ("vitruvian", "head_vitruvian")]:
         folder = data / folder
         shapes = {ours: displacement(folder / "shapes" / file) for file, ours in index(folder)}
-        yield name, (folder / "head.obj").read_text(), np.loadtxt(marks / name / "h.landmarks.txt", dtype=int), shapes
+        yield name, (folder / "head.obj").read_text(), np.loadtxt(marks / name / "aoi/h.landmarks.txt", dtype=int), shapes
     folder = data / "ict_facekit"
     shapes = {p.stem.replace("_L", "Left").replace("_R", "Right"): displacement(p) for p in sorted((folder / "expr").glob("*.f32"))}
     yield "ict", (folder / "generic_neutral_mesh.obj").read_text(), np.loadtxt(folder / "landmarks68.txt", dtype=int), shapes
