@@ -9,6 +9,7 @@
 //! ```text
 //! command               what is asked for, and the order of it; files
 //! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
+//! winding               faces that look inwards, turned outwards
 //! order                 the one form that all of them are solved in
 //! mesh, laplacian       positions and faces; the operator on them
 //! names, locate         the 68 points; found where nobody gives them, brows and jaw by_shape
@@ -70,3 +71,4 @@ pub mod table;
 pub mod verdict;
 mod vrm;
 mod weld;
+mod winding;

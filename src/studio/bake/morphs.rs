@@ -9,6 +9,7 @@
 
 use std::collections::HashMap;
 
+use nalgebra::Rotation3;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
@@ -26,12 +27,7 @@ const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
 const ROUGHNESS: f64 = 0.6;
 
 /// Appends the rows of a target, as many of them as move if that is smaller and not `dense`, and returns its accessor.
-pub(super) fn push_target(
-    glb: &mut Glb,
-    values: &[[f32; 3]],
-    dense: bool,
-    with_bounds: bool,
-) -> usize {
+fn push_target(glb: &mut Glb, values: &[[f32; 3]], dense: bool, with_bounds: bool) -> usize {
     let moved = (0..values.len()).filter(|&v| values[v] != [0.0; 3]);
     let moved: Vec<usize> = moved.collect();
     let mut accessor = json!({"componentType": FLOAT, "count": values.len(), "type": "VEC3"});
@@ -54,6 +50,23 @@ pub(super) fn push_target(
         });
     }
     glb.push_accessor(accessor)
+}
+
+/// Appends how a shape moves vertices and, unless there are none, turns their normals; returns the target.
+pub(super) fn push_moves(glb: &mut Glb, [moved, bent]: &[Vec<[f32; 3]>; 2], dense: bool) -> Value {
+    let mut target = json!({"POSITION": push_target(glb, moved, dense, true)});
+    if !bent.is_empty() {
+        target["NORMAL"] = push_target(glb, bent, dense, false).into();
+    }
+    target
+}
+
+/// What is added to a normal where the smooth surface turns between two others.
+pub(super) fn bent(normal: &Vec3, [from, to]: [&Vec3; 2]) -> [f32; 3] {
+    let turn = Rotation3::rotation_between(from, to).unwrap_or_default();
+    let d = single(&(turn * normal - normal));
+    let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
+    if nothing { [0.0; 3] } else { d }
 }
 
 /// The mesh's corners as glTF wants them: those that differ in texture or normal are vertices of their own.
@@ -126,15 +139,15 @@ impl<'a> Split<'a> {
     /// How a shape moves the vertices, and how it turns their normals.
     fn target(&self, shape: &Shape) -> [Vec<[f32; 3]>; 2] {
         let moved = self.rows(|v| single(&(shape.displacement[v] * self.metres)));
-        let there = self.mesh.positions.iter().zip(&shape.displacement);
-        let there: Vec<Vec3> = there.map(|(p, d)| p + d).collect();
-        let now = self.mesh.vertex_normals(&there);
-        let bent = self.rows(|v| {
-            let d = single(&(now[v] - self.smooth[v]));
-            let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
-            if nothing { [0.0; 3] } else { d }
+        let now = self.mesh.vertex_normals(&shape.moved(&self.mesh.positions));
+        let corners = self.source.iter().zip(&self.normal);
+        let bent = corners.map(|(&v, normal)| {
+            bent(
+                &Vec3::from(normal.map(f64::from)),
+                [&self.smooth[v], &now[v]],
+            )
         });
-        [moved, bent]
+        [moved, bent.collect()]
     }
 
     /// Writes a primitive and its material for every material that is used.
@@ -190,12 +203,8 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
     }
     let moved = shapes.par_iter().map(|shape| split.target(shape));
     let moved: Vec<[Vec<[f32; 3]>; 2]> = moved.collect();
-    let mut targets = Vec::new();
-    for [moved, bent] in moved {
-        let position = push_target(&mut glb, &moved, dense, true);
-        let normal = push_target(&mut glb, &bent, dense, false);
-        targets.push(json!({"POSITION": position, "NORMAL": normal}));
-    }
+    let targets = moved.iter().map(|rows| push_moves(&mut glb, rows, dense));
+    let targets: Vec<Value> = targets.collect();
     let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
     let primitives = split.primitives(&mut glb, &attributes, &targets, &names);
     let mut head = json!({"name": "head", "primitives": primitives});

@@ -2,25 +2,27 @@
 //!
 //! All triangles of all meshes are taken together; copies of a vertex at a seam are one for the solver and move alike, so
 //! that seams stay closed ([`super::weld`]). Landmarks count the vertices of the POSITION accessors in the order of their first use. Everything
-//! in the file stays: materials, textures, skeletons, animations, targets under other names; a target of the same name is
-//! replaced.
+//! in the file stays: materials, textures, skeletons, animations, faces as they run, targets under their numbers. A target with the name
+//! of a shape gets `.original` added to it; one that was baked before is replaced.
 //!
-//! Vertices are where nodes put them ([`super::scene`]), shapes are written as their meshes store them.
+//! Vertices are where nodes put them ([`super::scene`]), shapes are written as their meshes store them, with normals where these
+//! have some.
 //!
-//! Units: the file's own (metres by the standard). Limits: no compressed or quantised positions; targets carry positions only.
+//! Units: the file's own (metres by the standard). Limits: no compressed or quantised positions; no tangents in targets.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use nalgebra::{Matrix3, Matrix4, Point3};
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::glb::{FLOAT, Glb, list, unexpected};
 use super::looks::material_names;
 use super::mesh::{Corner, Mesh, Vec3};
-use super::morphs::{push_target, single};
+use super::morphs::{bent, push_moves, single};
 use super::scene::placed;
 use super::shape::Shape;
-use super::vrm::{Bound, add_expressions, add_expressions_to, beginning};
+use super::vrm::{Added, Bound, add_expressions, add_expressions_to, beginning, expressions};
 use super::weld::{faces, sewn};
 use crate::studio::fault::Fault;
 
@@ -35,6 +37,8 @@ const TARGETS: usize = 1024;
 pub struct Foreign {
     pub(in crate::studio) glb: Glb,
     sources: Vec<Rows>,
+    /// How many triangles look inwards in the file, and were turned in the mesh.
+    pub(super) turned: usize,
 }
 
 /// The rows of a position accessor.
@@ -86,7 +90,8 @@ impl Gathered {
             };
             // Also of lines and points, which get targets that move nothing.
             let count = glb.count(accessor)?;
-            if primitive["mode"].as_u64().unwrap_or(4) != 4 {
+            let mode = primitive["mode"].as_u64().unwrap_or(TRIANGLES);
+            if mode < TRIANGLES {
                 continue;
             }
             let known = all.sources.iter().position(|s| s.accessor == accessor);
@@ -108,7 +113,7 @@ impl Gathered {
                 let found = format!("one beyond the {count} of accessor {accessor}");
                 return Err(unexpected("indices of vertices that exist", found));
             }
-            for t in order.as_chunks::<3>().0 {
+            for t in cut(mode, &order) {
                 all.triangles.push(t.map(|k| first + k));
                 all.parts.push(at as u32);
                 all.materials.push(primitive["material"].as_u64());
@@ -160,6 +165,22 @@ impl Gathered {
             self.tints.extend(rows);
         }
         Ok(())
+    }
+
+    /// Turns triangles that look inwards; their number.
+    fn turn_outward(&mut self) -> usize {
+        let place = |p: &[f32; 3]| Vec3::from(p.map(f64::from));
+        let mut mesh = Mesh {
+            positions: self.places.iter().map(place).collect(),
+            ..Mesh::default()
+        };
+        for t in &self.triangles {
+            mesh.push_face(&t.map(Corner::bare), 0);
+        }
+        let turned = mesh.turn_outward();
+        let corners = mesh.corners.as_chunks().0.iter();
+        self.triangles = corners.map(|t| t.map(|c| c.vertex)).collect();
+        turned
     }
 
     /// One mesh, with the names of the file's materials; the sources get to know their vertices.
@@ -236,14 +257,32 @@ impl Foreign {
         is_plain(&glb.json)?;
         can_be_added_to(&glb.json)?;
         let mut gathered = Gathered::of(&glb)?;
-        let mesh = gathered.mesh(&material_names(&glb.json));
-        let finite = |p: &Vec3| p.iter().all(|x| x.is_finite());
-        if mesh.faces() == 0 || !mesh.positions.iter().all(finite) {
-            let found = format!("{} faces", mesh.faces());
-            return Err(unexpected("triangles with finite positions", found));
+        let odd = |p: &&[f32; 3]| p.iter().any(|x| !x.is_finite());
+        let odd = gathered.places.iter().filter(odd).count();
+        if odd > 0 {
+            let found = format!("{odd} with NaN or infinity; delete these vertices");
+            return Err(unexpected("vertices at finite positions", found));
         }
+        if gathered.triangles.is_empty() {
+            let found = "points and lines alone; export the head with its faces";
+            return Err(unexpected("triangles, or strips or fans of them", found));
+        }
+        let turned = gathered.turn_outward();
+        let mesh = gathered.mesh(&material_names(&glb.json));
         let sources = gathered.sources;
-        Ok((mesh, Self { glb, sources }))
+        let foreign = Self {
+            glb,
+            sources,
+            turned,
+        };
+        Ok((mesh, foreign))
+    }
+
+    /// From the scene to (right, up, towards the viewer): glTF has y up and looks along z, VRM 0 against it.
+    pub(super) fn front(&self) -> Matrix3<f64> {
+        let back = self.glb.json["extensions"]["VRM"].is_object();
+        let along = if back { -1.0 } else { 1.0 };
+        Matrix3::from_diagonal(&Vec3::new(along, 1.0, along))
     }
 
     /// The vertex of the mesh for each number that a landmark file may have.
@@ -269,38 +308,51 @@ impl Foreign {
         vertices.iter().map(known).collect()
     }
 
-    /// The file with the shapes added to every mesh that they move.
-    pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
-        let mut written: HashMap<(usize, usize), usize> = HashMap::new();
-        let mut bound: Vec<Bound> = Vec::new();
-        let added: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
-        for m in 0..list(&self.glb.json["meshes"]).len() {
-            let mut mesh = self.glb.json["meshes"][m].take();
-            if self.is_moved(&mesh, shapes) {
-                let mut names = names(&mesh);
-                let places = places(&mut names, shapes);
-                for primitive in mesh["primitives"].as_array_mut().into_iter().flatten() {
-                    let mut targets = list(&primitive["targets"]).to_vec();
-                    targets.resize(names.len(), Value::Null);
-                    let accessor = position(primitive).unwrap_or(usize::MAX);
-                    for (k, (shape, &at)) in shapes.iter().zip(&places).enumerate() {
-                        let index = *written
-                            .entry((accessor, k))
-                            .or_insert_with(|| self.push(accessor, shape, dense));
-                        targets[at] = json!({"POSITION": index});
-                    }
-                    primitive["targets"] = json!(targets);
-                    set_extra(&mut primitive["extras"], "targetNames", json!(names));
+    /// Whether a target or an expression that others made has the name of a shape, in whatever way they write it.
+    pub fn has(&self, name: &str) -> bool {
+        let json = &self.glb.json;
+        let mut named = false;
+        for mesh in list(&json["meshes"]) {
+            for (k, had) in names(mesh).iter().enumerate() {
+                if had == name && is_ours(mesh, k) {
+                    return false;
                 }
-                describe(&mut mesh, &names, shapes);
-                for node in self.glb.json["nodes"].as_array_mut().into_iter().flatten() {
-                    if node["mesh"] == json!(m) && node.get("weights").is_some() {
-                        node["weights"] = lengthened(&node["weights"], names.len());
-                    }
-                }
-                bound.push((m, places));
+                named |= alike(had, name);
             }
+        }
+        named || expressions(json).iter().any(|had| alike(had, name))
+    }
+
+    /// The file with the shapes of this mesh added to every mesh of its own that they move.
+    pub fn patched(mut self, whole: &Mesh, shapes: &[Shape], dense: bool) -> Glb {
+        let added = shapes.iter().map(|shape| Added {
+            name: &shape.name,
+            anew: self.has(&shape.name),
+        });
+        let added: Vec<Added> = added.collect();
+        let meshes = list(&self.glb.json["meshes"]);
+        let moved = (0..meshes.len()).filter(|&m| self.is_moved(&meshes[m], shapes));
+        let moved: Vec<usize> = moved.collect();
+        let written = self.push(&moved, whole, shapes, dense);
+        let mut bound: Vec<Bound> = Vec::new();
+        for m in moved {
+            let mut mesh = self.glb.json["meshes"][m].take();
+            let mut names = names(&mesh);
+            let had = names.len();
+            let places = places(&mesh, &mut names, shapes);
+            for primitive in mesh["primitives"].as_array_mut().into_iter().flatten() {
+                let mut targets = list(&primitive["targets"]).to_vec();
+                targets.resize(names.len(), Value::Null);
+                for (target, &at) in written[&drawn_from(primitive)].iter().zip(&places) {
+                    targets[at] = target.clone();
+                }
+                primitive["targets"] = json!(targets);
+                set_extra(&mut primitive["extras"], "targetNames", json!(names));
+            }
+            describe(&mut mesh, &names, shapes);
             self.glb.json["meshes"][m] = mesh;
+            lengthen(&mut self.glb, m, [had, names.len()]);
+            bound.push((m, places));
         }
         add_expressions(&mut self.glb.json, &added, &bound);
         self.glb
@@ -320,19 +372,119 @@ impl Foreign {
         })
     }
 
-    /// Writes how a shape moves the rows of an accessor.
-    fn push(&mut self, accessor: usize, shape: &Shape, dense: bool) -> usize {
-        let rows: Vec<[f32; 3]> = match self.rows_of(accessor) {
-            Some(Rows { vertices, back, .. }) => {
-                let moved = vertices.iter().map(|&v| shape.displacement[v as usize]);
-                let stored = moved.map(|d| back.map_or(d, |back| back * d));
-                stored.map(|d| single(&d)).collect()
+    /// Writes how shapes move and turn the rows that these meshes are drawn from: the target of each shape.
+    fn push(
+        &mut self,
+        meshes: &[usize],
+        whole: &Mesh,
+        shapes: &[Shape],
+        dense: bool,
+    ) -> BTreeMap<Drawn, Vec<Value>> {
+        let json = &self.glb.json;
+        let of_mesh = |&m: &usize| list(&json["meshes"][m]["primitives"]).iter();
+        let all = meshes.iter().flat_map(of_mesh).map(drawn_from);
+        let mut written: BTreeMap<Drawn, Vec<Value>> = all.map(|d| (d, Vec::new())).collect();
+        let smooth = whole.vertex_normals(&whole.positions);
+        let rows = written.keys().map(|drawn| (*drawn, self.normals(*drawn)));
+        let rows: Vec<(Drawn, Vec<Vec3>)> = rows.collect();
+        let moves = shapes.par_iter().map(|shape| {
+            let now = whole.vertex_normals(&shape.moved(&whole.positions));
+            let normals = [&smooth[..], &now];
+            let moves = rows
+                .iter()
+                .map(|(drawn, own)| self.moves(*drawn, own, shape, normals));
+            moves.collect()
+        });
+        let moves: Vec<Vec<[Vec<[f32; 3]>; 2]>> = moves.collect();
+        for moves in moves {
+            for (targets, moves) in written.values_mut().zip(moves) {
+                targets.push(push_moves(&mut self.glb, &moves, dense));
             }
-            // Lines and points: they have targets too, which move nothing.
-            None => vec![[0.0; 3]; self.glb.count(accessor).unwrap_or(1).max(1)],
-        };
-        push_target(&mut self.glb, &rows, dense, true)
+        }
+        written
     }
+
+    /// Normals of rows that are drawn, if all of them have one.
+    fn normals(&self, drawn: Drawn) -> Vec<Vec3> {
+        let [rows, normals] = drawn.map(|accessor| accessor.unwrap_or(usize::MAX));
+        let count = self.rows_of(rows).map_or(0, |rows| rows.vertices.len());
+        let read = self.glb.floats(normals, 3).unwrap_or_default();
+        let read = read
+            .as_chunks()
+            .0
+            .iter()
+            .map(|n| Vec3::from(n.map(|x: f32| f64::from(x))));
+        let read: Vec<Vec3> = read.collect();
+        if read.len() == count {
+            read
+        } else {
+            Vec::new()
+        }
+    }
+
+    /// How a shape moves rows, and how it turns their `own` normals where the mesh's turn.
+    fn moves(
+        &self,
+        [rows, _]: Drawn,
+        own: &[Vec3],
+        shape: &Shape,
+        [smooth, now]: [&[Vec3]; 2],
+    ) -> [Vec<[f32; 3]>; 2] {
+        let accessor = rows.unwrap_or(usize::MAX);
+        let Some(Rows { vertices, back, .. }) = self.rows_of(accessor) else {
+            // Lines and points: they have targets too, which move nothing.
+            return [
+                vec![[0.0; 3]; self.glb.count(accessor).unwrap_or(1).max(1)],
+                Vec::new(),
+            ];
+        };
+        let stored = |&v: &u32| {
+            let d = shape.displacement[v as usize];
+            single(&back.map_or(d, |back| back * d))
+        };
+        // Normals go back by the transposed of what places come by.
+        let turn = back.and_then(|back| back.try_inverse());
+        let turn = turn.map(|turn| turn.transpose());
+        let stored_normal = |n: &Vec3| turn.map_or(*n, |turn| (turn * n).normalize());
+        let turned = vertices.iter().zip(own).map(|(&v, own)| {
+            let [from, to] = [smooth, now].map(|n| stored_normal(&n[v as usize]));
+            bent(own, [&from, &to])
+        });
+        [vertices.iter().map(stored).collect(), turned.collect()]
+    }
+}
+
+/// What a primitive is drawn from: its accessors of positions and of normals.
+type Drawn = [Option<usize>; 2];
+
+fn drawn_from(primitive: &Value) -> Drawn {
+    let normals = primitive["attributes"]["NORMAL"].as_u64();
+    [
+        position(primitive),
+        normals.map(|accessor| accessor as usize),
+    ]
+}
+
+/// Triangles, in the numbers of the standard: below are points and lines, above strips and fans.
+const TRIANGLES: u64 = 4;
+
+/// The triangles of a primitive, from its vertices in order.
+fn cut(mode: u64, order: &[u32]) -> Vec<[u32; 3]> {
+    let all: Vec<[u32; 3]> = match mode {
+        TRIANGLES => return order.as_chunks().0.to_vec(),
+        5 => {
+            let odd = |(k, t): (usize, &[u32])| [t[0], t[1 + k % 2], t[2 - k % 2]];
+            order.windows(3).enumerate().map(odd).collect()
+        }
+        _ => order
+            .windows(2)
+            .skip(1)
+            .map(|t| [t[0], t[1], order[0]])
+            .collect(),
+    };
+    // Strips go on over triangles without area.
+    let apart = |[a, b, c]: &[u32; 3]| a != b && b != c && a != c;
+    all.into_iter().filter(apart).collect()
 }
 
 /// The accessor of a primitive's positions.
@@ -341,11 +493,39 @@ pub(in crate::studio) fn position(primitive: &Value) -> Option<usize> {
     accessor.map(|accessor| accessor as usize)
 }
 
-/// The number of each shape's target, that of its namesake or a new one.
-fn places(names: &mut Vec<String>, shapes: &[Shape]) -> Vec<usize> {
+/// Added to the name of what the file has under the name of a shape.
+pub(super) const ORIGINAL: &str = ".original";
+
+/// Whether a target was baked here before: no other has a unit.
+fn is_ours(mesh: &Value, target: usize) -> bool {
+    !mesh["extras"]["mien"]["units"][target].is_null()
+}
+
+/// Whether two names are one as programs write them: `eyeBlinkLeft`, `EyeBlink_L`, `shapes.eyeBlink_L`.
+pub(super) fn alike(one: &str, other: &str) -> bool {
+    let plain = |name: &str| {
+        let last = name.rsplit('.').next().unwrap_or_default();
+        let plain = last.replace(['_', '-', ' '], "").to_lowercase();
+        let side = plain.strip_suffix("eft").or(plain.strip_suffix("ight"));
+        side.map_or(plain.clone(), str::to_owned)
+    };
+    plain(one) == plain(other)
+}
+
+/// The number of each shape's target: that of the same one baked before, or a new one. Namesakes keep their numbers, not their names.
+fn places(mesh: &Value, names: &mut Vec<String>, shapes: &[Shape]) -> Vec<usize> {
+    let had = names.len();
     let place = |Shape { name, .. }: &Shape| {
-        let namesake = names.iter().position(|n| n == name);
-        namesake.unwrap_or_else(|| {
+        let baked = (0..had).find(|&k| names[k] == *name && is_ours(mesh, k));
+        baked.unwrap_or_else(|| {
+            let namesakes = (0..had).filter(|&k| !is_ours(mesh, k) && alike(&names[k], name));
+            for k in namesakes.collect::<Vec<_>>() {
+                let mut kept = names[k].clone() + ORIGINAL;
+                while names.contains(&kept) {
+                    kept += ORIGINAL;
+                }
+                names[k] = kept;
+            }
             names.push(name.clone());
             names.len() - 1
         })
@@ -441,6 +621,43 @@ fn lengthened(weights: &Value, count: usize) -> Value {
     json!(weights)
 }
 
+/// Gives nodes that show a mesh, and animations of them, weights for as many targets as it has now.
+fn lengthen(glb: &mut Glb, mesh: usize, [had, now]: [usize; 2]) {
+    let shows = |node: &Value| node["mesh"] == json!(mesh);
+    for node in glb.json["nodes"].as_array_mut().into_iter().flatten() {
+        if shows(node) && node.get("weights").is_some() {
+            node["weights"] = lengthened(&node["weights"], now);
+        }
+    }
+    let mut samplers = BTreeSet::new();
+    for (a, animation) in list(&glb.json["animations"]).iter().enumerate() {
+        for channel in list(&animation["channels"]) {
+            let target = &channel["target"];
+            if target["path"] == "weights" && shows(glb.listed("nodes", &target["node"])) {
+                samplers.insert((a, channel["sampler"].as_u64().unwrap_or(u64::MAX) as usize));
+            }
+        }
+    }
+    let mut left = glb.budget() / 4;
+    for (a, sampler) in samplers {
+        let output = glb.json["animations"][a]["samplers"][sampler]["output"].as_u64();
+        let moments = output.and_then(|output| glb.floats(output as usize, 1).ok());
+        let moments = moments.unwrap_or_default();
+        // The same data may be used over and over.
+        let size = moments.len().checked_div(had).map(|moments| moments * now);
+        let Some(rest) = size.and_then(|size| left.checked_sub(size)) else {
+            continue;
+        };
+        left = rest;
+        let rows = moments.chunks(had).flat_map(|row| {
+            let zeros = std::iter::repeat_n(&0.0, now - had);
+            row.iter().chain(zeros).map(|weight| [*weight])
+        });
+        let output = glb.push_rows(&rows.collect::<Vec<_>>(), 0);
+        glb.json["animations"][a]["samplers"][sampler]["output"] = output.into();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::mesh::tests::sheet;
@@ -459,7 +676,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_join_those_a_file_has_and_replace_their_namesakes() {
+    fn shapes_join_those_a_file_has_and_namesakes_keep_their_numbers() {
         let sheet = sheet(5, 0.1);
         let old = [
             shape("keep", 25, 3, Vec3::x()),
@@ -481,14 +698,14 @@ mod tests {
             shape("jawOpen", 25, at(7), Vec3::z()),
             shape("eyeBlinkLeft", 25, at(8), Vec3::z()),
         ];
-        let glb = Glb::parse(&foreign.patched(&new, false).emit()).unwrap();
+        let glb = Glb::parse(&foreign.patched(&mesh, &new, false).emit()).unwrap();
         assert_eq!(glb.json["materials"], before);
         let head = &glb.json["meshes"][0];
         assert_eq!(
             head["extras"]["targetNames"],
-            json!(["keep", "jawOpen", "eyeBlinkLeft"])
+            json!(["keep", "jawOpen.original", "jawOpen", "eyeBlinkLeft"])
         );
-        assert_eq!(head["weights"].as_array().unwrap().len(), 3);
+        assert_eq!(head["weights"].as_array().unwrap().len(), 4);
         let read = |k: usize| {
             let accessor = head["primitives"][0]["targets"][k]["POSITION"]
                 .as_u64()
@@ -500,8 +717,123 @@ mod tests {
                 .collect::<Vec<_>>()
         };
         assert_eq!(read(0), [[1.0, 0.0, 0.0]]);
-        assert_eq!(read(1), [[0.0, 0.0, 1.0]]);
+        assert_eq!(read(1), [[0.0, 1.0, 0.0]]);
         assert_eq!(read(2), [[0.0, 0.0, 1.0]]);
+        assert_eq!(read(3), [[0.0, 0.0, 1.0]]);
+    }
+
+    #[test]
+    fn what_was_baked_before_is_replaced_and_others_names_are_known_however_written() {
+        let with_unit = |name: &str, at: usize| Shape {
+            unit: Some("AU26".into()),
+            ..shape(name, 25, at, Vec3::x())
+        };
+        let old = [
+            shape("blink.EyeBlink_L", 25, 3, Vec3::x()),
+            with_unit("jawOpen", 4),
+        ];
+        let file = build(&sheet(5, 0.1), &old, 1.0, false, None);
+        let (mesh, foreign) = Foreign::read(file).unwrap();
+        assert!(foreign.has("eyeBlinkLeft"));
+        assert!(!foreign.has("jawOpen") && !foreign.has("eyeBlinkRight"));
+        let new = ["jawOpen", "eyeBlinkLeft"].map(|name| with_unit(name, 5));
+        let again = foreign.patched(&mesh, &new, false);
+        let names = json!(["blink.EyeBlink_L.original", "jawOpen", "eyeBlinkLeft"]);
+        assert_eq!(again.json["meshes"][0]["extras"]["targetNames"], names);
+        let (_, foreign) = Foreign::read(again).unwrap();
+        assert!(!foreign.has("eyeBlinkLeft"));
+    }
+
+    #[test]
+    fn animations_of_weights_get_as_many_as_there_are_targets() {
+        let old = ["one", "two"].map(|name| shape(name, 25, 3, Vec3::x()));
+        let mut file = build(&sheet(5, 0.1), &old, 1.0, false, None);
+        let times = file.push_bounded(&[[0.0], [1.0]], 0);
+        let weights = file.push_rows(&[[0.1], [0.2], [0.3], [0.4]], 0);
+        file.json["animations"] = json!([{
+            "samplers": [{"input": times, "output": weights}],
+            "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
+        }]);
+        let (mesh, foreign) = Foreign::read(file).unwrap();
+        let new = [shape("jawOpen", 25, 5, Vec3::x())];
+        let glb = foreign.patched(&mesh, &new, false);
+        let output = &glb.json["animations"][0]["samplers"][0]["output"];
+        let read = glb.floats(output.as_u64().unwrap() as usize, 1).unwrap();
+        assert_eq!(read, [0.1, 0.2, 0.0, 0.3, 0.4, 0.0]);
+    }
+
+    #[test]
+    fn normals_turn_with_the_surface_where_the_file_has_some() {
+        let tilt = |mesh: &Mesh| Shape {
+            name: "tilt".into(),
+            displacement: mesh.positions.iter().map(|p| Vec3::z() * p.x).collect(),
+            area: vec![true; mesh.positions.len()],
+            ..Shape::default()
+        };
+        let flat = || {
+            let mut mesh = sheet(5, 0.1);
+            mesh.positions.iter_mut().for_each(|p| p.z = 0.0);
+            build(&mesh, &[], 1.0, false, None)
+        };
+        let bent = |file: Glb| {
+            let (mesh, foreign) = Foreign::read(file).unwrap();
+            let glb = foreign.patched(&mesh, &[tilt(&mesh)], false);
+            let target = &glb.json["meshes"][0]["primitives"][0]["targets"][0];
+            let at = target["NORMAL"].as_u64()?;
+            Some(glb.floats(at as usize, 3).unwrap())
+        };
+        // By 45 degrees.
+        let half = 0.5_f32.sqrt();
+        let near = |read: &[f32], to: [f32; 3]| {
+            let off = read
+                .iter()
+                .zip(to.iter().cycle())
+                .map(|(a, b)| (a - b).abs());
+            assert!(off.fold(0.0, f32::max) < 1e-5, "{read:?}");
+        };
+        near(&bent(flat()).unwrap(), [-half, 0.0, half - 1.0]);
+        // Stored flatter than it is shown.
+        let mut scaled = flat();
+        scaled.json["nodes"][0]["scale"] = json!([2.0, 1.0, 1.0]);
+        let slope = 2.0_f32.atan();
+        near(
+            &bent(scaled).unwrap(),
+            [-slope.sin(), 0.0, slope.cos() - 1.0],
+        );
+        let mut without = flat();
+        let attributes = &mut without.json["meshes"][0]["primitives"][0]["attributes"];
+        attributes.as_object_mut().unwrap().remove("NORMAL");
+        assert_eq!(bent(without), None);
+    }
+
+    #[test]
+    fn strips_and_fans_are_triangles_and_what_is_none_is_named() {
+        let sheet = sheet(2, 1.0);
+        let read = |mode: u64, order: &[u32]| {
+            let mut file = build(&sheet, &[], 1.0, false, None);
+            let indices = file.push_corners(order);
+            let primitive = &mut file.json["meshes"][0]["primitives"][0];
+            primitive["mode"] = mode.into();
+            primitive["indices"] = indices.into();
+            Foreign::read(file)
+        };
+        // Rows are 0, 1, 3, 2 of the sheet.
+        for (mode, order) in [
+            (4, &[0, 1, 2, 0, 2, 3][..]),
+            (5, &[0, 1, 3, 2]),
+            (6, &[0, 1, 2, 3]),
+        ] {
+            let (mesh, foreign) = read(mode, order).unwrap();
+            assert_eq!((mesh.faces(), foreign.turned), (1, 0), "{mode}");
+            let up = mesh.vertex_normals(&mesh.positions);
+            assert!(up.iter().all(|n| n.z > 0.5), "{mode}");
+        }
+        let lines = read(1, &[0, 1, 1, 2]).err().unwrap().to_string();
+        assert!(lines.contains("points and lines alone"), "{lines}");
+        let mut file = build(&sheet, &[], 1.0, false, None);
+        file.bin[..4].copy_from_slice(&f32::NAN.to_le_bytes());
+        let odd = Foreign::read(file).err().unwrap().to_string();
+        assert!(odd.contains("1 with NaN"), "{odd}");
     }
 
     #[test]
@@ -515,9 +847,9 @@ mod tests {
                 "aa": {"morphTargetBinds": [{"node": 0, "index": 0, "weight": 1.0}]},
             }}},
         }));
-        let (_, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
+        let (mesh, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
         let new = ["jawOpen", "cheekPuff"].map(|name| shape(name, 25, 7, Vec3::z()));
-        let glb = Glb::parse(&foreign.patched(&new, false).emit()).unwrap();
+        let glb = Glb::parse(&foreign.patched(&mesh, &new, false).emit()).unwrap();
         let head = &glb.json["meshes"][0];
         assert_eq!(
             head["extras"]["targetNames"],
@@ -531,13 +863,15 @@ mod tests {
         let (old, now) = (&file.json["extensions"], &glb.json["extensions"]);
         let groups = |json: &Value| json["VRM"]["blendShapeMaster"]["blendShapeGroups"].clone();
         assert_eq!(groups(now)[0], groups(old)[0]);
-        assert_eq!(groups(now)[1], groups(old)[1]);
+        assert_eq!(groups(now)[1]["name"], "cheekpuff.original");
+        assert_eq!(groups(now)[1]["binds"], groups(old)[1]["binds"]);
         assert_eq!(groups(now)[2]["name"], "JawOpen");
         assert_eq!(
             groups(now)[2]["binds"],
             json!([{"mesh": 0, "index": 1, "weight": 100.0}])
         );
-        assert_eq!(groups(now).as_array().unwrap().len(), 3);
+        assert_eq!(groups(now)[3]["name"], "CheekPuff");
+        assert_eq!(groups(now).as_array().unwrap().len(), 4);
         let expressions = |json: &Value| json["VRMC_vrm"]["expressions"].clone();
         assert_eq!(expressions(now)["preset"], expressions(old)["preset"]);
         assert_eq!(
@@ -613,7 +947,7 @@ mod tests {
                 };
                 match Foreign::read(glb) {
                     Ok((mesh, foreign)) if mesh.positions.len() == 25 => {
-                        drop(foreign.patched(&new, false).emit());
+                        drop(foreign.patched(&mesh, &new, false).emit());
                         carried += 1;
                     }
                     Ok(_) => {}
@@ -634,8 +968,8 @@ mod tests {
             let mut file = avatar();
             file.json["meshes"][0]["extras"] = extras.clone();
             file.json["meshes"][0]["primitives"][0]["extras"] = extras.clone();
-            let (_, foreign) = Foreign::read(file).unwrap();
-            let json = foreign.patched(&new, false).json;
+            let (mesh, foreign) = Foreign::read(file).unwrap();
+            let json = foreign.patched(&mesh, &new, false).json;
             let mesh = &json["meshes"][0];
             for now in [&mesh["extras"], &mesh["primitives"][0]["extras"]] {
                 assert_eq!(now["extras"], extras);

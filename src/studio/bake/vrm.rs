@@ -1,12 +1,13 @@
 //! Expressions of VRM avatars: every new shape gets one under its "Perfect Sync" name, the shape's with a capital letter.
 //!
 //! VRM 0 lists `blendShapeGroups` that bind targets by mesh with weights up to 100, VRM 1 has `expressions` that bind them
-//! by node with weights up to 1. Expressions that are there stay as they are, also one that has the name of a shape
-//! already: their targets keep their numbers, because shapes are only appended or replaced in place.
+//! by node with weights up to 1. Expressions that are there keep what they bind: targets keep their numbers, because shapes are only
+//! appended or replaced in place. One that others made under the name of a shape gets `.original` added to its name, as its target does.
 
 use serde_json::{Value, json};
 
 use super::glb::{list, push, unexpected};
+use super::patch::{ORIGINAL, alike};
 use crate::studio::fault::Fault;
 
 /// A glTF mesh that is moved, and the number there of each shape's target.
@@ -37,21 +38,52 @@ pub(super) fn beginning(value: &Value) -> String {
     value.to_string().chars().take(40).collect()
 }
 
-/// Adds expressions for the targets of shapes of these names; files that are no VRM stay as they are.
-pub(super) fn add_expressions(json: &mut Value, names: &[&str], bound: &[Bound]) {
+/// A shape that is added.
+pub(super) struct Added<'a> {
+    pub(super) name: &'a str,
+    /// It gets an expression even if others made one of this name, which then changes its own.
+    pub(super) anew: bool,
+}
+
+/// Names of a file's expressions that the standards do not fix.
+pub(super) fn expressions(json: &Value) -> Vec<String> {
+    let groups = list(&json["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"]).iter();
+    let groups = groups.filter(|group| !is_preset(group));
+    let groups = groups.filter_map(|group| group["name"].as_str());
+    let custom = json["extensions"]["VRMC_vrm"]["expressions"]["custom"].as_object();
+    let custom = custom.into_iter().flatten().map(|(name, _)| &**name);
+    groups.chain(custom).map(str::to_owned).collect()
+}
+
+fn is_preset(group: &Value) -> bool {
+    let preset = group["presetName"].as_str().unwrap_or("");
+    !matches!(preset, "" | "unknown")
+}
+
+/// Adds expressions for the targets of shapes; files that are no VRM stay as they are.
+pub(super) fn add_expressions(json: &mut Value, added: &[Added<'_>], bound: &[Bound]) {
     if bound.is_empty() {
         return;
     }
-    let added = |had: Vec<String>| {
-        let all = names.iter().enumerate();
-        all.filter(move |(_, name)| !had.iter().any(|h| h.eq_ignore_ascii_case(name)))
+    let renamed = |had: &str| {
+        let anew = added.iter().any(|a| a.anew && alike(had, a.name));
+        anew.then(|| had.to_owned() + ORIGINAL)
+    };
+    let new = |had: Vec<String>| {
+        let all = added.iter().map(|added| added.name).enumerate();
+        all.filter(move |(_, name)| !had.iter().any(|h| alike(h, name)))
     };
     let nodes = list(&json["nodes"]).to_vec();
     if json["extensions"]["VRM"].is_object() {
         let groups = &mut json["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"];
+        for group in groups.as_array_mut().into_iter().flatten() {
+            let name = group["name"].as_str().filter(|_| !is_preset(group));
+            if let Some(name) = name.and_then(renamed) {
+                group["name"] = name.into();
+            }
+        }
         let had = list(groups).iter().map(|group| group["name"].as_str());
-        let had: Vec<String> = had.flatten().map(str::to_owned).collect();
-        for (k, name) in added(had) {
+        for (k, name) in new(had.flatten().map(str::to_owned).collect()) {
             let binds = bound
                 .iter()
                 .map(|(mesh, at)| json!({"mesh": mesh, "index": at[k], "weight": 100.0}));
@@ -64,10 +96,16 @@ pub(super) fn add_expressions(json: &mut Value, names: &[&str], bound: &[Bound])
     }
     if json["extensions"]["VRMC_vrm"].is_object() {
         let expressions = &mut json["extensions"]["VRMC_vrm"]["expressions"];
+        let custom = expressions.get_mut("custom");
+        if let Some(custom) = custom.and_then(Value::as_object_mut) {
+            let kept = std::mem::take(custom).into_iter();
+            *custom = kept
+                .map(|(name, one)| (renamed(&name).unwrap_or(name), one))
+                .collect();
+        }
         let kinds = ["preset", "custom"].into_iter();
         let had = kinds.flat_map(|kind| expressions[kind].as_object().into_iter().flatten());
-        let had: Vec<String> = had.map(|(name, _)| name.clone()).collect();
-        for (k, name) in added(had) {
+        for (k, name) in new(had.map(|(name, _)| name.clone()).collect()) {
             let binds = bound.iter().flat_map(|(mesh, at)| {
                 let nodes = nodes.iter().enumerate();
                 let shown = nodes.filter(move |(_, node)| node["mesh"] == json!(mesh));
