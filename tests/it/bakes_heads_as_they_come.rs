@@ -34,6 +34,8 @@ fn recipe(folder: &Path) -> PathBuf {
         name.iter().any(|name| block.contains(name))
     };
     let blocks = SHIPPED.split("[[shape]]").filter(named);
+    // Correctives follow the last.
+    let blocks = blocks.filter_map(|block| block.split("\n[[").next());
     let text: String = blocks.map(|block| format!("[[shape]]{block}")).collect();
     let path = folder.join("recipe.toml");
     std::fs::write(&path, text).unwrap();

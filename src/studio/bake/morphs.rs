@@ -9,7 +9,6 @@
 
 use std::collections::HashMap;
 
-use nalgebra::Rotation3;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
@@ -22,6 +21,8 @@ use super::shape::Shape;
 const DENSE_ABOVE: f64 = 0.85;
 /// Normals that turn less than this are left: 0.06 degrees.
 const NORMAL_NOTHING: f32 = 1e-3;
+/// One more than the cosine between opposite normals, where the way from one to the other is any.
+const LEAST_TURNABLE: f64 = 1e-6;
 /// Of a material whose colour is not known: red, green, blue, opacity.
 const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
 const ROUGHNESS: f64 = 0.6;
@@ -63,8 +64,11 @@ pub(super) fn push_moves(glb: &mut Glb, [moved, bent]: &[Vec<[f32; 3]>; 2], dens
 
 /// What is added to a normal where the smooth surface turns between two others.
 pub(super) fn bent(normal: &Vec3, [from, to]: [&Vec3; 2]) -> [f32; 3] {
-    let turn = Rotation3::rotation_between(from, to).unwrap_or_default();
-    let d = single(&(turn * normal - normal));
+    // Rodrigues' formula with sine and cosine as they are.
+    let (axis, cosine) = (from.cross(to), from.dot(to));
+    let once = axis.cross(normal);
+    let twice = axis.cross(&once) / (1.0 + cosine).max(LEAST_TURNABLE);
+    let d = single(&(once + twice));
     let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
     if nothing { [0.0; 3] } else { d }
 }
@@ -210,18 +214,26 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
     let mut head = json!({"name": "head", "primitives": primitives});
     if !targets.is_empty() {
         head["weights"] = json!(vec![0.0; shapes.len()]);
-        let units: Vec<Option<&str>> = shapes.iter().map(|s| s.unit.as_deref()).collect();
-        let upon: Vec<Option<&str>> = shapes.iter().map(|s| s.upon.as_deref()).collect();
-        head["extras"] = json!({
-            "targetNames": names,
-            "mien": {"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon},
-        });
+        head["extras"] = json!({"targetNames": names, "mien": baked(&Value::Null, &names, shapes)});
     }
     glb.json["meshes"] = json!([head]);
     if let Some(neck) = neck {
         neck::joined(&mut glb, &neck.places.map(|p| p * metres));
     }
     glb
+}
+
+/// What is to be known of targets of these names, of which some are `shapes` and others may have been baked before.
+pub(super) fn baked(before: &Value, names: &[impl AsRef<str>], shapes: &[Shape]) -> Value {
+    let named = |k: usize| shapes.iter().find(|s| s.name == names[k].as_ref());
+    let each = |key: &str, now: fn(&Shape) -> Value| -> Vec<Value> {
+        let all = (0..names.len()).map(|k| named(k).map_or(before[key][k].clone(), now));
+        all.collect()
+    };
+    json!({
+        "version": env!("CARGO_PKG_VERSION"), "baked": each("baked", |_| true.into()),
+        "units": each("units", |s| s.unit.clone().into()), "upon": each("upon", |s| s.upon.clone().into()),
+    })
 }
 
 /// A vector in single precision.

@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 use super::glb::{FLOAT, Glb, list, unexpected};
 use super::looks::material_names;
 use super::mesh::{Corner, Mesh, Vec3};
-use super::morphs::{bent, push_moves, single};
+use super::morphs::{baked, bent, push_moves, single};
 use super::scene::placed;
 use super::shape::Shape;
 use super::vrm::{Added, Bound, add_expressions, add_expressions_to, beginning, expressions};
@@ -496,9 +496,9 @@ pub(in crate::studio) fn position(primitive: &Value) -> Option<usize> {
 /// Added to the name of what the file has under the name of a shape.
 pub(super) const ORIGINAL: &str = ".original";
 
-/// Whether a target was baked here before: no other has a unit.
+/// Whether a target was baked here before.
 fn is_ours(mesh: &Value, target: usize) -> bool {
-    !mesh["extras"]["mien"]["units"][target].is_null()
+    mesh["extras"]["mien"]["baked"][target] == true
 }
 
 /// Whether two names are one as programs write them: `eyeBlinkLeft`, `EyeBlink_L`, `shapes.eyeBlink_L`.
@@ -537,10 +537,7 @@ fn places(mesh: &Value, names: &mut Vec<String>, shapes: &[Shape]) -> Vec<usize>
 fn describe(mesh: &mut Value, names: &[String], shapes: &[Shape]) {
     mesh["weights"] = lengthened(&mesh["weights"], names.len());
     set_extra(&mut mesh["extras"], "targetNames", json!(names));
-    let named = |name: &String| shapes.iter().find(|s| s.name == *name);
-    let units: Vec<Option<&str>> = names.iter().map(|n| named(n)?.unit.as_deref()).collect();
-    let upon: Vec<Option<&str>> = names.iter().map(|n| named(n)?.upon.as_deref()).collect();
-    let ours = json!({"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon});
+    let ours = baked(&mesh["extras"]["mien"], names, shapes);
     set_extra(&mut mesh["extras"], "mien", ours);
 }
 
@@ -682,7 +679,9 @@ mod tests {
             shape("keep", 25, 3, Vec3::x()),
             shape("jawOpen", 25, 4, Vec3::y()),
         ];
-        let file = build(&sheet, &old, 1.0, false, None);
+        let mut file = build(&sheet, &old, 1.0, false, None);
+        // As others write it.
+        file.json["meshes"][0]["extras"]["mien"] = Value::Null;
         let before = file.json["materials"].clone();
         let (mesh, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
         assert_eq!((mesh.positions.len(), mesh.faces()), (25, 16));
@@ -728,11 +727,9 @@ mod tests {
             unit: Some("AU26".into()),
             ..shape(name, 25, at, Vec3::x())
         };
-        let old = [
-            shape("blink.EyeBlink_L", 25, 3, Vec3::x()),
-            with_unit("jawOpen", 4),
-        ];
-        let file = build(&sheet(5, 0.1), &old, 1.0, false, None);
+        let old = [with_unit("blink.EyeBlink_L", 3), with_unit("jawOpen", 4)];
+        let mut file = build(&sheet(5, 0.1), &old, 1.0, false, None);
+        file.json["meshes"][0]["extras"]["mien"]["baked"][0] = Value::Null;
         let (mesh, foreign) = Foreign::read(file).unwrap();
         assert!(foreign.has("eyeBlinkLeft"));
         assert!(!foreign.has("jawOpen") && !foreign.has("eyeBlinkRight"));
@@ -882,6 +879,17 @@ mod tests {
             expressions(now)["custom"]["CheekPuff"]["morphTargetBinds"][0]["index"],
             2
         );
+    }
+
+    #[test]
+    fn numbers_of_a_file_come_back_to_the_last_bit() {
+        let mut random = fastrand::Rng::with_seed(7);
+        for _ in 0..20_000 {
+            let least = f64::from(random.f32() - 0.5);
+            let text = json!({"min": [least]}).to_string();
+            let read = super::super::glb::json_of(text.as_bytes()).unwrap();
+            assert_eq!(read["min"][0].as_f64(), Some(least));
+        }
     }
 
     #[test]
