@@ -23,7 +23,7 @@
 //! skin                  one shape's points, its skin, and contacts: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
 //! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
-//! morphs                a new glTF with them; looks: the colours of an OBJ
+//! targets, morphs       added to the glTF that a head came in; a new one with them; looks: the colours of an OBJ
 //! verdict               what is wrong with a shape, by measures that artists' shapes pass
 //! render, report        figures and pictures of what was baked
 //! ```
@@ -68,6 +68,7 @@ pub mod solve;
 pub mod sparse;
 pub mod surroundings;
 pub mod table;
+mod targets;
 pub mod verdict;
 mod vrm;
 mod weld;

@@ -7,7 +7,7 @@
 use serde_json::{Value, json};
 
 use super::glb::{list, push, unexpected};
-use super::patch::{ORIGINAL, alike};
+use super::targets::{ORIGINAL, alike};
 use crate::studio::fault::Fault;
 
 /// A glTF mesh that is moved, and the number there of each shape's target.
