@@ -243,10 +243,12 @@ pub(super) fn lines(
         let [upper, lower] = [0, 1].map(ways);
         for (length, way) in upper {
             let same_end = lower.iter().find(|l| l.1.last() == way.last());
+            // Both ways count what their end costs.
+            let total = |other| 2.0 * cost + length + other;
             if let Some((other, below)) = same_end
-                && cost + length + other < least
+                && total(other) < least
             {
-                (least, shortest) = (cost + length + other, Some([way, below.clone()]));
+                (least, shortest) = (total(other), Some([way, below.clone()]));
             }
         }
     }

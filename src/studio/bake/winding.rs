@@ -57,6 +57,8 @@ impl Sets {
 #[derive(Default)]
 struct Part {
     area: f64,
+    /// Of faces that run as the set does, less that of the others.
+    running: f64,
     /// Sum over faces of twice the area along the normal, and of its product with the place.
     normal: Vec3,
     moment: f64,
@@ -168,6 +170,11 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
             part.extent = (low.inf(&p), high.sup(&p));
         }
         part.area += 0.5 * normal.norm();
+        part.running += if opposite {
+            -normal.norm()
+        } else {
+            normal.norm()
+        };
         part.normal += normal;
         part.moment += normal.dot(&mesh.positions[mesh.face(f)[0].vertex as usize]);
     }
