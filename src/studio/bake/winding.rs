@@ -214,3 +214,99 @@ impl Mesh {
         reversed.into_iter().filter(|reversed| *reversed).count()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::mesh::Corner;
+    use super::*;
+
+    /// A ball of quads about a place, open at the top and the bottom by a ring.
+    fn barrel(mesh: &mut Mesh, middle: Vec3, size: f64) {
+        const AROUND: u32 = 12;
+        let first = mesh.positions.len() as u32;
+        for ring in 1..8 {
+            for k in 0..AROUND {
+                let (high, along) = (0.3927 * f64::from(ring) - 1.5708, 0.5236 * f64::from(k));
+                let place = Vec3::new(
+                    high.cos() * along.sin(),
+                    high.sin(),
+                    high.cos() * along.cos(),
+                );
+                mesh.positions.push(middle + place * size);
+            }
+        }
+        for ring in 0..6 {
+            for k in 0..AROUND {
+                let at = |ring, k| Corner::bare(first + AROUND * ring + k % AROUND);
+                mesh.push_face(
+                    &[
+                        at(ring, k),
+                        at(ring, k + 1),
+                        at(ring + 1, k + 1),
+                        at(ring + 1, k),
+                    ],
+                    0,
+                );
+            }
+        }
+    }
+
+    fn turned(mesh: &Mesh, turns: impl Fn(usize) -> bool) -> Mesh {
+        let mut out = mesh.clone();
+        for f in (0..mesh.faces()).filter(|&f| turns(f)) {
+            out.corners[4 * f..4 * f + 4].reverse();
+        }
+        out
+    }
+
+    #[test]
+    fn faces_that_look_inwards_are_turned_whichever_they_are_and_linings_are_left() {
+        let mut mesh = Mesh::default();
+        barrel(&mut mesh, Vec3::zeros(), 1.0);
+        let outer = mesh.faces();
+        barrel(&mut mesh, Vec3::x() * 0.2, 0.3);
+        // The inner one lines the outer one: seen from inside it.
+        let head = turned(&mesh, |f| f >= outer);
+        let beside = |turns: &dyn Fn(usize) -> bool| {
+            let mut file = turned(&head, turns);
+            let count = file.turn_outward();
+            assert_eq!(file.corners, head.corners);
+            assert_eq!(count, (0..head.faces()).filter(|&f| turns(f)).count());
+        };
+        beside(&|_| false);
+        beside(&|_| true);
+        beside(&|f| f % 3 == 0);
+        beside(&|f| f % 3 != 0);
+        beside(&|f| f < outer && f % 2 == 0);
+    }
+
+    #[test]
+    fn seams_of_repeated_vertices_hold_and_touching_sheets_do_not() {
+        let mut whole = Mesh::default();
+        barrel(&mut whole, Vec3::zeros(), 1.0);
+        // Every face with corners of its own.
+        let mut cut = Mesh::default();
+        for f in 0..whole.faces() {
+            let first = cut.positions.len() as u32;
+            let places = whole
+                .face(f)
+                .iter()
+                .map(|c| whole.positions[c.vertex as usize]);
+            cut.positions.extend(places);
+            cut.push_face(&[0, 1, 2, 3].map(|k| Corner::bare(first + k)), 0);
+        }
+        let mut mixed = turned(&cut, |f| f % 5 == 1);
+        assert!(mixed.turn_outward() > 0);
+        assert_eq!(mixed.corners, cut.corners);
+        // Two plates on each other, as closed lips.
+        let mut plates = super::super::mesh::tests::sheet(3, 1.0);
+        let other = plates.clone();
+        plates.positions.extend_from_slice(&other.positions);
+        for f in 0..4 {
+            let corners = other.face(f).iter().rev();
+            let corners: Vec<Corner> = corners.map(|c| Corner::bare(c.vertex + 9)).collect();
+            plates.push_face(&corners, 0);
+        }
+        assert_eq!(plates.turn_outward(), 0);
+    }
+}
