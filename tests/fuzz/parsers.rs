@@ -187,8 +187,8 @@ fuzz_target!(init: {
         "mtl" => black_box(Looks::default()).add(&words(), &FOLDER),
         "glb" => {
             if let Ok(glb) = Glb::parse(bytes) {
-                if let Ok((_, foreign)) = Foreign::read(glb) {
-                    let out = foreign.patched(&[], false).emit();
+                if let Ok((mesh, foreign)) = Foreign::read(glb) {
+                    let out = foreign.patched(&mesh, &[], false).emit();
                     assert!(Glb::parse(&out).is_ok(), "what is written is accepted");
                 }
             }

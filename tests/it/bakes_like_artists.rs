@@ -19,7 +19,7 @@ use crate::common::data::{self, Set};
 fn head(set: Set, name: &str) -> Option<(Head, Vec<u32>)> {
     let folder = data::folder(set)?;
     let mesh = obj::parse(&std::fs::read_to_string(folder.join(name)).unwrap()).unwrap();
-    let found = guess(&mesh, &Looks::default(), &FaceModel::shipped()).unwrap();
+    let found = guess(&mesh, &Looks::default(), None, &FaceModel::shipped()).unwrap();
     let mut ordered = Ordered::new(&mesh);
     let landmarks = ordered.landmarks(&found.vertices).unwrap();
     let vertex = ordered.vertex().to_vec();

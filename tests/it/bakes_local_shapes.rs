@@ -50,7 +50,7 @@ fn bake(head: &Head, targets: &[Target], prior: &Prior) -> Vec<Shape> {
 }
 
 fn locate(mesh: &Mesh, model: &FaceModel) -> Option<Located> {
-    guess(mesh, &Looks::default(), model).filter(Located::is_face)
+    guess(mesh, &Looks::default(), None, model).filter(Located::is_face)
 }
 
 /// Prints what is wrong with each shape and returns how many inverted triangles there are.

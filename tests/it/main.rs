@@ -6,6 +6,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod bakes_heads_as_they_come;
 mod bakes_like_artists;
 mod bakes_local_shapes;
 mod checks_the_wiring;

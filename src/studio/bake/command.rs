@@ -13,7 +13,7 @@ use super::learn::{Lesson, Truth};
 use super::lips;
 use super::locate::{Located, guess};
 use super::looks::Looks;
-use super::mesh::{Mesh, Vec3};
+use super::mesh::Mesh;
 use super::names::NAMES;
 use super::neck::Neck;
 use super::obj;
@@ -78,7 +78,7 @@ pub struct Request {
     /// Pictures and figures of every shape, one HTML file
     #[arg(long)]
     pub report: Option<PathBuf>,
-    /// Unit of an OBJ: mm, cm, dm, m, in or metres as a number [default: from the distance of the eyes]; a glTF is in metres
+    /// Unit of the mesh: mm, cm, dm, m, in or metres as a number [default: from the distance of the eyes]; a glTF keeps its own
     #[arg(long = "unit", value_parser = metres)]
     pub metres: Option<f64>,
     /// aoi; for comparison paper, its Procedure 1 as printed, or laplacian, plain least squares
@@ -102,6 +102,10 @@ pub struct Request {
     /// Morph targets in full, for programs that cannot read sparse ones
     #[arg(long)]
     pub dense: bool,
+    /// Leave shapes that a GLB or VRM has already under names of ours (eyeBlinkLeft, EyeBlink_L) and add none of these; otherwise
+    /// theirs are kept as NAME.original
+    #[arg(long)]
+    pub keep: bool,
 }
 
 /// A file of ours by its name: binary glTF, or the VRM that a head came in.
@@ -158,6 +162,8 @@ pub(in crate::studio) struct Source {
     obj: Option<String>,
     /// The glTF that it came in.
     pub(in crate::studio) foreign: Option<Foreign>,
+    /// How many faces look inwards in the file, and were turned in the mesh.
+    turned: usize,
 }
 
 impl Source {
@@ -173,12 +179,15 @@ impl Source {
                 obj: None,
                 mesh,
                 looks,
+                turned: foreign.turned,
                 foreign: Some(foreign),
             });
         }
         let obj = text_files::decoded(&bytes);
+        let mut mesh = obj::parse(&obj).map_err(Fault::within(path))?;
         Ok(Self {
-            mesh: obj::parse(&obj).map_err(Fault::within(path))?,
+            turned: mesh.turn_outward(),
+            mesh,
             looks: Looks::of(path, &obj),
             obj: Some(obj),
             foreign: None,
@@ -187,7 +196,8 @@ impl Source {
 
     /// The landmarks as they are found on the mesh of this file.
     pub(in crate::studio) fn guess(&self, path: &Path) -> Result<Located, Fault> {
-        guess(&self.mesh, &self.looks, &FaceModel::shipped())
+        let front = self.foreign.as_ref().map(Foreign::front);
+        guess(&self.mesh, &self.looks, front, &FaceModel::shipped())
             .ok_or("expected vertices to find a face on, found none")
             .map_err(Fault::within(path))
     }
@@ -233,11 +243,40 @@ impl Source {
         neck: Option<&Neck>,
     ) -> Vec<u8> {
         if let Some(foreign) = self.foreign.take() {
-            return foreign.patched(shapes, dense).emit();
+            return foreign.patched(&self.mesh, shapes, dense).emit();
         }
         let mut glb = morphs::build(&self.mesh, shapes, metres, dense, neck);
         self.looks.paint(&mut glb);
         glb.emit()
+    }
+
+    /// What in the file is not as expected, and what became of it.
+    fn oddities(&self, targets: &[Target], request: &Request) -> String {
+        let mut said = String::new();
+        if self.turned > 0 {
+            let (turned, out) = (self.turned, request.out.display());
+            let rest = match &self.foreign {
+                Some(_) => "the file keeps them as they run".into(),
+                None => format!("{out} has them turned"),
+            };
+            said += &format!("{turned} faces look inwards: turned round for the solve; {rest}. ");
+        }
+        let namesakes = targets.iter().filter(|t| self.has(&t.name)).count();
+        if namesakes > 0 {
+            let kept = match request.keep {
+                true => "these stay, and none of that name is added",
+                false => "kept as NAME.original",
+            };
+            said += &format!(
+                "{namesakes} shapes are in the file already under names of ours: {kept}. "
+            );
+        }
+        said
+    }
+
+    /// Whether others made a shape of this name in the file.
+    fn has(&self, name: &str) -> bool {
+        self.foreign.as_ref().is_some_and(|f| f.has(name))
     }
 
     /// The neutral and every shape as OBJ, and a list of them.
@@ -248,8 +287,7 @@ impl Source {
         write(&folder.join("neutral.obj"), neutral.as_bytes())?;
         let mut list = Vec::with_capacity(shapes.len());
         for shape in shapes {
-            let moved = self.mesh.positions.iter().zip(&shape.displacement);
-            let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
+            let moved = shape.moved(&self.mesh.positions);
             let file = format!("{}.obj", shape.name);
             let text = obj::with_positions(&neutral, &moved);
             write(&folder.join(&file), text.as_bytes())?;
@@ -264,10 +302,7 @@ impl Source {
 }
 
 /// Metres per unit of the mesh, and how that is known.
-fn scale(request: &Request, source: &Source, head: &Head) -> (f64, &'static str) {
-    if source.foreign.is_some() {
-        return (1.0, "as glTF has it");
-    }
+fn scale(request: &Request, head: &Head) -> (f64, &'static str) {
     if let Some(metres) = request.metres {
         return (metres, "as given");
     }
@@ -376,9 +411,14 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     };
     let (head, ordered, joined) = opened(request, &mut source, &mut numbers)?;
     notes = format!("{} {notes}", joined.unwrap_or(""));
-    let (metres, how) = scale(request, &source, &head);
+    let (metres, how) = scale(request, &head);
     say_head(request, &source.mesh, &head, (metres, how));
     let targets = targets(request, &head, ordered.vertex())?;
+    let oddities = source.oddities(&targets, request);
+    if !oddities.is_empty() {
+        println!("{}", oddities.trim_end());
+        notes = format!("{oddities}{notes}");
+    }
     let progress = Progress::new("baking", targets.len());
     let done = |name: &str| progress.step_with(|| name.to_owned());
     let prior = Some(Prior::shipped());
@@ -395,7 +435,8 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let neck = Neck::of(&head, &source.mesh.positions);
     // From here on in the order of the file.
     let shapes = shapes.into_par_iter().map(|s| ordered.scattered(s));
-    let shapes: Vec<Shape> = shapes.collect();
+    let mut shapes: Vec<Shape> = shapes.collect();
+    shapes.retain(|shape| !(request.keep && source.has(&shape.name)));
     let elapsed = || start.elapsed().as_secs_f64();
     println!("{} shapes baked at {:.2} s", shapes.len(), elapsed());
     let file = source.with_shapes(&shapes, metres, request.dense, neck.as_ref());

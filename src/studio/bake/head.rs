@@ -143,11 +143,13 @@ fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), Fault> {
             "the inner eye corners (landmarks 39 and 42), the chin and the nose tip must be apart and not in a line; found them within {spread}: is the landmark file for this mesh?"
         )));
     }
-    // The face leans: "up" is the direction in which both the brow-chin line and the nose agree. Keep the mesh's own
-    // vertical where it is close (artists model upright heads), so that symmetric recipes stay upright.
+    // The face leans: "up" is the direction in which both the brow-chin line and the nose agree. Keep the nearest axis of the mesh
+    // where it is close (artists model upright heads), so that symmetric recipes stay upright.
     let mut up = up.normalize();
-    if up.y > 0.8 {
-        up = (Vec3::y() - left * left.y).normalize();
+    let axis = up.iamax();
+    if up[axis].abs() > 0.8 {
+        let upright = Vec3::ith(axis, up[axis].signum());
+        up = (upright - left * left.dot(&upright)).normalize();
     }
     let axes = Matrix3::from_columns(&[left, up, left.cross(&up)]);
     Ok((axes, eye_distance))

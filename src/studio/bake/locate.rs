@@ -82,16 +82,28 @@ impl Located {
     }
 }
 
-/// Finds the landmarks with however little confidence, for a person to correct: as if of plaster, then as it is coloured.
-/// `None` if there is nothing to look at.
-pub fn guess(mesh: &Mesh, looks: &Looks, model: &FaceModel) -> Option<Located> {
+/// Finds the landmarks with however little confidence, for a person to correct: as if of plaster, then as it is coloured; where the
+/// file says what is up and in `front`, from there, and only if that shows none, from all around. `None` if there is nothing to look at.
+pub fn guess(
+    mesh: &Mesh,
+    looks: &Looks,
+    front: Option<Matrix3<f64>>,
+    model: &FaceModel,
+) -> Option<Located> {
     let rings = mesh.rings();
     let mut search = Search::new(mesh, Parts::new(mesh, &rings), model);
-    search.all_around();
-    if !search.is_sure() {
-        search.parts.surfaces = Some(Surfaces::new(mesh, looks)).filter(Surfaces::any);
-        if search.parts.surfaces.is_some() {
-            search.all_around();
+    let surfaces = || Some(Surfaces::new(mesh, looks)).filter(Surfaces::any);
+    for only in front.map(Some).into_iter().chain([None]) {
+        search.parts.surfaces = None;
+        search.all_around(only.as_ref());
+        if !search.is_sure() {
+            search.parts.surfaces = surfaces();
+            if search.parts.surfaces.is_some() {
+                search.all_around(only.as_ref());
+            }
+        }
+        if search.is_sure() {
+            break;
         }
     }
     let face = search.best?;

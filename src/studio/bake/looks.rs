@@ -75,7 +75,8 @@ impl Looks {
         let mut looks = Self::default();
         let folder = path.parent().unwrap_or(Path::new(""));
         for name in obj.lines().filter_map(|line| after(line, "mtllib")) {
-            if let Ok(bytes) = bounded_read::read_below(folder, name, text_files::MOST) {
+            let name = name.replace('\\', "/");
+            if let Ok(bytes) = bounded_read::read_below(folder, &name, text_files::MOST) {
                 // Pictures are named from where the library lies, in the folder of the mesh or below.
                 let beside = folder.join(name);
                 let beside = beside.parent().unwrap_or(folder);
@@ -102,8 +103,11 @@ impl Looks {
             } else if let Some(clear) = after(line, "Tr").and_then(share) {
                 look.opacity = Some(1.0 - clear);
             } else if let Some(picture) = after(line, "map_Kd") {
-                let picture = without_options(picture);
-                let bytes = bounded_read::read_below(folder, picture, text_files::MOST).ok();
+                let picture = without_options(picture).replace('\\', "/");
+                // By its name alone if its way is that of the machine it comes from.
+                let mut names = [&*picture, picture.rsplit('/').next().unwrap_or("")].into_iter();
+                let read = |name| bounded_read::read_below(folder, name, text_files::MOST).ok();
+                let bytes = names.find_map(read);
                 look.picture = bytes.filter(|bytes| kind(bytes).is_some());
             }
         }
@@ -287,7 +291,7 @@ mod tests {
     #[test]
     fn a_material_s_colour_and_picture_reach_the_file() {
         let folder = tempfile::tempdir().unwrap();
-        let mtl = "# eyes\nnewmtl my skin\n Kd 1 0.5 0\nd 0.25\nmap_Kd -s 1 2 -clamp on -imfchan r my skin.png\nnewmtl eye\nKd 2 0 0\nmap_Kd gone.png\nKs 1 1 1\n";
+        let mtl = "# eyes\nnewmtl my skin\n Kd 1 0.5 0\nd 0.25\nmap_Kd -s 1 2 -clamp on -imfchan r C:\\heads\\my skin.png\nnewmtl eye\nKd 2 0 0\nmap_Kd gone.png\nKs 1 1 1\n";
         std::fs::write(folder.path().join("head.mtl"), mtl).unwrap();
         let png = [&[0x89, b'P', b'N', b'G'][..], b"pixels"].concat();
         std::fs::write(folder.path().join("my skin.png"), &png).unwrap();
@@ -323,5 +327,35 @@ mod tests {
         assert_eq!(glb.json["materials"][2]["pbrMetallicRoughness"], plain);
         let gone = Looks::of(&folder.path().join("head.obj"), "mtllib gone.mtl\n");
         assert_eq!(gone, Looks::default());
+    }
+
+    #[test]
+    fn nothing_is_read_through_pipes_devices_or_out_of_the_folder() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("head");
+        std::fs::create_dir(&folder).unwrap();
+        let png = [&[0x89, b'P', b'N', b'G'][..], b"pixels"].concat();
+        std::fs::write(root.path().join("secret.png"), &png).unwrap();
+        std::fs::write(folder.join("skin.png"), &png).unwrap();
+        std::fs::write(root.path().join("secret.mtl"), "newmtl skin\nKd 1 1 1\n").unwrap();
+        for kind in ["png", "mtl"] {
+            let link = folder.join(format!("link.{kind}"));
+            std::os::unix::fs::symlink(format!("../secret.{kind}"), link).unwrap();
+            let pipe = folder.join(format!("pipe.{kind}"));
+            let made = std::process::Command::new("mkfifo").arg(pipe).status();
+            assert!(made.unwrap().success());
+        }
+        let looks =
+            |library: &str| Looks::of(&folder.join("head.obj"), &format!("mtllib {library}\n"));
+        for library in ["link.mtl", "pipe.mtl", "../secret.mtl", "/dev/zero", "."] {
+            assert!(looks(library).is_empty(), "{library}");
+        }
+        let here = ("skin.png", true);
+        let others = ["link.png", "pipe.png", "../secret.png", "/dev/zero", "."];
+        for (picture, read) in others.map(|name| (name, false)).into_iter().chain([here]) {
+            let mtl = format!("newmtl skin\nmap_Kd {picture}\n");
+            std::fs::write(folder.join("head.mtl"), mtl).unwrap();
+            assert_eq!(!looks("head.mtl").is_empty(), read, "{picture}");
+        }
     }
 }

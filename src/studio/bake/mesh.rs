@@ -212,7 +212,7 @@ impl Mesh {
 
     /// Twice the area of face `f` along its normal, by Newell's sum: exact for planar faces, the mean plane for others, no choice of
     /// diagonal.
-    fn newell(&self, f: usize, positions: &[Vec3]) -> Vec3 {
+    pub(super) fn newell(&self, f: usize, positions: &[Vec3]) -> Vec3 {
         let at = |side: [u32; 2]| side.map(|v| positions[v as usize]);
         let turns = self.sides(f).map(at).map(|[a, b]| a.cross(&b));
         turns.fold(Vec3::zeros(), |sum, turn| sum + turn)

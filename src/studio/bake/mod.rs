@@ -9,6 +9,7 @@
 //! ```text
 //! command               what is asked for, and the order of it; files
 //! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
+//! winding               faces that look inwards, turned outwards
 //! order                 the one form that all of them are solved in
 //! mesh, laplacian       positions and faces; the operator on them
 //! names, locate         the 68 points; found where nobody gives them, brows and jaw by_shape
@@ -23,7 +24,7 @@
 //! skin                  one shape's points, its skin, and contacts: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
 //! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
-//! morphs                a new glTF with them; looks: the colours of an OBJ
+//! targets, morphs       added to the glTF that a head came in; a new one with them; looks: the colours of an OBJ
 //! verdict               what is wrong with a shape, by measures that artists' shapes pass
 //! render, report        figures and pictures of what was baked
 //! ```
@@ -70,6 +71,8 @@ pub mod solve;
 pub mod sparse;
 pub mod surroundings;
 pub mod table;
+mod targets;
 pub mod verdict;
 mod vrm;
 mod weld;
+mod winding;

@@ -21,17 +21,14 @@ use super::shape::Shape;
 const DENSE_ABOVE: f64 = 0.85;
 /// Normals that turn less than this are left: 0.06 degrees.
 const NORMAL_NOTHING: f32 = 1e-3;
+/// One more than the cosine between opposite normals, where the way from one to the other is any.
+const LEAST_TURNABLE: f64 = 1e-6;
 /// Of a material whose colour is not known: red, green, blue, opacity.
 const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
 const ROUGHNESS: f64 = 0.6;
 
 /// Appends the rows of a target, as many of them as move if that is smaller and not `dense`, and returns its accessor.
-pub(super) fn push_target(
-    glb: &mut Glb,
-    values: &[[f32; 3]],
-    dense: bool,
-    with_bounds: bool,
-) -> usize {
+fn push_target(glb: &mut Glb, values: &[[f32; 3]], dense: bool, with_bounds: bool) -> usize {
     let moved = (0..values.len()).filter(|&v| values[v] != [0.0; 3]);
     let moved: Vec<usize> = moved.collect();
     let mut accessor = json!({"componentType": FLOAT, "count": values.len(), "type": "VEC3"});
@@ -54,6 +51,26 @@ pub(super) fn push_target(
         });
     }
     glb.push_accessor(accessor)
+}
+
+/// Appends how a shape moves vertices and, unless there are none, turns their normals; returns the target.
+pub(super) fn push_moves(glb: &mut Glb, [moved, bent]: &[Vec<[f32; 3]>; 2], dense: bool) -> Value {
+    let mut target = json!({"POSITION": push_target(glb, moved, dense, true)});
+    if !bent.is_empty() {
+        target["NORMAL"] = push_target(glb, bent, dense, false).into();
+    }
+    target
+}
+
+/// What is added to a normal where the smooth surface turns between two others.
+pub(super) fn bent(normal: &Vec3, [from, to]: [&Vec3; 2]) -> [f32; 3] {
+    // Rodrigues' formula with sine and cosine as they are.
+    let (axis, cosine) = (from.cross(to), from.dot(to));
+    let once = axis.cross(normal);
+    let twice = axis.cross(&once) / (1.0 + cosine).max(LEAST_TURNABLE);
+    let d = single(&(once + twice));
+    let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
+    if nothing { [0.0; 3] } else { d }
 }
 
 /// The mesh's corners as glTF wants them: those that differ in texture or normal are vertices of their own.
@@ -126,15 +143,15 @@ impl<'a> Split<'a> {
     /// How a shape moves the vertices, and how it turns their normals.
     fn target(&self, shape: &Shape) -> [Vec<[f32; 3]>; 2] {
         let moved = self.rows(|v| single(&(shape.displacement[v] * self.metres)));
-        let there = self.mesh.positions.iter().zip(&shape.displacement);
-        let there: Vec<Vec3> = there.map(|(p, d)| p + d).collect();
-        let now = self.mesh.vertex_normals(&there);
-        let bent = self.rows(|v| {
-            let d = single(&(now[v] - self.smooth[v]));
-            let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
-            if nothing { [0.0; 3] } else { d }
+        let now = self.mesh.vertex_normals(&shape.moved(&self.mesh.positions));
+        let corners = self.source.iter().zip(&self.normal);
+        let bent = corners.map(|(&v, normal)| {
+            bent(
+                &Vec3::from(normal.map(f64::from)),
+                [&self.smooth[v], &now[v]],
+            )
         });
-        [moved, bent]
+        [moved, bent.collect()]
     }
 
     /// Writes a primitive and its material for every material that is used.
@@ -190,29 +207,33 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
     }
     let moved = shapes.par_iter().map(|shape| split.target(shape));
     let moved: Vec<[Vec<[f32; 3]>; 2]> = moved.collect();
-    let mut targets = Vec::new();
-    for [moved, bent] in moved {
-        let position = push_target(&mut glb, &moved, dense, true);
-        let normal = push_target(&mut glb, &bent, dense, false);
-        targets.push(json!({"POSITION": position, "NORMAL": normal}));
-    }
+    let targets = moved.iter().map(|rows| push_moves(&mut glb, rows, dense));
+    let targets: Vec<Value> = targets.collect();
     let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
     let primitives = split.primitives(&mut glb, &attributes, &targets, &names);
     let mut head = json!({"name": "head", "primitives": primitives});
     if !targets.is_empty() {
         head["weights"] = json!(vec![0.0; shapes.len()]);
-        let units: Vec<Option<&str>> = shapes.iter().map(|s| s.unit.as_deref()).collect();
-        let upon: Vec<Option<&str>> = shapes.iter().map(|s| s.upon.as_deref()).collect();
-        head["extras"] = json!({
-            "targetNames": names,
-            "mien": {"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon},
-        });
+        head["extras"] = json!({"targetNames": names, "mien": baked(&Value::Null, &names, shapes)});
     }
     glb.json["meshes"] = json!([head]);
     if let Some(neck) = neck {
         neck::joined(&mut glb, &neck.places.map(|p| p * metres));
     }
     glb
+}
+
+/// What is to be known of targets of these names, of which some are `shapes` and others may have been baked before.
+pub(super) fn baked(before: &Value, names: &[impl AsRef<str>], shapes: &[Shape]) -> Value {
+    let named = |k: usize| shapes.iter().find(|s| s.name == names[k].as_ref());
+    let each = |key: &str, now: fn(&Shape) -> Value| -> Vec<Value> {
+        let all = (0..names.len()).map(|k| named(k).map_or(before[key][k].clone(), now));
+        all.collect()
+    };
+    json!({
+        "version": env!("CARGO_PKG_VERSION"), "baked": each("baked", |_| true.into()),
+        "units": each("units", |s| s.unit.clone().into()), "upon": each("upon", |s| s.upon.clone().into()),
+    })
 }
 
 /// A vector in single precision.

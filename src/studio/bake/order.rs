@@ -18,7 +18,7 @@ use super::head::beyond;
 use super::mesh::{Corner, Mesh, Vec3, extent_of};
 use super::morphs::single;
 use super::shape::Shape;
-use super::weld::{faces, sewn};
+use super::weld::{faces, recut, sewn};
 use crate::studio::fault::Fault;
 
 /// Cells of the grid along the head's longest side.
@@ -50,6 +50,7 @@ impl Ordered {
         let positions = rounded.iter().map(|p| Vec3::from(p.map(f64::from)));
         let positions: Vec<Vec3> = positions.collect();
         let mut faces = faces(&positions, &triangles);
+        recut(&positions, &mut faces);
         let order = order(&positions, &faces, &same);
         let mut vertex = vec![u32::MAX; positions.len()];
         for (k, &v) in order.iter().enumerate() {

@@ -231,7 +231,7 @@ mod tests {
                 area: vec![true; 16],
                 ..Shape::default()
             };
-            let glb = Glb::parse(&foreign.patched(&[shape], true).emit()).unwrap();
+            let glb = Glb::parse(&foreign.patched(&mesh, &[shape], true).emit()).unwrap();
             let target = &glb.json["meshes"][0]["primitives"][0]["targets"][0];
             let rows = glb
                 .floats(target["POSITION"].as_u64().unwrap() as usize, 3)
@@ -246,9 +246,19 @@ mod tests {
 
     #[test]
     fn what_is_not_in_the_folder_is_refused_by_name() {
-        let folder = tempfile::tempdir().unwrap();
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("head");
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(root.path().join("secret.bin"), [0; 999]).unwrap();
+        std::os::unix::fs::symlink("../secret.bin", folder.join("link.bin")).unwrap();
+        let pipe = folder.join("pipe.bin");
+        let made = std::process::Command::new("mkfifo").arg(pipe).status();
+        assert!(made.unwrap().success());
         for (uri, word) in [
             ("gone.bin", "gone.bin"),
+            ("link.bin", "expected a file inside"),
+            ("pipe.bin", "not a regular file"),
+            ("/dev/zero", "below its folder"),
             ("../head.bin", "../head.bin"),
             ("/etc/passwd", "below its folder"),
             ("https://example.org/head.bin", "example.org"),
@@ -256,14 +266,18 @@ mod tests {
             ("%4", "%4"),
         ] {
             let text = text(|_| uri.to_owned());
-            let said = Glb::read(&text, folder.path())
-                .err()
-                .expect(uri)
-                .to_string();
+            let said = Glb::read(&text, &folder).err().expect(uri).to_string();
             assert!(said.contains(word), "{said}");
         }
-        assert!(Glb::read(b"{", folder.path()).is_err());
-        assert!(Glb::read(b"[]", folder.path()).is_err());
+        assert!(Glb::read(b"{", &folder).is_err());
+        assert!(Glb::read(b"[]", &folder).is_err());
+        // Pictures stay where they are named.
+        for uri in ["link.bin", "pipe.bin", "/dev/zero"] {
+            let mut glb: Value = serde_json::from_slice(&text(inside)).unwrap();
+            glb["images"] = json!([{"uri": uri}]);
+            let read = Glb::read(glb.to_string().as_bytes(), &folder).unwrap();
+            assert_eq!(read.json["images"][0], json!({"uri": uri}));
+        }
     }
 
     #[test]

@@ -143,15 +143,16 @@ type Place = Vec<(u32, f64)>;
 type Way = Vec<(usize, u32)>;
 
 /// The shortest ways along edges from `start` through one vertex of each of the other places, one for each vertex
-/// where they may end, and their lengths.
+/// where they may end, and their lengths; `ends` are the first and the last landmark. The same from either end.
 fn ways(
     mesh: &Mesh,
     rings: &Rings,
     start: u32,
     through: &[Place],
+    ends: [u32; 2],
     rim: Option<(Vec3, f64)>,
 ) -> Vec<(f64, Way)> {
-    let [from, to] = [start, through[through.len() - 1][0].0].map(|v| mesh.positions[v as usize]);
+    let [from, to] = ends.map(|v| mesh.positions[v as usize]);
     let along = (to - from).try_normalize(0.0).unwrap_or_default();
     // How far a point is from where a lid's edge is: foremost and nearest to the slit.
     let behind = |p: &Vec3| {
@@ -192,11 +193,12 @@ fn ways(
         if let Some((_, cost)) = through[passed].iter().find(|(o, _)| *o == v) {
             to((passed + 1, v), length + cost);
         }
+        let here = mesh.positions[v as usize];
+        let share = 1.0 + 0.5 * behind(&here);
         for &o in rings.of(v as usize) {
-            let there = &mesh.positions[o as usize];
-            let edge = mesh.positions[v as usize] - there;
-            let (far, across) = (edge.norm(), edge.dot(&along).abs());
-            let cost = far * (1.0 + behind(there)) + CROSSES * (far - across);
+            let there = mesh.positions[o as usize];
+            let (far, across) = ((here - there).norm(), (here - there).dot(&along).abs());
+            let cost = far * (share + 0.5 * behind(&there)) + CROSSES * (far - across);
             to((passed, o), length + cost);
         }
     }
@@ -236,13 +238,17 @@ pub(super) fn lines(
     let rim = out.map(|out| (out, slack));
     let (mut least, mut shortest) = (f64::INFINITY, None);
     for &(start, cost) in &places[0][0] {
-        let [upper, lower] = [0, 1].map(|line| ways(mesh, rings, start, &places[line][1..], rim));
+        let ends = [landmarks[0][0], landmarks[0][last]];
+        let ways = |line: usize| ways(mesh, rings, start, &places[line][1..], ends, rim);
+        let [upper, lower] = [0, 1].map(ways);
         for (length, way) in upper {
             let same_end = lower.iter().find(|l| l.1.last() == way.last());
+            // Both ways count what their end costs.
+            let total = |other| 2.0 * cost + length + other;
             if let Some((other, below)) = same_end
-                && cost + length + other < least
+                && total(other) < least
             {
-                (least, shortest) = (cost + length + other, Some([way, below.clone()]));
+                (least, shortest) = (total(other), Some([way, below.clone()]));
             }
         }
     }

@@ -34,6 +34,12 @@ pub struct Shape {
 }
 
 impl Shape {
+    /// Where it moves vertices that are at `places`.
+    pub(super) fn moved(&self, places: &[Vec3]) -> Vec<Vec3> {
+        let moved = places.iter().zip(&self.displacement);
+        moved.map(|(p, d)| p + d).collect()
+    }
+
     /// The shapes it is added to.
     pub fn beneath<'a>(&'a self, all: &'a [Self]) -> impl Iterator<Item = &'a Self> {
         let pair = pair(&self.name, |name| all.iter().any(|s| s.name == name));

@@ -119,31 +119,57 @@ pub(super) fn faces(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec<u32>>
     faces
 }
 
-/// The convex quad that two triangles with a common edge make, that edge between its first and its third corner.
+/// The four corners of two triangles with a common edge, cut between the first and the third: along the shorter diagonal, whichever
+/// way the triangles are cut.
+fn corners(positions: &[Vec3], one: [u32; 3], two: [u32; 3]) -> Option<[u32; 4]> {
+    (0..3).find_map(|k| {
+        let [a, b, c] = [one[k], one[(k + 1) % 3], one[(k + 2) % 3]];
+        let at = (0..3).find(|&j| two[j] == b && two[(j + 1) % 3] == a)?;
+        let d = two[(at + 2) % 3];
+        let far = |a: u32, b: u32| (positions[a as usize] - positions[b as usize]).norm_squared();
+        let other = far(c, d) < far(a, b) * (1.0 - 1e-9);
+        (c != d).then_some(if other { [c, a, d, b] } else { [b, c, a, d] })
+    })
+}
+
+/// The convex quad that two triangles with a common edge make.
 fn quad(positions: &[Vec3], one: [u32; 3], two: [u32; 3]) -> Option<[u32; 4]> {
     let normal = |t: [u32; 3]| {
         let [a, b, c] = t.map(|v| positions[v as usize]);
         (b - a).cross(&(c - a))
     };
-    for k in 0..3 {
-        let [a, b, c] = [one[k], one[(k + 1) % 3], one[(k + 2) % 3]];
-        let Some(at) = (0..3).find(|&j| two[j] == b && two[(j + 1) % 3] == a) else {
-            continue;
-        };
-        let d = two[(at + 2) % 3];
-        let (left, right) = (normal(one), normal(two));
-        let mean = left + right;
-        let flat = left.dot(&right) > BENT * left.norm() * right.norm();
-        let convex = [[c, a, d], [d, b, c]]
-            .iter()
-            .all(|t| normal(*t).dot(&mean) > 0.0);
-        return (c != d && flat && convex).then_some([b, c, a, d]);
+    let quad = corners(positions, one, two)?;
+    let [a, b, c, d] = quad;
+    let (left, right) = (normal([a, b, c]), normal([a, c, d]));
+    let mean = left + right;
+    let flat = left.dot(&right) > BENT * left.norm() * right.norm();
+    let convex = [[b, c, d], [d, a, b]]
+        .map(normal)
+        .iter()
+        .all(|n| n.dot(&mean) > 0.0);
+    (flat && convex).then_some(quad)
+}
+
+/// Cuts what is left of quads too bent to be sewn along their shorter diagonals: files differ in how they cut them.
+pub(super) fn recut(positions: &[Vec3], faces: &mut [Vec<u32>]) {
+    let mut at = 0;
+    let some_quads = faces.iter().any(|face| face.len() == 4);
+    while some_quads && at + 1 < faces.len() {
+        if let ([a, b, c], [d, e, f]) = (&*faces[at], &*faces[at + 1])
+            && (a == d || c == f)
+            && let Some([p, q, r, s]) = corners(positions, [*a, *b, *c], [*d, *e, *f])
+        {
+            faces[at] = vec![p, q, r];
+            faces[at + 1] = vec![p, r, s];
+            at += 1;
+        }
+        at += 1;
     }
-    None
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::mesh::tests::sheet;
     use super::*;
 
     /// Two squares of two triangles each, as rows; the second stands at `x` from the first.
@@ -182,5 +208,29 @@ mod tests {
         );
         let other = [triangles[0], triangles[2], triangles[1], triangles[3]];
         assert_eq!(faces(&positions, &other).len(), 4);
+    }
+
+    #[test]
+    fn quads_too_bent_to_be_sewn_are_cut_alike_whichever_way_the_file_cuts_them() {
+        let mut mesh = sheet(8, 1.0);
+        mesh.positions[0].z = 3.0;
+        let cut = |first: [[usize; 3]; 2]| {
+            let halves = |f: usize| {
+                if f == 0 {
+                    first
+                } else {
+                    [[0, 1, 2], [0, 2, 3]]
+                }
+            };
+            let corner = |f: usize, k: usize| mesh.face(f)[k].vertex;
+            let all = (0..mesh.faces()).flat_map(|f| halves(f).map(|t| t.map(|k| corner(f, k))));
+            let mut all = faces(&mesh.positions, &all.collect::<Vec<_>>());
+            assert_eq!(all.len(), mesh.faces() + 1);
+            recut(&mesh.positions, &mut all);
+            all.iter_mut().for_each(|face| face.sort_unstable());
+            all.sort_unstable();
+            all
+        };
+        assert_eq!(cut([[0, 1, 2], [0, 2, 3]]), cut([[1, 2, 3], [1, 3, 0]]));
     }
 }

@@ -109,7 +109,7 @@ pub fn glb(hero: &Hero) -> Result<Vec<u8>, Fault> {
     // Through the door that heads of others take, so that the numbers of the vertices are settled there.
     let (mesh, foreign) = Foreign::read(face).map_err(Fault::within("built-in head"))?;
     let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
-    let mut glb = foreign.patched(&shapes(&head)?, false);
+    let mut glb = foreign.patched(&head.mesh, &shapes(&head)?, false);
     // What does not move with the face.
     add(&mut glb, hero, &hero.dress, "hair_and_shirt");
     neck::joined(&mut glb, &[NECK, JOINT]);
@@ -282,7 +282,7 @@ mod tests {
     #[test]
     fn the_heads_landmarks_are_found_where_they_were() {
         let mesh = Hero::shipped().face.mesh;
-        let found = guess(&mesh, &Looks::default(), &FaceModel::shipped()).expect("a face");
+        let found = guess(&mesh, &Looks::default(), None, &FaceModel::shipped()).expect("a face");
         let mut lines = vec![format!("{} {}", found.up, found.facing)];
         for (&v, sure) in found.vertices.iter().zip(found.of_points) {
             let [x, y, z] = (mesh.positions[v as usize] * 1e4).into();

@@ -109,14 +109,15 @@ impl<'a> Search<'a> {
         self.best.as_ref().is_some_and(|b| b.confidence > SURE)
     }
 
-    /// Looks from all sides until a face is sure: about the eyes if there are any, then anywhere.
-    pub(super) fn all_around(&mut self) {
+    /// Looks from all sides, or `only` from one, until a face is sure: about the eyes if there are any, then anywhere.
+    pub(super) fn all_around(&mut self, only: Option<&Matrix3<f64>>) {
         for by_eyes in [true, false] {
             if by_eyes && self.parts.balls.is_none() {
                 continue;
             }
             let mut glances: Vec<Glance> = Vec::new();
-            let (frames, skins) = (self.parts.frames(by_eyes), self.parts.skins.clone());
+            let frames = only.map_or_else(|| self.parts.frames(by_eyes), |only| vec![*only]);
+            let skins = self.parts.skins.clone();
             for (to_view, skin) in frames
                 .iter()
                 .flat_map(|f| skins.iter().map(move |s| (f, *s)))

@@ -1,0 +1,312 @@
+//! Faces whose corners run clockwise seen from outside, found so that they can be turned round: the solver needs to know outside.
+//!
+//! Two faces at an edge agree if they pass it in opposite directions: so every connected part is made to agree with itself, first over
+//! shared vertices, then, by the majority of edges, over seams where vertices are repeated. A part looks outwards if the volume that it
+//! encloses, closed by a cone over its border, is above 0. An open part inside another may be the lining of a mouth as well as
+//! half an eyeball, and a plate has no volume: both are turned only if everything else is.
+//!
+//! Units: the mesh's. Cost: two sorts of the edges. Limits: edges of three faces and more end a part; a lone half eyeball that is
+//! reversed stays.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, HashMap};
+
+use super::mesh::{Mesh, Vec3, extent_of};
+use super::morphs::single;
+
+/// Volume over area to the power of 1.5 below which a part is a plate: .094 of a ball, .066 of half a one.
+const PLATE: f64 = 0.005;
+/// Parts large enough to hold others that are looked through, and how much smaller in volume these are.
+const HOLDERS: usize = 16;
+const HELD: f64 = 0.1;
+/// Share of the parts that must be reversed for those to be turned that do not show it themselves.
+const MOST: f64 = 0.9;
+/// Share of the open edges of the smaller of two sets of faces that must lie on the other's for a seam; less is a touch.
+const SEAM: f64 = 0.1;
+
+/// Two vertices, the lower number first; the face; whether it passes from the first to the second.
+type Edge = ([u32; 2], u32, bool);
+
+fn edge([a, b]: [u32; 2], face: u32) -> Edge {
+    ([a.min(b), a.max(b)], face, a < b)
+}
+
+/// Faces in sets: a face of the same set, and whether one must be turned to agree with the other; itself at last.
+struct Sets(Vec<(u32, bool)>);
+
+impl Sets {
+    fn root(&mut self, face: u32) -> (u32, bool) {
+        let (mut at, mut opposite) = (face, false);
+        while self.0[at as usize].0 != at {
+            let (up, one) = self.0[at as usize];
+            let (top, two) = self.0[up as usize];
+            self.0[at as usize] = (top, one ^ two);
+            opposite ^= one ^ two;
+            at = top;
+        }
+        (at, opposite)
+    }
+
+    fn join(&mut self, a: u32, b: u32, opposite: bool) {
+        let ((a, one), (b, two)) = (self.root(a), self.root(b));
+        self.0[a.max(b) as usize] = (a.min(b), opposite ^ one ^ two && a != b);
+    }
+}
+
+/// What faces of one set enclose.
+#[derive(Default)]
+struct Part {
+    area: f64,
+    /// Of faces that run as the set does, less that of the others.
+    running: f64,
+    /// Sum over faces of twice the area along the normal, and of its product with the place.
+    normal: Vec3,
+    moment: f64,
+    /// Middle of the border times its length, and its length.
+    rim: Vec3,
+    border: f64,
+    /// Smallest and largest coordinates.
+    extent: (Vec3, Vec3),
+}
+
+impl Part {
+    fn volume(&self) -> f64 {
+        let apex = self.rim / self.border.max(f64::MIN_POSITIVE);
+        (self.moment - apex.dot(&self.normal)) / 6.0
+    }
+
+    fn is_plate(&self) -> bool {
+        self.volume().abs() <= PLATE * self.area.powf(1.5)
+    }
+
+    /// Whether this is an open part inside the other.
+    fn is_in(&self, other: &Self) -> bool {
+        let ((low, high), (least, most)) = (self.extent, other.extent);
+        self.border > 0.0
+            && self.volume().abs() < HELD * other.volume().abs()
+            && least.inf(&low) == least
+            && most.sup(&high) == most
+    }
+}
+
+/// Faces that agree with each other, and edges where they end.
+fn agreed(mesh: &Mesh) -> (Sets, Vec<Edge>) {
+    let faces = mesh.faces() as u32;
+    let mut sets = Sets((0..faces).map(|f| (f, false)).collect());
+    let sides = (0..faces).flat_map(|f| mesh.sides(f as usize).map(move |side| edge(side, f)));
+    let mut edges: Vec<Edge> = sides.filter(|e| e.0[0] != e.0[1]).collect();
+    edges.sort_unstable();
+    let (mut open, mut border) = (Vec::new(), Vec::new());
+    for group in edges.chunk_by(|a, b| a.0 == b.0) {
+        match *group {
+            [one] => open.push(one),
+            [(_, f, one), (_, g, two)] => sets.join(f, g, one == two),
+            _ => border.extend(group),
+        }
+    }
+    let mut first = HashMap::new();
+    let mut place = |v: u32| {
+        let key = single(&mesh.positions[v as usize]).map(|x| (x + 0.0).to_bits());
+        *first.entry(key).or_insert(v)
+    };
+    let mut size: HashMap<u32, usize> = HashMap::new();
+    for (ends, face, forward) in &mut open {
+        let side = if *forward { *ends } else { [ends[1], ends[0]] };
+        (*ends, _, *forward) = edge(side.map(&mut place), *face);
+        *size.entry(sets.root(*face).0).or_default() += 1;
+    }
+    open.sort_unstable();
+    // For and against.
+    let mut votes: BTreeMap<[u32; 2], [usize; 2]> = BTreeMap::new();
+    for group in open.chunk_by(|a, b| a.0 == b.0) {
+        match *group {
+            [(ends, f, one), (_, g, two)] if one != two || !folded(mesh, ends, [f, g]) => {
+                let ((f, turned), (g, other)) = (sets.root(f), sets.root(g));
+                let opposite = (one == two) ^ turned ^ other;
+                votes.entry([f.min(g), f.max(g)]).or_default()[usize::from(opposite)] += 1;
+            }
+            _ => border.extend(group),
+        }
+    }
+    let seam = |([a, b], votes): &([u32; 2], [usize; 2])| {
+        let shared = votes.iter().sum::<usize>() as f64;
+        a != b && shared >= SEAM * size[a].min(size[b]) as f64
+    };
+    let mut votes: Vec<_> = votes.into_iter().filter(seam).collect();
+    votes.sort_by_key(|(_, [same, opposite])| Reverse(*same.max(opposite)));
+    for ([a, b], [same, opposite]) in votes {
+        sets.join(a, b, opposite > same);
+    }
+    (sets, border)
+}
+
+/// Whether two faces lie over each other at an edge, as closed lips do, rather than side by side.
+fn folded(mesh: &Mesh, ends: [u32; 2], faces: [u32; 2]) -> bool {
+    let [a, b] = ends.map(|v| mesh.positions[v as usize]);
+    let along = (b - a).normalize();
+    let [one, two] = faces.map(|f| {
+        let face = mesh.face(f as usize);
+        let places = face.iter().map(|c| mesh.positions[c.vertex as usize]);
+        let inward = places.sum::<Vec3>() / face.len() as f64 - a;
+        inward - along * inward.dot(&along)
+    });
+    one.dot(&two) > 0.0
+}
+
+/// Of each face whether its corners run clockwise seen from outside.
+fn reversed(mesh: &Mesh) -> Vec<bool> {
+    let (mut sets, border) = agreed(mesh);
+    let mut parts: BTreeMap<u32, Part> = BTreeMap::new();
+    for f in 0..mesh.faces() {
+        let (root, opposite) = sets.root(f as u32);
+        let part = parts.entry(root).or_insert_with(|| Part {
+            extent: extent_of([]),
+            ..Part::default()
+        });
+        let normal = mesh.newell(f, &mesh.positions) * if opposite { -1.0 } else { 1.0 };
+        for corner in mesh.face(f) {
+            let (low, high) = part.extent;
+            let p = mesh.positions[corner.vertex as usize];
+            part.extent = (low.inf(&p), high.sup(&p));
+        }
+        part.area += 0.5 * normal.norm();
+        part.running += if opposite {
+            -normal.norm()
+        } else {
+            normal.norm()
+        };
+        part.normal += normal;
+        part.moment += normal.dot(&mesh.positions[mesh.face(f)[0].vertex as usize]);
+    }
+    for (ends, face, _) in border {
+        let [a, b] = ends.map(|v| mesh.positions[v as usize]);
+        let part = parts.entry(sets.root(face).0).or_default();
+        part.rim += (a + b) / 2.0 * (b - a).norm();
+        part.border += (b - a).norm();
+    }
+    let mut holders: Vec<&Part> = parts.values().filter(|p| !p.is_plate()).collect();
+    holders.sort_by(|a, b| b.volume().abs().total_cmp(&a.volume().abs()));
+    holders.truncate(HOLDERS);
+    let shows = |p: &Part| !p.is_plate() && !holders.iter().any(|other| p.is_in(other));
+    let own = parts
+        .iter()
+        .map(|(&root, p)| (root, shows(p).then(|| p.volume() < 0.0)));
+    let own: BTreeMap<u32, Option<bool>> = own.collect();
+    let sure: Vec<bool> = own.values().copied().flatten().collect();
+    let turned = sure.iter().filter(|reversed| **reversed).count();
+    let rest = turned > 0 && turned as f64 >= MOST * sure.len() as f64;
+    let face = |f: u32| {
+        let (root, opposite) = sets.root(f);
+        opposite ^ own[&root].unwrap_or(rest)
+    };
+    (0..mesh.faces() as u32).map(face).collect()
+}
+
+impl Mesh {
+    /// Turns faces round whose corners run clockwise seen from outside; their number. They lose the normals they were given.
+    pub(super) fn turn_outward(&mut self) -> usize {
+        let reversed = reversed(self);
+        for f in (0..reversed.len()).filter(|&f| reversed[f]) {
+            let face = &mut self.corners[self.starts[f] as usize..self.starts[f + 1] as usize];
+            face.reverse();
+            face.iter_mut().for_each(|corner| corner.normal = None);
+        }
+        reversed.into_iter().filter(|reversed| *reversed).count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::mesh::Corner;
+    use super::*;
+
+    /// A ball of quads about a place, open at the top and the bottom by a ring.
+    fn barrel(mesh: &mut Mesh, middle: Vec3, size: f64) {
+        const AROUND: u32 = 12;
+        let first = mesh.positions.len() as u32;
+        for ring in 1..8 {
+            for k in 0..AROUND {
+                let (high, along) = (0.3927 * f64::from(ring) - 1.5708, 0.5236 * f64::from(k));
+                let place = Vec3::new(
+                    high.cos() * along.sin(),
+                    high.sin(),
+                    high.cos() * along.cos(),
+                );
+                mesh.positions.push(middle + place * size);
+            }
+        }
+        for ring in 0..6 {
+            for k in 0..AROUND {
+                let at = |ring, k| Corner::bare(first + AROUND * ring + k % AROUND);
+                mesh.push_face(
+                    &[
+                        at(ring, k),
+                        at(ring, k + 1),
+                        at(ring + 1, k + 1),
+                        at(ring + 1, k),
+                    ],
+                    0,
+                );
+            }
+        }
+    }
+
+    fn turned(mesh: &Mesh, turns: impl Fn(usize) -> bool) -> Mesh {
+        let mut out = mesh.clone();
+        for f in (0..mesh.faces()).filter(|&f| turns(f)) {
+            out.corners[4 * f..4 * f + 4].reverse();
+        }
+        out
+    }
+
+    #[test]
+    fn faces_that_look_inwards_are_turned_whichever_they_are_and_linings_are_left() {
+        let mut mesh = Mesh::default();
+        barrel(&mut mesh, Vec3::zeros(), 1.0);
+        let outer = mesh.faces();
+        barrel(&mut mesh, Vec3::x() * 0.2, 0.3);
+        // The inner one lines the outer one: seen from inside it.
+        let head = turned(&mesh, |f| f >= outer);
+        let beside = |turns: &dyn Fn(usize) -> bool| {
+            let mut file = turned(&head, turns);
+            let count = file.turn_outward();
+            assert_eq!(file.corners, head.corners);
+            assert_eq!(count, (0..head.faces()).filter(|&f| turns(f)).count());
+        };
+        beside(&|_| false);
+        beside(&|_| true);
+        beside(&|f| f % 3 == 0);
+        beside(&|f| f % 3 != 0);
+        beside(&|f| f < outer && f % 2 == 0);
+    }
+
+    #[test]
+    fn seams_of_repeated_vertices_hold_and_touching_sheets_do_not() {
+        let mut whole = Mesh::default();
+        barrel(&mut whole, Vec3::zeros(), 1.0);
+        // Every face with corners of its own.
+        let mut cut = Mesh::default();
+        for f in 0..whole.faces() {
+            let first = cut.positions.len() as u32;
+            let places = whole
+                .face(f)
+                .iter()
+                .map(|c| whole.positions[c.vertex as usize]);
+            cut.positions.extend(places);
+            cut.push_face(&[0, 1, 2, 3].map(|k| Corner::bare(first + k)), 0);
+        }
+        let mut mixed = turned(&cut, |f| f % 5 == 1);
+        assert!(mixed.turn_outward() > 0);
+        assert_eq!(mixed.corners, cut.corners);
+        // Two plates on each other, as closed lips.
+        let mut plates = super::super::mesh::tests::sheet(3, 1.0);
+        let other = plates.clone();
+        plates.positions.extend_from_slice(&other.positions);
+        for f in 0..4 {
+            let corners = other.face(f).iter().rev();
+            let corners: Vec<Corner> = corners.map(|c| Corner::bare(c.vertex + 9)).collect();
+            plates.push_face(&corners, 0);
+        }
+        assert_eq!(plates.turn_outward(), 0);
+    }
+}
