@@ -223,13 +223,13 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
         let seam = &head.lids[side];
         let lines = [&seam.upper, &seam.lower];
         if let Some((amount, line)) = target.close[side] {
-            for &v in lines.iter().flat_map(|line| &line[1..line.len() - 1]) {
+            for (v, along) in lines.iter().flat_map(|line| along(line, at)) {
                 let p = at(v);
                 let t = seam.across(&head.mesh, &p);
                 let [u, l] = lines.map(|line| seam.on_line(&head.mesh, line, t));
                 let meeting = l + (u - l) * line;
                 // Both lines go to the same curve; the depth there is the ball's, given below.
-                let moved = (meeting - p) * (amount * near_corner(t));
+                let moved = (meeting - p) * (amount * near_corner(along));
                 *goal.entry(v).or_insert_with(Vec3::zeros) += moved;
             }
         }
@@ -255,7 +255,21 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
     goal
 }
 
-/// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 across.
+/// The vertices of a line between its ends, each with its share of the way along it: a lid may rise steeply from its corner.
+fn along(line: &[u32], at: impl Fn(u32) -> Vec3) -> impl Iterator<Item = (u32, f64)> {
+    let ways = line.windows(2).scan(0.0, |way, ends| {
+        *way += (at(ends[1]) - at(ends[0])).norm();
+        Some((ends[1], *way))
+    });
+    let ways: Vec<(u32, f64)> = ways.collect();
+    let whole = ways.last().map_or(1.0, |last| last.1);
+    let between = ways.len().saturating_sub(1);
+    ways.into_iter()
+        .take(between)
+        .map(move |(v, way)| (v, way / whole))
+}
+
+/// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 along.
 fn near_corner(t: f64) -> f64 {
     smoothstep(0.0, 0.035, t) * smoothstep(1.0, 0.965, t)
 }
@@ -482,5 +496,18 @@ impl Placing<'_> {
             self.solve(&system, asked, beyond, d);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_rises_from_its_corner_is_measured_along() {
+        let places = [[0.0, 0.0], [0.0, 1.0], [2.0, 1.0], [3.0, 1.0]];
+        let at = |v: u32| Vec3::new(places[v as usize][0], places[v as usize][1], 0.0);
+        let shares: Vec<(u32, f64)> = along(&[0, 1, 2, 3], at).collect();
+        assert_eq!(shares, [(1, 0.25), (2, 0.75)]);
     }
 }
