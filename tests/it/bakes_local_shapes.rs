@@ -160,7 +160,7 @@ fn compare(truth: &Truth) -> Result<Vec<Row>, Fault> {
         let system = System::new(&printed, &area, truth.landmarks.iter().copied())?;
         let baked = moves.par_iter().map(|shape| {
             let mut d = given(shape);
-            system.deform(&printed, &mesh.positions, &mut d, |_| 0.0, 0);
+            system.deform(&printed, &mut d, |_| false, |_| 0.0, 0);
             d
         });
         table.push(row(name, &baked.collect::<Vec<_>>()));
@@ -180,7 +180,7 @@ fn compare(truth: &Truth) -> Result<Vec<Row>, Fault> {
                 let u: Vec<f64> = d.iter().map(Vec3::norm).collect();
                 let mut d = given(shape);
                 let delta = |v: usize| (u[v] * s).min(1.0);
-                whole.deform(&printed, &mesh.positions, &mut d, delta, 7);
+                whole.deform(&printed, &mut d, |_| false, delta, 7);
                 d
             })
             .collect();
@@ -216,7 +216,7 @@ fn compare(truth: &Truth) -> Result<Vec<Row>, Fault> {
                 let system = System::new(&operator, &area, truth.landmarks.iter().copied())?;
                 let mut d = given(shape);
                 let delta = |v: usize| (u[v] / (solve::FULL * w)).min(1.0);
-                system.deform(&operator, &mesh.positions, &mut d, delta, rounds);
+                system.deform(&operator, &mut d, |_| false, delta, rounds);
                 Ok(d)
             })
             .collect();

@@ -65,8 +65,6 @@ pub struct Field {
     owner: Vec<u32>,
     free: Vec<u32>,
     factor: Factor,
-    /// Couplings of free unknowns (place) to controls, with weights.
-    pull: Vec<(u32, u32, f64)>,
 }
 
 impl Field {
@@ -99,17 +97,10 @@ impl Field {
         let free = operator.unknowns(|v| active[v] && owner[v] == u32::MAX);
         let screen = |k: usize| operator.area[free.rows[k] as usize] / (lambda * lambda);
         let factor = Factor::of(&operator.positive, &free, screen)?;
-        let mut pull = Vec::new();
-        for (&v, k) in free.rows.iter().zip(0_u32..) {
-            let row = operator.positive.row(v as usize);
-            let held = row.filter(|&(c, _)| owner[c] != u32::MAX);
-            pull.extend(held.map(|(c, value)| (k, owner[c], -value)));
-        }
         Ok(Self {
             owner,
             free: free.rows,
             factor,
-            pull,
         })
     }
 
@@ -120,12 +111,9 @@ impl Field {
         lengths
             .par_chunks(SIDE_BY_SIDE)
             .flat_map_iter(|some| {
-                let mut x = vec![[0.0; SIDE_BY_SIDE]; self.free.len()];
-                for (s, shape) in some.iter().enumerate() {
-                    for &(k, c, w) in &self.pull {
-                        x[k as usize][s] += w * shape[c as usize];
-                    }
-                }
+                let length = |v: usize, s: usize| Some(*some.get(s)?.get(self.owner[v] as usize)?);
+                let lengths = |v| std::array::from_fn(|s| length(v, s).unwrap_or(0.0));
+                let mut x = self.factor.pulled::<SIDE_BY_SIDE>(lengths);
                 self.factor.solve(&mut x);
                 let spread = |(s, shape): (usize, &Vec<f64>)| {
                     let given = self.owner.iter().map(|&o| shape.get(o as usize));

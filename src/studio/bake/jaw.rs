@@ -94,13 +94,7 @@ impl<'a> Jaw<'a> {
         for &(v, given) in &target.shares {
             share[v as usize] = given;
         }
-        let energy = &self.operator.energy;
-        let pulled = |&v: &u32| {
-            let row = energy.row(v as usize);
-            let given = row.filter(|&(c, _)| unknowns.place(c).is_none());
-            [given.fold(0.0, |sum, (c, value)| sum - value * share[c])]
-        };
-        let mut solved: Vec<[f64; 1]> = unknowns.rows.iter().map(pulled).collect();
+        let mut solved = factor.pulled(|v| [share[v]]);
         factor.solve(&mut solved);
         for (&v, [s]) in unknowns.rows.iter().zip(&solved) {
             share[v as usize] = s.clamp(0.0, 1.0);

@@ -26,16 +26,18 @@ const LEAST_WEIGHT: f64 = 1e-3;
 pub struct Operator {
     /// `L = −M`, cotangent weights of any sign.
     pub cotangent: Rows,
-    /// The same with every edge weight at least 0.001, for fields that must obey a maximum principle.
+    /// The same with every edge weight at least 0.001, for fields that must obey a maximum principle; rows in the order of elimination.
     pub positive: Rows,
     /// Weight ρ/A of each row in the energy; 0 for vertices without area.
     pub weight: Vec<f64>,
-    /// `Lᵀ diag(ρ/A) L`, the matrix of the energy.
+    /// `Lᵀ diag(ρ/A) L`, the matrix of the energy; rows in the order of elimination.
     pub energy: Rows,
     /// All vertices, in an order that leaves few entries in a factor of the energy.
     pub elimination: Vec<u32>,
     /// A third of the area of the triangles at each vertex, squared units of the mesh.
     pub area: Vec<f64>,
+    /// `L V0`, of the neutral shape itself.
+    pub neutral: Vec<Vec3>,
 }
 
 /// Cotangents at the three corners and the area; `None` if degenerate.
@@ -104,10 +106,14 @@ impl Operator {
         let weight = |v: usize| solid(v).map_or(0.0, |area| stiff(v) * mean / area);
         let weight: Vec<f64> = (0..n).map(weight).collect();
         let energy = cotangent.squared(&weight);
+        let elimination = energy.elimination();
         Self {
-            positive: rows(|w| w.max(LEAST_WEIGHT)),
-            elimination: energy.elimination(),
-            energy,
+            positive: rows(|w| w.max(LEAST_WEIGHT)).arranged(&elimination),
+            neutral: (0..n)
+                .map(|v| cotangent.row_times(v, &mesh.positions))
+                .collect(),
+            energy: energy.arranged(&elimination),
+            elimination,
             weight,
             cotangent,
             area,
@@ -118,7 +124,7 @@ impl Operator {
     pub fn printed(&self) -> Self {
         let weight = vec![1.0; self.area.len()];
         Self {
-            energy: self.cotangent.squared(&weight),
+            energy: self.cotangent.squared(&weight).arranged(&self.elimination),
             weight,
             ..self.clone()
         }
@@ -130,7 +136,7 @@ impl Operator {
         let weight = |&area: &f64| if area > 0.0 { mean / area } else { 0.0 };
         let weight: Vec<f64> = self.area.iter().map(weight).collect();
         Self {
-            energy: self.cotangent.squared(&weight),
+            energy: self.cotangent.squared(&weight).arranged(&self.elimination),
             weight,
             ..self.clone()
         }

@@ -51,12 +51,7 @@ fn harmonic(operator: &Operator, some: &[u32], value: &mut [f64]) {
     let Ok(factor) = Factor::of(&operator.positive, &free, |_| 0.0) else {
         return;
     };
-    let pulled = |&v: &u32| {
-        let row = operator.positive.row(v as usize);
-        let given = row.filter(|&(c, _)| free.place(c).is_none());
-        [given.fold(0.0, |sum, (c, weight)| sum - weight * value[c])]
-    };
-    let mut solved: Vec<[f64; 1]> = free.rows.iter().map(pulled).collect();
+    let mut solved = factor.pulled(|v| [value[v]]);
     factor.solve(&mut solved);
     for (&v, &[share]) in free.rows.iter().zip(&solved) {
         value[v as usize] = share;

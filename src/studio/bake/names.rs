@@ -8,6 +8,9 @@ use std::sync::LazyLock;
 pub use crate::base::capacity::LANDMARKS;
 use crate::face_model::scheme::MIRROR;
 
+/// How many derived points there are, half of them on each side.
+pub(super) const DERIVED: usize = 10;
+
 /// Names in the order of the 68 landmarks, then the derived points.
 pub static NAMES: LazyLock<Vec<&str>> = LazyLock::new(|| POINTS.split_whitespace().collect());
 
@@ -42,11 +45,10 @@ pub(in crate::studio) fn swapped(name: &str) -> String {
 
 /// The control point on the other side of the face; a point on the middle line is its own partner.
 pub fn mirrored(point: usize) -> usize {
-    /// How many derived points each side has, the left one's first.
-    const DERIVED: usize = 5;
     match point.checked_sub(LANDMARKS) {
         None => MIRROR[point],
-        Some(derived) => LANDMARKS + (derived + DERIVED) % (2 * DERIVED),
+        // The left side's come first.
+        Some(derived) => LANDMARKS + (derived + DERIVED / 2) % DERIVED,
     }
 }
 

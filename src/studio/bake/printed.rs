@@ -37,7 +37,7 @@ pub(super) fn printed(
     for &(v, displacement) in controls {
         d[v as usize] = displacement;
     }
-    system.deform(operator, positions, &mut d, delta, rounds);
+    system.deform(operator, &mut d, |_| false, delta, rounds);
     Ok(d)
 }
 

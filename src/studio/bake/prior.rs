@@ -147,28 +147,31 @@ impl Comparison {
         scale: impl Fn(usize) -> f32,
         out: &mut [f32],
     ) {
-        wide(|| {
-            let count = several.len();
-            let mut products = vec![0.0_f32; one.0[kind].len() * count];
-            for (j, d) in one.0[kind].iter().enumerate() {
-                if *d != Vec3::zeros() {
-                    for (s, other) in several.iter().enumerate() {
-                        products[j * count + s] = d.dot(&other.0[kind][j]) as f32;
+        wide(
+            #[inline(always)]
+            || {
+                let count = several.len();
+                let mut products = vec![0.0_f32; one.0[kind].len() * count];
+                for (j, d) in one.0[kind].iter().enumerate() {
+                    if *d != Vec3::zeros() {
+                        for (s, other) in several.iter().enumerate() {
+                            products[j * count + s] = d.dot(&other.0[kind][j]) as f32;
+                        }
                     }
                 }
-            }
-            for (q, row) in self.near[kind].iter().enumerate() {
-                let sum = &mut out[q * count..(q + 1) * count];
-                let scale = scale(q);
-                for &(j, w) in row {
-                    let w = w * scale;
-                    let products = &products[j as usize * count..(j as usize + 1) * count];
-                    for (sum, product) in sum.iter_mut().zip(products) {
-                        *sum += w * product;
+                for (q, row) in self.near[kind].iter().enumerate() {
+                    let sum = &mut out[q * count..(q + 1) * count];
+                    let scale = scale(q);
+                    for &(j, w) in row {
+                        let w = w * scale;
+                        let products = &products[j as usize * count..(j as usize + 1) * count];
+                        for (sum, product) in sum.iter_mut().zip(products) {
+                            *sum += w * product;
+                        }
                     }
                 }
-            }
-        });
+            },
+        );
     }
 }
 

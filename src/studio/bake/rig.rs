@@ -4,7 +4,7 @@
 //! and the parts that are not skin: lower teeth and tongue move rigidly with the jaw, lashes and other loose parts with the
 //! nearest skin, eyeballs turn with the gaze.
 //!
-//! Units: the mesh's. Cost: one factor of the area per shape, two to four for lids; shapes run in parallel.
+//! Units: the mesh's. Cost: one factor of the area per shape, and up to two around contacts; shapes run in parallel.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -219,25 +219,25 @@ impl<'a> Rig<'a> {
     /// ever wider; the plain one; and each of them relaxed only if that makes it no worse.
     fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
-        let mut kept = None;
         let carried = self.jaw.motion(target);
-        let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
-            let placing = Placing {
-                contacts: &self.contacts,
-                target,
-                // Only what takes a shape back is solved from it.
-                base: base.filter(|_| target.undo.is_some()),
-                jaw: carried.as_deref(),
-            };
-            placing.place(&self.influence[k], beyond, &mut kept)
+        let alone = landmarks_alone(head, target);
+        let placing = |target| Placing {
+            contacts: &self.contacts,
+            target,
+            // Only what takes a shape back is solved from it.
+            base: base.filter(|_| self.targets[k].undo.is_some()),
+            jaw: carried.as_deref(),
         };
         // The jaw's field on the skin replaces what was learned of it.
         let learned = self.learned.as_ref();
         let learned = learned.filter(|_| target.derive && carried.is_none());
+        let u = &self.influence[k];
+        let system = placing(target).system(u, learned.is_some())?;
+        let place = |target, beyond: Option<&[Vec3]>| placing(target).place(u, beyond, &system);
         let solved = match learned {
             None => place(target, None)?,
             Some(learned) => {
-                let first = place(&landmarks_alone(head, target), None)?;
+                let first = place(&alone, None)?;
                 let landmarks = head.points[..LANDMARKS].iter();
                 let moved: Vec<Vec3> = landmarks.map(|&v| first.d[v as usize]).collect();
                 place(target, Some(&learned.beyond(head, &moved, &first.d)))?
@@ -283,9 +283,9 @@ impl Best<'_> {
         for (inside, also) in self.solved.area.iter_mut().zip(area) {
             *inside |= also;
         }
-        let others = self.rig.faults(self.target, self.base, &plain).places;
+        let others = self.rig.faults(self.target, self.base, &plain);
         let mut own = self.faults.places.clone();
-        own.retain(|v| others.binary_search(v).is_err());
+        own.retain(|v| others.places.binary_search(v).is_err());
         let (whole, contacts) = (self.solved.d.clone(), &self.rig.contacts);
         for rings in BLENDED_RINGS.into_iter().filter(|_| !own.is_empty()) {
             let mut d = whole.clone();
@@ -304,12 +304,16 @@ impl Best<'_> {
             }
             self.take(d);
         }
-        self.take(plain);
+        self.take_with(others, plain);
     }
 
     /// Takes another skin if it has fewer faults.
     fn take(&mut self, d: Vec<Vec3>) {
         let faults = self.rig.faults(self.target, self.base, &d);
+        self.take_with(faults, d);
+    }
+
+    fn take_with(&mut self, faults: Faults, d: Vec<Vec3>) {
         if faults.rank() < self.faults.rank() {
             (self.solved.d, self.faults) = (d, faults);
         }

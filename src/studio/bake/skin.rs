@@ -5,19 +5,23 @@
 //! * lips that crossed are parted, and what lies behind lips and lids stays behind the skin before it;
 //! * jaw: the lower half of the mouth's inside moves rigidly with it, and would otherwise hang as a sheet in the open mouth.
 //!
-//! Units: the mesh's. Cost: one factor of the area, up to three for lids.
+//! Units: the mesh's. Cost: one factor of the area, and up to two of what lies around contacts.
 //! Limits: only the front half of a ball counts; behind its widest part the socket's skin is out of sight. Contact holds at full weight; half way a lid's straight path may dip below the margin.
 
 use std::collections::BTreeMap;
+
+use rayon::prelude::*;
 
 use super::head::{Head, LANDMARKS, LIP_FREE};
 use super::jaw::turned;
 use super::mesh::{Nearest, Vec3, extent_of};
 use super::shape::Target;
-use super::solve::{DISC, EDGE, FULL, REACH, ROUNDS, System, unknown};
+use super::solve::{DISC, EDGE, FULL, REACH, ROUNDS, System};
 use crate::base::geometry::smoothstep;
 use crate::studio::fault::Fault;
 
+/// A derived point that moves by a whole eye distance speaks for no skin further than this, in eye distances.
+const DERIVED_REACH: f64 = 2.9;
 /// Skin nearer than this to a lid line that closes takes part, in eye distances.
 const BESIDE_LID: f64 = 0.22;
 /// Rounds of lifting sunk lid skin and parting crossed lips.
@@ -53,6 +57,8 @@ pub(super) struct Contacts<'a> {
     inside: Vec<(u32, u32, f64)>,
     /// Corners of the skin's faces: vertex, the one after and the one before it in the face; ascending.
     corners: Vec<[u32; 3]>,
+    /// Each derived point with the skin around it: distance and vertex, ascending.
+    around: Vec<(u32, Vec<(f64, u32)>)>,
 }
 
 impl<'a> Contacts<'a> {
@@ -83,6 +89,7 @@ impl<'a> Contacts<'a> {
             lips: gaps.into_iter().map(|(.., gap)| gap).collect(),
             inside: Vec::new(),
             corners,
+            around: around_derived(head),
         };
         out.inside = out.behind_skin();
         out
@@ -192,6 +199,22 @@ impl<'a> Contacts<'a> {
     }
 }
 
+/// The derived points, each with the skin around it by distance.
+fn around_derived(head: &Head) -> Vec<(u32, Vec<(f64, u32)>)> {
+    let positions = &head.mesh.positions;
+    let around = |&point: &u32| {
+        let p = positions[point as usize];
+        let far = |v: usize| ((positions[v] - p).norm(), v as u32);
+        let skin = (0..positions.len()).filter(|&v| head.skin[v]).map(far);
+        let mut near: Vec<_> = skin
+            .filter(|(far, _)| *far < DERIVED_REACH * head.eye_distance)
+            .collect();
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        (point, near)
+    };
+    head.points[LANDMARKS..].par_iter().map(around).collect()
+}
+
 /// All control vertices of a shape with their displacements.
 pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
     let mut goal: BTreeMap<u32, Vec3> = target.controls.iter().copied().collect();
@@ -200,13 +223,13 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
         let seam = &head.lids[side];
         let lines = [&seam.upper, &seam.lower];
         if let Some((amount, line)) = target.close[side] {
-            for &v in lines.iter().flat_map(|line| &line[1..line.len() - 1]) {
+            for (v, along) in lines.iter().flat_map(|line| along(line, at)) {
                 let p = at(v);
                 let t = seam.across(&head.mesh, &p);
                 let [u, l] = lines.map(|line| seam.on_line(&head.mesh, line, t));
                 let meeting = l + (u - l) * line;
                 // Both lines go to the same curve; the depth there is the ball's, given below.
-                let moved = (meeting - p) * (amount * near_corner(t));
+                let moved = (meeting - p) * (amount * near_corner(along));
                 *goal.entry(v).or_insert_with(Vec3::zeros) += moved;
             }
         }
@@ -232,7 +255,21 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
     goal
 }
 
-/// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 across.
+/// The vertices of a line between its ends, each with its share of the way along it: a lid may rise steeply from its corner.
+fn along(line: &[u32], at: impl Fn(u32) -> Vec3) -> impl Iterator<Item = (u32, f64)> {
+    let ways = line.windows(2).scan(0.0, |way, ends| {
+        *way += (at(ends[1]) - at(ends[0])).norm();
+        Some((ends[1], *way))
+    });
+    let ways: Vec<(u32, f64)> = ways.collect();
+    let whole = ways.last().map_or(1.0, |last| last.1);
+    let between = ways.len().saturating_sub(1);
+    ways.into_iter()
+        .take(between)
+        .map(move |(v, way)| (v, way / whole))
+}
+
+/// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 along.
 fn near_corner(t: f64) -> f64 {
     smoothstep(0.0, 0.035, t) * smoothstep(1.0, 0.965, t)
 }
@@ -269,18 +306,8 @@ struct Asked {
 }
 
 impl Placing<'_> {
-    /// Places the skin; `u` is the influence of the landmarks, `beyond` what the skin is expected to do beyond the solve: the
-    /// energy then is that of the difference, inside the area. `kept` is the last system of the shape: by its landmarks alone it
-    /// often has the same as whole.
-    ///
-    /// # Errors
-    /// If a system is singular.
-    pub(super) fn place(
-        &self,
-        u: &[f64],
-        beyond: Option<&[Vec3]>,
-        kept: &mut Option<System>,
-    ) -> Result<Solved, Fault> {
+    /// What is asked of the skin; `u` is the influence of the landmarks.
+    fn asked(&self, u: &[f64]) -> Asked {
         let (head, edge) = (self.contacts.head, EDGE * self.contacts.head.eye_distance);
         let mut asked = Asked {
             goal: goals(head, self.target),
@@ -300,6 +327,39 @@ impl Placing<'_> {
         }
         self.mouth_follows_jaw(&mut asked);
         self.lips_go_back(&mut asked);
+        asked
+    }
+
+    /// The system of the shape: on its area, with all that it moves given; derived points are only pinned if it is also solved by
+    /// its landmarks alone.
+    ///
+    /// # Errors
+    /// If it is singular.
+    pub(super) fn system(&self, u: &[f64], also_alone: bool) -> Result<System, Fault> {
+        let (head, asked) = (self.contacts.head, self.asked(u));
+        let derived = if also_alone {
+            &head.points[LANDMARKS..]
+        } else {
+            &[]
+        };
+        let given = asked.goal.into_keys().filter(|v| !derived.contains(v));
+        let system = System::new(&head.operator, &asked.area, given)?;
+        Ok(system.with_pins(derived.iter().copied()))
+    }
+
+    /// Places the skin; `u` is the influence of the landmarks, `beyond` what the skin is expected to do beyond the solve: the
+    /// energy then is that of the difference, inside the area.
+    ///
+    /// # Errors
+    /// If a system is singular.
+    pub(super) fn place(
+        &self,
+        u: &[f64],
+        beyond: Option<&[Vec3]>,
+        system: &System,
+    ) -> Result<Solved, Fault> {
+        let (head, edge) = (self.contacts.head, EDGE * self.contacts.head.eye_distance);
+        let mut asked = self.asked(u);
         // Towards the area's edge what is expected fades, so that outside nothing moves at all.
         let fades = FADES * head.eye_distance;
         let fade = |v: usize| ((asked.u[v] - edge) / fades).clamp(0.0, 1.0);
@@ -308,11 +368,6 @@ impl Placing<'_> {
         let beyond = beyond.map(|(v, d)| d * share(v)).collect();
         let beyond: Vec<Vec3> = self.jaw.map_or(beyond, <[Vec3]>::to_vec);
         let mut d = vec![Vec3::zeros(); asked.u.len()];
-        let unknown = unknown(&asked.area, asked.goal.keys().copied());
-        let system = match kept.take().filter(|kept| kept.unknown == unknown) {
-            Some(same) => kept.insert(same),
-            None => kept.insert(System::of(&head.operator, unknown)?),
-        };
         self.solve(system, &asked, &beyond, &mut d);
         // A table of controls says itself how lids and lips go.
         if !self.target.exact {
@@ -327,21 +382,17 @@ impl Placing<'_> {
 
     /// Derived points speak for their surroundings by plain distance: they are few and far from lids and lips.
     fn derived_points_act(&self, asked: &mut Asked) {
-        let head = self.contacts.head;
-        let (w, positions) = (head.eye_distance, &head.mesh.positions);
-        for v in &head.points[LANDMARKS..] {
-            let Some(size) = asked.goal.get(v).map(Vec3::norm) else {
+        let w = self.contacts.head.eye_distance;
+        for (point, around) in &self.contacts.around {
+            let Some(size) = asked.goal.get(point).map(Vec3::norm) else {
                 continue;
             };
-            let (reach, p) = (REACH * w, positions[*v as usize]);
+            let reach = REACH * w;
             // Beyond this the point speaks of less than the area's edge.
             let last = DISC * w + reach * (size / (EDGE * w)).ln();
-            for (k, u) in asked.u.iter_mut().enumerate() {
-                let far = (positions[k] - p).norm_squared();
-                if last > 0.0 && far < last * last && head.skin[k] {
-                    let far = far.sqrt() - DISC * w;
-                    *u = u.max(size * (-far.max(0.0) / reach).exp());
-                }
+            for (far, v) in around.iter().take_while(|near| near.0 < last) {
+                let u = &mut asked.u[*v as usize];
+                *u = u.max(size * (-(far - DISC * w).max(0.0) / reach).exp());
             }
         }
     }
@@ -409,7 +460,8 @@ impl Placing<'_> {
         for (d, beyond) in d.iter_mut().zip(beyond) {
             *d -= beyond;
         }
-        system.deform(&head.operator, &head.mesh.positions, d, delta, ROUNDS);
+        let is_pinned = |v: u32| asked.goal.contains_key(&v);
+        system.deform(&head.operator, d, is_pinned, delta, ROUNDS);
         for (d, beyond) in d.iter_mut().zip(beyond) {
             *d += beyond;
         }
@@ -444,5 +496,18 @@ impl Placing<'_> {
             self.solve(&system, asked, beyond, d);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_rises_from_its_corner_is_measured_along() {
+        let places = [[0.0, 0.0], [0.0, 1.0], [2.0, 1.0], [3.0, 1.0]];
+        let at = |v: u32| Vec3::new(places[v as usize][0], places[v as usize][1], 0.0);
+        let shares: Vec<(u32, f64)> = along(&[0, 1, 2, 3], at).collect();
+        assert_eq!(shares, [(1, 0.25), (2, 0.75)]);
     }
 }

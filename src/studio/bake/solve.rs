@@ -11,13 +11,21 @@
 //! forehead move in one sheet. Divided by the vertex's area A it makes the result the same on any sampling of the surface;
 //! the energy as printed (ρ/A = 1) takes the artist's sampling for stiffness and comes out less close to sculpted shapes.
 //!
+//! One factor serves shapes with different control points: an unknown vertex may be pinned, which adds to the solution what a force
+//! there does, as much as brings it where it is given.
+//!
 //! Units: the mesh's. Memory: the factor of the largest area, one per thread. Cost: about 10 ms for 4,400 unknowns.
 //! Degenerate cases: rows whose Laplacian vanishes in the neutral or the deformed shape keep their direction from the
 //! neutral one; an area without unknowns returns the controls alone.
 //! Limits: rotation of details is not restored beyond what the rounds do; large rotations want more control points.
 
+use std::cell::Cell;
+
+use nalgebra::{DMatrix, Matrix3xX};
+
 use super::laplacian::Operator;
 use super::mesh::Vec3;
+use super::names::DERIVED;
 use super::sparse::{Factor, Unknowns};
 use crate::studio::fault::Fault;
 
@@ -46,25 +54,29 @@ pub const FULL: f64 = 0.14;
 /// Rounds of Procedure 1 after the first solve.
 pub const ROUNDS: usize = 1;
 
-/// The vertices of an area but those whose displacement is given.
-pub(super) fn unknown(area: &[bool], given: impl IntoIterator<Item = u32>) -> Vec<bool> {
-    let mut unknown = area.to_vec();
-    for v in given {
-        unknown[v as usize] = false;
-    }
-    unknown
+thread_local! {
+    /// Rows of a right-hand side, kept on each thread.
+    static WANTED: Cell<Vec<Vec3>> = const { Cell::new(Vec::new()) };
 }
 
 /// The unknowns of one area of influence, factored. Serves every shape with the same area and the same control vertices.
 pub struct System {
-    /// Which vertices are unknown.
-    pub(super) unknown: Vec<bool>,
     unknowns: Unknowns,
     /// The unknown vertices, ascending: what is near in the mesh is near in memory.
     free: Vec<u32>,
     factor: Factor,
     /// Rows of the operator that see an unknown: all that can change.
     rows: Vec<u32>,
+    /// Unknown vertices that may be pinned, and what a force at each does to every unknown.
+    pins: Vec<u32>,
+    forced: Vec<Vec<[f64; 4]>>,
+}
+
+/// The pinned vertices of one shape: which of those that may be, where they are given, and the forces that take what they do.
+struct Pinned {
+    which: Vec<usize>,
+    given: Matrix3xX<f64>,
+    forces: DMatrix<f64>,
 }
 
 impl System {
@@ -77,11 +89,10 @@ impl System {
         area: &[bool],
         given: impl IntoIterator<Item = u32>,
     ) -> Result<Self, Fault> {
-        Self::of(operator, unknown(area, given))
-    }
-
-    /// Of these unknown vertices.
-    pub(super) fn of(operator: &Operator, unknown: Vec<bool>) -> Result<Self, Fault> {
+        let mut unknown = area.to_vec();
+        for v in given {
+            unknown[v as usize] = false;
+        }
         let unknowns = operator.unknowns(|v| unknown[v]);
         let mut free = unknowns.rows.clone();
         free.sort_unstable();
@@ -94,49 +105,87 @@ impl System {
         Ok(Self {
             factor: Factor::of(&operator.energy, &unknowns, |_| 0.0)?,
             rows: rows.into_iter().map(|c| c as u32).collect(),
-            unknown,
             unknowns,
             free,
+            pins: Vec::new(),
+            forced: Vec::new(),
         })
     }
 
-    /// Procedure 1: places the unknowns of `d`, the displacements of all vertices; what is not unknown is kept as given.
-    /// `delta` is equation (13) per vertex, `rounds` how often lengths are restored.
+    /// The same with unknown vertices that may be pinned.
+    pub(super) fn with_pins(mut self, pins: impl Iterator<Item = u32>) -> Self {
+        for v in pins.filter(|&v| self.unknowns.place(v as usize).is_some()) {
+            // On a coarse mesh two may be one.
+            if !self.pins.contains(&v) && self.pins.len() < DERIVED {
+                self.pins.push(v);
+            }
+        }
+        for some in self.pins.chunks(4) {
+            let mut forced = vec![[0.0; 4]; self.free.len()];
+            for (k, &v) in some.iter().enumerate() {
+                if let Some(at) = self.unknowns.place(v as usize) {
+                    forced[at][k] = 1.0;
+                }
+            }
+            self.factor.solve(&mut forced);
+            self.forced.push(forced);
+        }
+        self
+    }
+
+    /// Those that are pinned where `d` has them.
+    fn pinned(&self, d: &[Vec3], is_pinned: impl Fn(u32) -> bool) -> Option<Pinned> {
+        let place = |k: usize| self.unknowns.place(self.pins[k] as usize);
+        let which = (0..self.pins.len()).filter(|&k| is_pinned(self.pins[k]) && place(k).is_some());
+        let which: Vec<usize> = which.collect();
+        let size = which.len();
+        if size == 0 {
+            return None;
+        }
+        let forced = |r: usize, c: usize| {
+            let (r, c) = (place(which[r]).unwrap_or(0), which[c]);
+            self.forced[c / 4][r][c % 4]
+        };
+        let forces = DMatrix::from_fn(size, size, forced).try_inverse()?;
+        let given = which.iter().map(|&k| d[self.pins[k] as usize]);
+        let given = Matrix3xX::from_columns(&given.collect::<Vec<Vec3>>());
+        Some(Pinned {
+            which,
+            given,
+            forces,
+        })
+    }
+
+    /// Procedure 1: places the unknowns of `d`, the displacements of all vertices; what is not unknown, or is pinned, is kept as
+    /// given. `delta` is equation (13) per vertex, `rounds` how often lengths are restored.
     pub fn deform(
         &self,
         operator: &Operator,
-        neutral: &[Vec3],
         d: &mut [Vec3],
+        is_pinned: impl Fn(u32) -> bool,
         delta: impl Fn(usize) -> f64,
         rounds: usize,
     ) {
+        let pinned = self.pinned(d, is_pinned);
         // What the given displacements pull, the same in every round.
-        let mut pull = vec![[0.0; 4]; self.free.len()];
-        for v in operator.elimination.iter().map(|&v| v as usize) {
-            if self.unknowns.place(v).is_none() && d[v] != Vec3::zeros() {
-                for (c, value) in operator.energy.row(v) {
-                    if let Some(at) = self.unknowns.place(c) {
-                        add(&mut pull[at], &(d[v] * -value));
-                    }
-                }
-            }
-        }
+        let pull = self.factor.pulled(|v| [d[v].x, d[v].y, d[v].z, 0.0]);
         // Step 1 with L = L0.
-        self.place(pull.clone(), d);
-        let row = |&r: &u32| operator.cotangent.row_times(r as usize, neutral);
-        let before: Vec<Vec3> = self.rows.iter().map(row).collect();
-        let mean = before.iter().map(Vec3::norm).sum::<f64>() / before.len() as f64;
-        let mut wanted = vec![Vec3::zeros(); neutral.len()];
+        self.place(pull.clone(), pinned.as_ref(), d);
+        let before = |&r: &u32| operator.neutral[r as usize];
+        let mean = self.rows.iter().map(|r| before(r).norm()).sum::<f64>() / self.rows.len() as f64;
+        // Of the rows alone, which are all that the unknowns see.
+        let mut wanted = WANTED.take();
+        wanted.resize(d.len().max(wanted.len()), Vec3::zeros());
         for _ in 0..rounds {
-            for (&r, l0) in self.rows.iter().zip(&before) {
+            for r in &self.rows {
                 // Step 2: L' = M V; step 3: L'' = (|L0| / |L'|) L'.
-                let now = l0 + operator.cotangent.row_times(r as usize, d);
+                let (l0, v) = (before(r), *r as usize);
+                let now = l0 + operator.cotangent.row_times(v, d);
                 let (had, has) = (l0.norm(), now.norm());
                 let counts = has.min(had) > FLAT_ROW * mean;
-                let restored = if counts { now * (had / has) } else { *l0 };
+                let restored = if counts { now * (had / has) } else { l0 };
                 // Step 4: L = D L'' + (I − D) L0, kept as L − L0 times the row's weight.
-                let share = delta(r as usize) * operator.weight[r as usize];
-                wanted[r as usize] = (restored - l0) * share;
+                wanted[v] = (restored - l0) * (delta(v) * operator.weight[v]);
             }
             let mut rhs = pull.clone();
             for &v in &self.free {
@@ -145,13 +194,39 @@ impl System {
                     add(&mut rhs[at], &more);
                 }
             }
-            self.place(rhs, d);
+            self.place(rhs, pinned.as_ref(), d);
         }
+        WANTED.set(wanted);
     }
 
     /// Solves and stores the unknowns; `x` has the right-hand sides in the order of elimination.
-    fn place(&self, mut x: Vec<[f64; 4]>, d: &mut [Vec3]) {
+    fn place(&self, mut x: Vec<[f64; 4]>, pinned: Option<&Pinned>, d: &mut [Vec3]) {
         self.factor.solve(&mut x);
+        if let Some(Pinned {
+            which,
+            given,
+            forces,
+        }) = pinned
+        {
+            let mut misses = given.clone();
+            for (mut miss, &k) in misses.column_iter_mut().zip(which) {
+                let x = x[self.unknowns.place(self.pins[k] as usize).unwrap_or(0)];
+                miss -= Vec3::new(x[0], x[1], x[2]);
+            }
+            let forces = misses * forces;
+            let mut each = [Vec3::zeros(); DERIVED.next_multiple_of(4)];
+            for (force, &k) in forces.column_iter().zip(which) {
+                each[k] = force.into();
+            }
+            for (forced, each) in self.forced.iter().zip(each.as_chunks::<4>().0) {
+                for (x, [a, b, c, d]) in x.iter_mut().zip(forced) {
+                    add(
+                        x,
+                        &(each[0] * *a + each[1] * *b + each[2] * *c + each[3] * *d),
+                    );
+                }
+            }
+        }
         for (&v, x) in self.unknowns.rows.iter().zip(&x) {
             d[v as usize] = Vec3::new(x[0], x[1], x[2]);
         }
@@ -184,7 +259,7 @@ mod tests {
         for &(v, displacement) in controls {
             d[v as usize] = displacement;
         }
-        system.deform(op, neutral, &mut d, |v| u[v].min(1.0), rounds);
+        system.deform(op, &mut d, |_| false, |v| u[v].min(1.0), rounds);
         d
     }
 
@@ -252,7 +327,7 @@ mod tests {
         let with = |delta: f64, rounds| {
             let mut d = vec![Vec3::zeros(); u.len()];
             d[middle as usize] = Vec3::new(0.3, 0.0, 0.9);
-            system.deform(&op, &mesh.positions, &mut d, |_| delta, rounds);
+            system.deform(&op, &mut d, |_| false, |_| delta, rounds);
             d
         };
         let plain = with(1.0, 0);
@@ -265,5 +340,37 @@ mod tests {
         };
         assert!(differs(&with(0.0, 3)) < 1e-9);
         assert!(differs(&with(1.0, 1)) > 1e-3);
+    }
+
+    #[test]
+    fn a_pinned_vertex_is_as_a_given_one_and_an_unpinned_one_is_free() {
+        let mesh = sheet(31, 0.2);
+        let (middle, u) = round_area(&mesh, 2.0);
+        let op = operator(&mesh);
+        let area: Vec<bool> = u.iter().map(|&u| u > 0.5).collect();
+        let beside = [
+            middle + 3,
+            middle - 70,
+            middle + 64,
+            middle + 91,
+            middle - 5,
+        ];
+        let shared = System::new(&op, &area, [middle]).unwrap();
+        let shared = shared.with_pins(beside.iter().copied());
+        for given in [&beside[..0], &beside[1..3], &beside] {
+            let mut d = vec![Vec3::zeros(); u.len()];
+            d[middle as usize] = Vec3::new(0.3, 0.0, 0.9);
+            for (&v, k) in given.iter().zip(1..) {
+                d[v as usize] = Vec3::new(0.1, -0.1, 0.2) * f64::from(k);
+            }
+            let mut own = d.clone();
+            let all = given.iter().copied().chain([middle]);
+            let system = System::new(&op, &area, all).unwrap();
+            system.deform(&op, &mut own, |_| false, |_| 0.7, 1);
+            shared.deform(&op, &mut d, |v| given.contains(&v), |_| 0.7, 1);
+            for (a, b) in d.iter().zip(&own) {
+                assert!((a - b).norm() < 1e-9, "{}: {a} {b}", given.len());
+            }
+        }
     }
 }

@@ -6,6 +6,8 @@
 //!
 //! Cost: linear in the triangles looked at; memory: a few numbers per triangle and vertex.
 
+use std::cell::Cell;
+
 use super::head::Head;
 use super::mesh::{Lists, Rings, Vec3, rings_of};
 
@@ -38,6 +40,10 @@ pub struct Flattened {
     pub wanted: f64,
     /// It faces away from them.
     pub inverted: bool,
+}
+
+thread_local! {
+    static KEPT: Cell<[Vec<Vec3>; 3]> = const { Cell::new([const { Vec::new() }; 3]) };
 }
 
 impl Surroundings {
@@ -83,36 +89,39 @@ impl Surroundings {
     fn lie(&self, p: &impl Fn(u32) -> Vec3, some: &[u32]) -> Vec<(f64, f64, Vec3)> {
         let corners = some.iter().flat_map(|&k| self.triangles[k as usize]);
         let needed = self.rings.about(&corners.collect::<Vec<u32>>(), 1);
-        // Sums of normals around each vertex. Plain numbers: what is not looked at costs no memory.
-        let none = |count: usize| vec![[0.0; 3]; count];
-        let (mut one, mut two) = (none(self.at.owners()), none(self.at.owners()));
-        // Of each triangle, as long as twice its area.
-        let mut normal = none(self.triangles.len());
-        let mut known = vec![false; normal.len()];
+        // Sums of normals around each vertex, and the normal of each triangle, as long as twice its area: kept on each thread, as
+        // most looks are at a few triangles.
+        let [mut one, mut two, mut normal] = KEPT.take();
+        one.resize(one.len().max(self.at.owners()), Vec3::zeros());
+        two.resize(one.len(), Vec3::zeros());
+        normal.resize(normal.len().max(self.triangles.len()), Vec3::zeros());
+        let mut known = vec![false; self.triangles.len()];
         for v in needed.iter().flatten().map(|&v| v as usize) {
             let mut sum = Vec3::zeros();
             for k in self.at.of(v).iter().map(|&k| k as usize) {
                 if !std::mem::replace(&mut known[k], true) {
                     let [a, b, c] = self.triangles[k].map(p);
-                    normal[k] = (b - a).cross(&(c - a)).into();
+                    normal[k] = (b - a).cross(&(c - a));
                 }
-                sum += Vec3::from(normal[k]);
+                sum += normal[k];
             }
-            one[v] = sum.into();
+            one[v] = sum;
         }
         for v in needed[0].iter().map(|&v| v as usize) {
-            let add = |sum: Vec3, &o: &u32| sum + Vec3::from(one[o as usize]);
-            two[v] = self.rings.of(v).iter().fold(one[v].into(), add).into();
+            let ring = self.rings.of(v).iter();
+            two[v] = ring.fold(one[v], |sum, &o| sum + one[o as usize]);
         }
         let lie = |&k: &u32| {
-            let n = Vec3::from(normal[k as usize]);
+            let n = normal[k as usize];
             let around = self.triangles[k as usize].iter();
-            let around: Vec3 = around.map(|&v| Vec3::from(two[v as usize])).sum();
+            let around: Vec3 = around.map(|&v| two[v as usize]).sum();
             let around = around.try_normalize(0.0).unwrap_or_default();
             let (area, along) = (n.norm(), n.dot(&around));
             (area, if area > 0.0 { along / area } else { 0.0 }, around)
         };
-        some.iter().map(lie).collect()
+        let lie = some.iter().map(lie).collect();
+        KEPT.set([one, two, normal]);
+        lie
     }
 
     /// Vertices of the triangles that a displacement turns over and of the edges that it tears, ascending; `at` is where vertices
@@ -126,7 +135,9 @@ impl Surroundings {
         let spare = TORN[1] * head.eye_distance;
         let torn = |edge: &[u32; 2]| {
             let [was, is] = [edge.map(|v| head.mesh.positions[v as usize]), edge.map(at)];
-            (is[0] - is[1]).norm() > TORN[0] * (was[0] - was[1]).norm() + spare
+            let [was, is] = [was, is].map(|[a, b]| (a - b).norm_squared());
+            // Roots of the few that may be.
+            is > TORN[0].powi(2) * was && is.sqrt() > TORN[0] * was.sqrt() + spare
         };
         let edges = some.iter().map(|&k| self.triangles[k as usize]);
         let edges = edges.flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);
