@@ -217,6 +217,8 @@ impl Mesh {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::{FRAC_PI_2, FRAC_PI_6, FRAC_PI_8};
+
     use super::super::mesh::Corner;
     use super::*;
 
@@ -226,7 +228,10 @@ mod tests {
         let first = mesh.positions.len() as u32;
         for ring in 1..8 {
             for k in 0..AROUND {
-                let (high, along) = (0.3927 * f64::from(ring) - 1.5708, 0.5236 * f64::from(k));
+                let (high, along) = (
+                    FRAC_PI_8 * f64::from(ring) - FRAC_PI_2,
+                    FRAC_PI_6 * f64::from(k),
+                );
                 let place = Vec3::new(
                     high.cos() * along.sin(),
                     high.sin(),
