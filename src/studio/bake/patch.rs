@@ -537,7 +537,8 @@ mod tests {
 
     #[test]
     fn strips_and_fans_are_triangles_and_what_is_none_is_named() {
-        let sheet = sheet(2, 1.0);
+        let mut sheet = sheet(2, 1.0);
+        sheet.positions.iter_mut().for_each(|p| p.z = 0.0);
         let read = |mode: u64, order: &[u32]| {
             let mut file = build(&sheet, &[], 1.0, false, None);
             let indices = file.push_corners(order);
