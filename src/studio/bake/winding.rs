@@ -76,7 +76,12 @@ impl Part {
     }
 
     fn is_plate(&self) -> bool {
-        self.border > 0.0 && self.volume().abs() <= PLATE * self.area.powf(1.5)
+        let least = if self.border > 0.0 {
+            PLATE
+        } else {
+            PLATE / 20.0
+        };
+        self.volume().abs() <= least * self.area.powf(1.5)
     }
 
     /// Whether this is an open part inside the other.
@@ -283,7 +288,7 @@ mod tests {
         beside(&|_| true);
         beside(&|f| f % 3 == 0);
         beside(&|f| f % 3 != 0);
-        beside(&|f| f < outer && f % 2 == 0);
+        beside(&|f| f < outer && f % 3 == 0);
     }
 
     #[test]
