@@ -68,6 +68,7 @@ pub mod seam;
 pub mod shape;
 mod skin;
 pub mod solve;
+pub(in crate::studio) mod source;
 pub mod sparse;
 pub mod surroundings;
 pub mod table;

@@ -3,11 +3,14 @@
 //! The format is explained at the top of `config/blendshapes.toml`, which is built into the program. Lengths there are in
 //! distances of the face itself; [`Recipe::targets`] turns them into displacements in the mesh's unit and axes.
 
+mod visemes;
+
 use std::collections::HashSet;
 
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion};
 use serde::Deserialize;
 
+use self::visemes::Viseme;
 use super::head::Head;
 use super::jaw::{self, turned};
 use super::mesh::Vec3;
@@ -34,23 +37,6 @@ struct Pair {
     #[serde(rename = "why")]
     _why: String,
 }
-
-/// A mouth shape of speech: a sum of shapes, each of which stands for its mirror image as well.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Viseme {
-    name: String,
-    sum: Vec<(String, f64)>,
-    #[serde(default)]
-    must: Vec<Asked>,
-    #[serde(rename = "why")]
-    _why: String,
-}
-
-/// Visemes of a recipe, and shapes of one of them.
-const VISEMES: usize = 15;
-/// The most that a viseme takes of a shape.
-const WEIGHT: f64 = 1.5;
 
 /// The recipe as read.
 #[derive(Clone, Debug, Deserialize)]
@@ -89,23 +75,7 @@ impl Recipe {
                 "a corrective: expected the names of two shapes of the recipe, found {name:?}"
             ));
         }
-        if let found @ 16.. = recipe.viseme.len() {
-            return wrong(format!("expected at most 15 visemes, found {found}"));
-        }
-        for Viseme { name, sum, .. } in &recipe.viseme {
-            let mut seen = HashSet::new();
-            let mut rows = sum.iter().enumerate();
-            let bad = rows.find(|(k, (name, weight))| {
-                let known = names.contains(&name.as_str()) && (0.0..=WEIGHT).contains(weight);
-                // Of a pair either side stands for both.
-                !known || *k == VISEMES || !seen.insert(recipe.other_side(name).min(name))
-            });
-            if let Some((_, row)) = bad {
-                return wrong(format!(
-                    "viseme {name}: expected at most {VISEMES} shapes of the recipe, each or its mirror image once, with weights from 0 to {WEIGHT}, found {row:?}"
-                ));
-            }
-        }
+        recipe.check_visemes()?;
         Ok(recipe)
     }
 
@@ -181,35 +151,6 @@ impl Recipe {
         let named = |name: &String| targets.iter().find(|t| t.name == *name);
         let together = |of: [String; 2]| Some(named(&of[0])?.with(named(&of[1])?, of));
         pairs.into_iter().filter_map(together).collect()
-    }
-
-    /// The visemes, as shapes that are sums of others.
-    ///
-    /// # Errors
-    /// If a point of what they must do does not exist.
-    pub fn visemes(&self, head: &Head) -> Result<Vec<Target>, Fault> {
-        let one = |viseme: &Viseme| {
-            let entry = &Entry {
-                name: viseme.name.clone(),
-                ..Entry::default()
-            };
-            let must = entry.sides().flat_map(|side| {
-                let must = viseme.must.iter();
-                must.map(move |asked| side.promise(asked, head))
-            });
-            let sum = viseme.sum.iter().flat_map(|(name, weight)| {
-                let other = Some(self.other_side(name)).filter(|other| other != name);
-                let both = std::iter::once(&**name).chain(other);
-                both.map(|name| (name.to_owned(), *weight))
-            });
-            Ok(Target {
-                name: viseme.name.clone(),
-                sum: Some(sum.collect()),
-                must: must.collect::<Result<_, _>>()?,
-                ..Target::default()
-            })
-        };
-        self.viseme.iter().map(one).collect()
     }
 }
 
@@ -615,33 +556,6 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(said.contains("found 600"), "{said}");
-    }
-
-    #[test]
-    fn a_viseme_sums_up_shapes_that_are_there_once_each_with_weights_that_make_sense() {
-        let shapes = "[[shape]]\nname = \"aL\"\nmirror = \"aR\"\nwhy = \"\"\n";
-        let viseme = |name: &str, sum: &str| {
-            let text =
-                format!("{shapes}[[viseme]]\nname = \"{name}\"\nsum = [{sum}]\nwhy = \"\"\n");
-            Recipe::read(&text).map(drop)
-        };
-        let good = "[\"aR\", 1.5]";
-        assert!(viseme("v", good).is_ok() && viseme("v", "").is_ok());
-        for sum in [
-            "[\"b\", 1.0]",
-            "[\"v\", 1.0]",
-            "[\"aL\", 1.6]",
-            "[\"aL\", -0.1]",
-            "[\"aL\", nan]",
-            "[\"aL\", 0.5], [\"aR\", 0.5]",
-        ] {
-            let refused = viseme("v", sum).expect_err(sum).to_string();
-            assert!(refused.starts_with("viseme v: expected"), "{refused}");
-        }
-        assert!(viseme("aR", good).is_err());
-        let one = |k| format!("[[viseme]]\nname = \"v{k}\"\nsum = []\nwhy = \"\"\n");
-        let many = |n| Recipe::read(&(shapes.to_owned() + &(0..n).map(one).collect::<String>()));
-        assert!(many(15).is_ok() && many(16).is_err());
     }
 
     #[test]

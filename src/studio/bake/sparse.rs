@@ -304,86 +304,117 @@ impl Factor {
         y: &mut [[f64; K]],
     ) {
         let mut below: Vec<[f64; K]> = Vec::new();
-        let block = |s: usize| {
-            let from = blocks.supernode_begin()[s] as usize;
-            let width = blocks.supernode_end()[s] as usize - from;
-            let rows = blocks.supernode(s).pattern();
-            let values = &self.values[blocks.col_ptr_for_val()[s] as usize..];
-            (from, width, rows, values)
-        };
         for s in 0..blocks.n_supernodes() {
-            let (from, width, rows, values) = block(s);
-            let height = width + rows.len();
-            below.clear();
-            below.resize(rows.len(), [0.0; K]);
-            let own = &mut y[from..from + width];
-            for j in 0..width {
-                let top = &values[j * height..][..width];
-                let solved = own[j].map(|v| v / top[j]);
-                own[j] = solved;
-                for (l, y) in top[j + 1..].iter().zip(&mut own[j + 1..]) {
-                    subtract(y, *l, &solved);
-                }
+            self.block(blocks, s).forwards(y, &mut below);
+        }
+        for s in (0..blocks.n_supernodes()).rev() {
+            self.block(blocks, s).back(y, &mut below);
+        }
+    }
+
+    #[inline(always)]
+    fn block<'a>(&'a self, blocks: &'a SymbolicSupernodalCholesky<u32>, s: usize) -> Block<'a> {
+        let from = blocks.supernode_begin()[s] as usize;
+        Block {
+            from,
+            width: blocks.supernode_end()[s] as usize - from,
+            rows: blocks.supernode(s).pattern(),
+            values: &self.values[blocks.col_ptr_for_val()[s] as usize..],
+        }
+    }
+}
+
+/// A supernode: columns with the same rows below the diagonal.
+struct Block<'a> {
+    /// The first column; its row is the first of the diagonal's.
+    from: usize,
+    /// Columns.
+    width: usize,
+    /// Rows below the diagonal's.
+    rows: &'a [u32],
+    /// By columns.
+    values: &'a [f64],
+}
+
+impl Block<'_> {
+    /// Of a column the rows of the diagonal, and those below.
+    #[inline(always)]
+    fn column(&self, j: usize) -> (&[f64], &[f64]) {
+        let height = self.width + self.rows.len();
+        self.values[j * height..(j + 1) * height].split_at(self.width)
+    }
+
+    /// The rows below of four columns, side by side.
+    #[inline(always)]
+    fn four(&self, j: usize) -> impl Iterator<Item = [f64; 4]> {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|k| self.column(j + k).1);
+        let columns = a.iter().zip(b).zip(c).zip(d);
+        columns.map(|(((a, b), c), d)| [*a, *b, *c, *d])
+    }
+
+    /// Solves its columns, and takes them from the rows below; `below` is room for these.
+    #[inline(always)]
+    fn forwards<const K: usize>(&self, y: &mut [[f64; K]], below: &mut Vec<[f64; K]>) {
+        below.clear();
+        below.resize(self.rows.len(), [0.0; K]);
+        let own = &mut y[self.from..self.from + self.width];
+        for j in 0..self.width {
+            let (top, _) = self.column(j);
+            let solved = own[j].map(|v| v / top[j]);
+            own[j] = solved;
+            for (l, y) in top[j + 1..].iter().zip(&mut own[j + 1..]) {
+                subtract(y, *l, &solved);
             }
-            let bottom = |j: usize| &values[j * height + width..(j + 1) * height];
-            let (fours, rest) = own.as_chunks::<4>();
-            for (four, j) in fours.iter().zip((0..).step_by(4)) {
-                let [a, b, c, d] = [0, 1, 2, 3].map(|k| bottom(j + k));
-                let columns = a.iter().zip(b).zip(c).zip(d);
-                for (sum, (((a, b), c), d)) in below.iter_mut().zip(columns) {
-                    for k in 0..K {
-                        sum[k] += a * four[0][k] + b * four[1][k] + c * four[2][k] + d * four[3][k];
-                    }
-                }
-            }
-            for (one, j) in rest.iter().zip(4 * fours.len()..) {
-                for (sum, l) in below.iter_mut().zip(bottom(j)) {
-                    for k in 0..K {
-                        sum[k] += l * one[k];
-                    }
-                }
-            }
-            for (&r, b) in rows.iter().zip(&below) {
-                let y = &mut y[r as usize];
+        }
+        let (fours, rest) = own.as_chunks::<4>();
+        for (four, j) in fours.iter().zip((0..).step_by(4)) {
+            for (sum, [a, b, c, d]) in below.iter_mut().zip(self.four(j)) {
                 for k in 0..K {
-                    y[k] -= b[k];
+                    sum[k] += a * four[0][k] + b * four[1][k] + c * four[2][k] + d * four[3][k];
                 }
             }
         }
-        for s in (0..blocks.n_supernodes()).rev() {
-            let (from, width, rows, values) = block(s);
-            let height = width + rows.len();
-            below.clear();
-            below.extend(rows.iter().map(|&r| y[r as usize]));
-            let own = &mut y[from..from + width];
-            let bottom = |j: usize| &values[j * height + width..(j + 1) * height];
-            let (fours, rest) = own.as_chunks_mut::<4>();
-            let count = fours.len();
-            for (four, j) in fours.iter_mut().zip((0..).step_by(4)) {
-                let [a, b, c, d] = [0, 1, 2, 3].map(|k| bottom(j + k));
-                let mut sums = *four;
-                let columns = a.iter().zip(b).zip(c).zip(d);
-                for (y, (((a, b), c), d)) in below.iter().zip(columns) {
-                    subtract(&mut sums[0], *a, y);
-                    subtract(&mut sums[1], *b, y);
-                    subtract(&mut sums[2], *c, y);
-                    subtract(&mut sums[3], *d, y);
-                }
-                *four = sums;
-            }
-            for (one, j) in rest.iter_mut().zip(4 * count..) {
-                for (l, y) in bottom(j).iter().zip(&below) {
-                    subtract(one, *l, y);
+        for (one, j) in rest.iter().zip(4 * fours.len()..) {
+            for (sum, l) in below.iter_mut().zip(self.column(j).1) {
+                for k in 0..K {
+                    sum[k] += l * one[k];
                 }
             }
-            for j in (0..width).rev() {
-                let top = &values[j * height..][..width];
-                let mut solved = own[j];
-                for (l, y) in top[j + 1..].iter().zip(&own[j + 1..]) {
-                    subtract(&mut solved, *l, y);
+        }
+        for (&r, b) in self.rows.iter().zip(&*below) {
+            subtract(&mut y[r as usize], 1.0, b);
+        }
+    }
+
+    /// Takes the rows below from its columns, and solves these; `below` is room for the rows.
+    #[inline(always)]
+    fn back<const K: usize>(&self, y: &mut [[f64; K]], below: &mut Vec<[f64; K]>) {
+        below.clear();
+        below.extend(self.rows.iter().map(|&r| y[r as usize]));
+        let own = &mut y[self.from..self.from + self.width];
+        let (fours, rest) = own.as_chunks_mut::<4>();
+        let count = fours.len();
+        for (four, j) in fours.iter_mut().zip((0..).step_by(4)) {
+            let mut sums = *four;
+            for (y, l) in below.iter().zip(self.four(j)) {
+                for (sum, l) in sums.iter_mut().zip(l) {
+                    subtract(sum, l, y);
                 }
-                own[j] = solved.map(|v| v / top[j]);
             }
+            *four = sums;
+        }
+        for (one, j) in rest.iter_mut().zip(4 * count..) {
+            for (l, y) in self.column(j).1.iter().zip(&*below) {
+                subtract(one, *l, y);
+            }
+        }
+        for j in (0..self.width).rev() {
+            let (top, _) = self.column(j);
+            let mut solved = own[j];
+            for (l, y) in top[j + 1..].iter().zip(&own[j + 1..]) {
+                subtract(&mut solved, *l, y);
+            }
+            own[j] = solved.map(|v| v / top[j]);
         }
     }
 }
