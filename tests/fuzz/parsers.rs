@@ -196,7 +196,7 @@ fuzz_target!(init: {
         "controls" => {
             drop(bake::table::targets(&words(), Path::new("fuzz.csv"), 64, true));
         }
-        "numbers" => drop(bake::command::landmarks(&words(), Path::new("fuzz.txt"))),
+        "numbers" => drop(bake::source::landmarks(&words(), Path::new("fuzz.txt"))),
         "http" => drop(http::parse(bytes, ([127, 0, 0, 1], 9).into())),
         // Their entrances are there only where the compiler is told that this is fuzzing.
         #[cfg(fuzzing)]

@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 
 use mien::studio::bake::mesh::{Mesh, Vec3};
 use mien::studio::bake::order::Ordered;
-use mien::studio::bake::{command, glb::Glb, obj, patch::Foreign};
+use mien::studio::bake::{glb::Glb, obj, patch::Foreign, source};
 use mien::studio::heads::default_head;
 use mien::studio::place::surface::{Ray, Surface};
 use serde_json::Value;
@@ -162,7 +162,7 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
         assert!(!out.exists(), "nothing is written before Save");
         assert_eq!(served.post("/save?", &after)["ok"], true);
         let text = std::fs::read_to_string(&out).unwrap();
-        let read = command::landmarks(&text, &out).unwrap();
+        let read = source::landmarks(&text, &out).unwrap();
         let bytes = std::fs::read(&mesh).unwrap();
         let (head, read) = if ending == "glb" {
             let (head, foreign) = Foreign::read(Glb::parse(&bytes).unwrap()).unwrap();

@@ -12,13 +12,12 @@ use super::mesh::Mesh;
 use super::names::NAMES;
 use super::neck::Neck;
 use super::order::Ordered;
-use super::patch::Foreign;
 use super::prior::Prior;
 use super::recipe::{Recipe, SHIPPED};
 use super::render::Outside;
 use super::rig::{self, Method};
 use super::shape::{Shape, Target};
-use super::source::Source;
+use super::source::{Source, landmark_text};
 use super::table::table;
 use super::{report, verdict};
 use crate::appliance::memory::peak_resident_bytes;
@@ -125,27 +124,6 @@ fn metres(unit: &str) -> Result<f64, String> {
             _ => Err("expected mm, cm, dm, m, in or a number above 0 of metres".into()),
         },
     }
-}
-
-/// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a comment.
-///
-/// # Errors
-/// At the first line that is none.
-pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, Fault> {
-    let lines = text.lines().map(str::trim).zip(1..);
-    let said = lines.filter(|(line, _)| !line.is_empty() && !line.starts_with('#'));
-    let number = |(text, line): (&str, usize)| {
-        let beginning: String = text.chars().take(40).collect();
-        let refuse = |_| Fault::at_line(path, line, "a vertex number", &beginning);
-        text.parse().map_err(refuse)
-    };
-    said.map(number).collect()
-}
-
-/// The text of a landmark file: these vertices of the mesh in the numbering that its file has.
-pub(in crate::studio) fn landmark_text(vertices: &[u64], foreign: Option<&Foreign>) -> String {
-    let numbers = foreign.map_or_else(|| vertices.to_vec(), |f| f.rows(vertices));
-    numbers.iter().map(|v| format!("{v}\n")).collect()
 }
 
 /// Metres per unit of the mesh, and how that is known.
@@ -261,7 +239,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let (metres, how) = scale(request, &head);
     say_head(request, &source.mesh, &head, (metres, how));
     let targets = targets(request, &head, ordered.vertex())?;
-    let oddities = source.oddities(&targets, request);
+    let oddities = source.oddities(&targets, request.keep, &request.out);
     if !oddities.is_empty() {
         println!("{}", oddities.trim_end());
         notes = format!("{oddities}{notes}");

@@ -3,19 +3,17 @@
 //! The format is explained at the top of `config/blendshapes.toml`, which is built into the program. Lengths there are in
 //! distances of the face itself; [`Recipe::targets`] turns them into displacements in the mesh's unit and axes.
 
-mod visemes;
-
 use std::collections::HashSet;
 
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion};
 use serde::Deserialize;
 
-use self::visemes::Viseme;
 use super::head::Head;
 use super::jaw::{self, turned};
 use super::mesh::Vec3;
 use super::names::{self, LANDMARKS, NAMES, mirrored};
-use super::shape::{Deed, Promise, Target, Undo};
+use super::shape::{Asked, Deed, Promise, Target, Undo};
+use super::visemes::{self, Viseme};
 use crate::output::other_side;
 use crate::studio::fault::Fault;
 
@@ -75,7 +73,7 @@ impl Recipe {
                 "a corrective: expected the names of two shapes of the recipe, found {name:?}"
             ));
         }
-        recipe.check_visemes()?;
+        visemes::check(&recipe.viseme, &names, |name| recipe.other_side(name))?;
         Ok(recipe)
     }
 
@@ -152,6 +150,31 @@ impl Recipe {
         let together = |of: [String; 2]| Some(named(&of[0])?.with(named(&of[1])?, of));
         pairs.into_iter().filter_map(together).collect()
     }
+
+    /// The visemes, as shapes that are sums of others.
+    ///
+    /// # Errors
+    /// If a point of what they must do does not exist.
+    pub fn visemes(&self, head: &Head) -> Result<Vec<Target>, Fault> {
+        let one = |viseme: &Viseme| {
+            let entry = &Entry {
+                name: viseme.name.clone(),
+                ..Entry::default()
+            };
+            let must = entry.sides().flat_map(|side| {
+                let must = viseme.must.iter();
+                must.map(move |asked| side.promise(asked, head))
+            });
+            let sum = viseme.summed(|name| self.other_side(name));
+            Ok(Target {
+                name: viseme.name.clone(),
+                sum: Some(sum),
+                must: must.collect::<Result<_, _>>()?,
+                ..Target::default()
+            })
+        };
+        self.viseme.iter().map(one).collect()
+    }
 }
 
 /// What the numbers of `move` count.
@@ -162,14 +185,6 @@ enum Measure {
     EyeDistance,
     EyeOpening,
     MouthWidth,
-}
-
-/// A row of `must`: with one group of points or with two.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
-enum Asked {
-    Of(String, String, f64),
-    Between(String, String, String, f64),
 }
 
 #[derive(Clone, Debug, Default, Deserialize)]

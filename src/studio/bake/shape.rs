@@ -3,6 +3,7 @@
 //! Units: the mesh's; of what it must do, eye distances.
 
 use nalgebra::{Isometry3, Rotation3};
+use serde::Deserialize;
 
 use super::head::Head;
 use super::mesh::Vec3;
@@ -149,6 +150,28 @@ pub enum Deed {
     Lids(usize),
     /// The points move at least so far, each in its direction.
     Move(Vec<Vec3>),
+}
+
+/// Added to the name of what the file has under the name of a shape.
+pub(super) const ORIGINAL: &str = ".original";
+
+/// Whether two names are one as programs write them: `eyeBlinkLeft`, `EyeBlink_L`, `shapes.eyeBlink_L`.
+pub(super) fn alike(one: &str, other: &str) -> bool {
+    let plain = |name: &str| {
+        let last = name.rsplit('.').next().unwrap_or_default();
+        let plain = last.replace(['_', '-', ' '], "").to_lowercase();
+        let side = plain.strip_suffix("eft").or(plain.strip_suffix("ight"));
+        side.map_or(plain.clone(), str::to_owned)
+    };
+    plain(one) == plain(other)
+}
+
+/// A row of `must`: with one group of points or with two.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum Asked {
+    Of(String, String, f64),
+    Between(String, String, String, f64),
 }
 
 /// One thing that a shape must do.

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::command::{Request, landmarks};
 use super::files::{read, read_bytes, write};
 use super::glb::Glb;
 use super::head::Head;
@@ -18,6 +17,27 @@ use super::{lips, morphs, obj};
 use crate::face_model::FaceModel;
 use crate::studio::fault::Fault;
 use crate::studio::text_files;
+
+/// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a comment.
+///
+/// # Errors
+/// At the first line that is none.
+pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, Fault> {
+    let lines = text.lines().map(str::trim).zip(1..);
+    let said = lines.filter(|(line, _)| !line.is_empty() && !line.starts_with('#'));
+    let number = |(text, line): (&str, usize)| {
+        let beginning: String = text.chars().take(40).collect();
+        let refuse = |_| Fault::at_line(path, line, "a vertex number", &beginning);
+        text.parse().map_err(refuse)
+    };
+    said.map(number).collect()
+}
+
+/// The text of a landmark file: these vertices of the mesh in the numbering that its file has.
+pub(in crate::studio) fn landmark_text(vertices: &[u64], foreign: Option<&Foreign>) -> String {
+    let numbers = foreign.map_or_else(|| vertices.to_vec(), |f| f.rows(vertices));
+    numbers.iter().map(|v| format!("{v}\n")).collect()
+}
 
 /// A mesh as it came.
 pub(in crate::studio) struct Source {
@@ -116,10 +136,10 @@ impl Source {
     }
 
     /// What in the file is not as expected, and what became of it.
-    pub(super) fn oddities(&self, targets: &[Target], request: &Request) -> String {
+    pub(super) fn oddities(&self, targets: &[Target], keep: bool, out: &Path) -> String {
         let mut said = String::new();
         if self.turned > 0 {
-            let (turned, out) = (self.turned, request.out.display());
+            let (turned, out) = (self.turned, out.display());
             let rest = match &self.foreign {
                 Some(_) => "the file keeps them as they run".into(),
                 None => format!("{out} has them turned"),
@@ -128,7 +148,7 @@ impl Source {
         }
         let namesakes = targets.iter().filter(|t| self.has(&t.name)).count();
         if namesakes > 0 {
-            let kept = match request.keep {
+            let kept = match keep {
                 true => "these stay, and none of that name is added",
                 false => "kept as NAME.original",
             };

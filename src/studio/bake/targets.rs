@@ -15,7 +15,7 @@ use super::glb::{Glb, list};
 use super::mesh::{Mesh, Vec3};
 use super::morphs::{baked, bent, push_moves, single};
 use super::patch::{Foreign, Rows, position};
-use super::shape::Shape;
+use super::shape::{ORIGINAL, Shape, alike};
 use super::vrm::{Added, Bound, add_expressions, expressions};
 
 impl Foreign {
@@ -171,23 +171,9 @@ fn drawn_from(primitive: &Value) -> Drawn {
     ]
 }
 
-/// Added to the name of what the file has under the name of a shape.
-pub(super) const ORIGINAL: &str = ".original";
-
 /// Whether a target was baked here before.
 fn is_ours(mesh: &Value, target: usize) -> bool {
     mesh["extras"]["mien"]["baked"][target] == true
-}
-
-/// Whether two names are one as programs write them: `eyeBlinkLeft`, `EyeBlink_L`, `shapes.eyeBlink_L`.
-pub(super) fn alike(one: &str, other: &str) -> bool {
-    let plain = |name: &str| {
-        let last = name.rsplit('.').next().unwrap_or_default();
-        let plain = last.replace(['_', '-', ' '], "").to_lowercase();
-        let side = plain.strip_suffix("eft").or(plain.strip_suffix("ight"));
-        side.map_or(plain.clone(), str::to_owned)
-    };
-    plain(one) == plain(other)
 }
 
 /// The number of each shape's target: that of the same one baked before, or a new one. Namesakes keep their numbers, not their names.

@@ -8,7 +8,7 @@
 use serde_json::{Value, json};
 
 use super::glb::{list, push, unexpected};
-use super::targets::{ORIGINAL, alike};
+use super::shape::{ORIGINAL, alike};
 use crate::studio::fault::Fault;
 
 /// A glTF mesh that is moved, and the number there of each shape's target.

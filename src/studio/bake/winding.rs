@@ -169,15 +169,18 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
             ..Part::default()
         });
         let normal = mesh.newell(f, &mesh.positions) * if opposite { -1.0 } else { 1.0 };
+        let mut middle = Vec3::zeros();
         for corner in mesh.face(f) {
             let (low, high) = part.extent;
             let p = mesh.positions[corner.vertex as usize];
             part.extent = (low.inf(&p), high.sup(&p));
+            middle += p / mesh.face(f).len() as f64;
         }
         part.area += 0.5 * normal.norm();
         part.running += if opposite { -1 } else { 1 };
         part.normal += normal;
-        part.moment += normal.dot(&mesh.positions[mesh.face(f)[0].vertex as usize]);
+        // About the middle: a bent face and its reverse enclose the same.
+        part.moment += normal.dot(&middle);
     }
     for (ends, face, _) in border {
         let [a, b] = ends.map(|v| mesh.positions[v as usize]);

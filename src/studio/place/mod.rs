@@ -17,14 +17,13 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::atomic_write;
-use super::bake::command::landmark_text;
 use super::bake::head::{Head, apart, miscounted};
 use super::bake::locate::LOW;
 use super::bake::mesh::{Mesh, Vec3};
 use super::bake::names::{LANDMARKS, NAMES, mirrored};
 use super::bake::order::Ordered;
 use super::bake::shape::{Shape, shown};
-use super::bake::source::Source;
+use super::bake::source::{Source, landmark_text};
 use super::bake::{files, morphs};
 use super::fault::Fault;
 use super::heads::default_head;
