@@ -34,7 +34,7 @@ pub struct Foreign {
     pub(in crate::studio) glb: Glb,
     sources: Vec<Rows>,
     /// How many triangles look inwards in the file, and were turned in the mesh.
-    pub(super) turned: usize,
+    pub(in crate::studio) turned: usize,
 }
 
 /// The rows of a position accessor.

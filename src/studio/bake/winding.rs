@@ -19,7 +19,9 @@ const PLATE: f64 = 0.02;
 /// Parts large enough to hold others that are looked through, and how much smaller in volume these are.
 const HOLDERS: usize = 16;
 const HELD: f64 = 0.1;
-/// Share of the parts that must be reversed for those to be turned that do not show it themselves.
+/// Share of all area above which an open part is judged by its own volume: a strand of hair is bent either way.
+const LARGE: f64 = 0.01;
+/// Share of the judged area that must be reversed for the other parts to be turned as well.
 const MOST: f64 = 0.9;
 /// Share of the open edges of the smaller of two sets of faces that must lie on the other's for a seam; less is a touch.
 const SEAM: f64 = 0.1;
@@ -191,19 +193,24 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
     let mut holders: Vec<&Part> = parts.values().filter(|p| !p.is_plate()).collect();
     holders.sort_by(|a, b| b.volume().abs().total_cmp(&a.volume().abs()));
     holders.truncate(HOLDERS);
-    let shows = |p: &Part| !p.is_plate() && !holders.iter().any(|other| p.is_in(other));
+    let all: f64 = parts.values().map(|p| p.area).sum();
+    let shows = |p: &Part| {
+        let large = p.border == 0.0 || p.area > LARGE * all;
+        large && !p.is_plate() && !holders.iter().any(|other| p.is_in(other))
+    };
     let own = parts
         .iter()
         .map(|(&root, p)| (root, shows(p).then(|| p.volume() < 0.0)));
     let own: BTreeMap<u32, Option<bool>> = own.collect();
     // As most faces of a part run in the file.
     let runs = |root: &u32| parts[root].running < 0;
-    let sure = own
-        .iter()
-        .filter_map(|(root, own)| Some((*own)? ^ runs(root)));
-    let sure: Vec<bool> = sure.collect();
-    let turned = sure.iter().filter(|reversed| **reversed).count();
-    let rest = turned > 0 && turned as f64 >= MOST * sure.len() as f64;
+    let mut judged = [0.0; 2];
+    for (root, own) in &own {
+        if let Some(own) = own {
+            judged[usize::from(own ^ runs(root))] += parts[root].area;
+        }
+    }
+    let rest = judged[1] > MOST * (judged[0] + judged[1]);
     let face = |f: u32| {
         let (root, opposite) = sets.root(f);
         opposite ^ own[&root].unwrap_or_else(|| rest ^ runs(&root))

@@ -236,6 +236,7 @@ mod tests {
     use crate::face_model::FaceModel;
     use crate::studio::bake::locate::guess;
     use crate::studio::bake::looks::Looks;
+    use crate::studio::bake::patch::Foreign;
     use crate::studio::golden::{coloured, hold, hold_every};
 
     #[test]
@@ -276,6 +277,8 @@ mod tests {
             looks.extend(parts.map(|part| format!("material {}", part["material"])));
         }
         hold_every("heads/looks", &looks);
+        // Strands of hair are bent either way: none of them looks inwards.
+        assert_eq!(Foreign::read(glb).unwrap().1.turned, 0);
     }
 
     /// Landmarks in tenths of a millimetre and how sure they are in two hundredths, on the plain mesh.
