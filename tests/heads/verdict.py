@@ -335,7 +335,9 @@ def baked(folder):
     p = positions(text)
     listed = json.loads((folder / "obj/shapes.json").read_text())["shapes"]
     d = {s["name"]: positions((folder / "obj" / s["file"]).read_text()) - p for s in listed}
-    marks = np.loadtxt(folder / "h.landmarks.txt", dtype=int)
+    # Lips that were cut open have points of their own.
+    cut = folder / "obj/landmarks.txt"
+    marks = np.loadtxt(cut if cut.exists() else folder / "h.landmarks.txt", dtype=int)
     return Head(p, polygons(text), marks), d, {s["name"]: s["upon"] for s in listed}
 
 

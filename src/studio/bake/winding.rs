@@ -21,7 +21,7 @@ const HOLDERS: usize = 16;
 const HELD: f64 = 0.1;
 /// Share of all area above which an open part is judged by its own volume: a strand of hair is bent either way.
 const LARGE: f64 = 0.01;
-/// Share of the judged area that must be reversed for the other parts to be turned as well.
+/// Share of the judged parts that must be reversed for the others to be turned as well.
 const MOST: f64 = 0.9;
 /// Share of the open edges of the smaller of two sets of faces that must lie on the other's for a seam; less is a touch.
 const SEAM: f64 = 0.1;
@@ -204,13 +204,12 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
     let own: BTreeMap<u32, Option<bool>> = own.collect();
     // As most faces of a part run in the file.
     let runs = |root: &u32| parts[root].running < 0;
-    let mut judged = [0.0; 2];
-    for (root, own) in &own {
-        if let Some(own) = own {
-            judged[usize::from(own ^ runs(root))] += parts[root].area;
-        }
-    }
-    let rest = judged[1] > MOST * (judged[0] + judged[1]);
+    let sure = own
+        .iter()
+        .filter_map(|(root, own)| Some((*own)? ^ runs(root)));
+    let sure: Vec<bool> = sure.collect();
+    let turned = sure.iter().filter(|reversed| **reversed).count();
+    let rest = turned > 0 && turned as f64 >= MOST * sure.len() as f64;
     let face = |f: u32| {
         let (root, opposite) = sets.root(f);
         opposite ^ own[&root].unwrap_or_else(|| rest ^ runs(&root))
