@@ -176,7 +176,7 @@ fn targets(lines: &mut Lines, settings: &Settings) {
     }
 }
 
-/// Who receives what is sent to an address.
+/// Which computers receive data that is sent to an address.
 fn receivers(address: IpAddr) -> &'static str {
     let last = match address {
         IpAddr::V4(address) => address.octets()[3],

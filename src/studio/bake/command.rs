@@ -201,7 +201,7 @@ fn analysed(source: &Source, landmarks: &[u64]) -> Result<(Head, Ordered), Fault
     Ok((head, ordered))
 }
 
-/// The head of a source, whose lips are cut open if they are joined; what was done about that.
+/// Analyses the head of a source, and cuts its lips open first if they are joined; the last value is a note on that for the report.
 fn opened(
     request: &Request,
     source: &mut Source,

@@ -1,5 +1,5 @@
-//! The crease between lips that are one skin: in a picture of the depth of the mouth the line near the inner landmarks that lies
-//! deeper than what is above and below it.
+//! The crease between lips that are one skin: in a depth map of the mouth, the line near the inner lip landmarks that lies deeper
+//! than the skin above and below it.
 //!
 //! Units: the mesh's, in the face's frame; inside, pixels. Cost: one picture. Where there is no crease the landmarks count.
 
@@ -17,6 +17,7 @@ const SHOWN: f64 = 1.4;
 const BAND: f64 = 0.12;
 const BESIDE: f64 = 0.06;
 const EVEN: f64 = 0.08;
+
 /// The line between the lips in a picture of the mouth: its row in every column from one corner to the other.
 pub(super) struct Crease {
     canvas: Canvas,

@@ -1,12 +1,13 @@
 //! Lips that are one skin, as scans and statues have them, cut open from corner to corner, with an inside of the mouth behind.
 //!
-//! * Faces that the crease between the lips ([`super::crease`]) crosses are split along it; the shortest way along edges from corner to corner, where edges beside the
-//!   crease count more, is the cut (Dijkstra).
-//! * Its vertices are doubled, the faces below it take the copies. A closed bag hangs on both edges, so that one sees neither
-//!   through the head nor the backs of its faces.
+//! * Faces that the crease between the lips ([`super::crease`]) crosses are split along it. The cut is the shortest path along
+//!   edges from corner to corner, where edges beside the crease cost more (Dijkstra).
+//! * The vertices of the cut are doubled, and the faces below it take the copies. A closed mouth cavity is attached to both edges,
+//!   so that neither the far side of the head nor back faces are visible.
 //!
 //! The file's vertices keep their numbers and places, new ones come after them. Units: the mesh's; frame as in [`super::head`].
-//! Cost: linear in what is near the mouth. Limits: skin in pieces between the corners has no way and is not cut.
+//! Cost: linear in the faces near the mouth. Limits: where the skin between the corners is not connected there is no path, and
+//! nothing is cut.
 
 use std::cmp::Reverse;
 use std::collections::{HashMap, VecDeque};
@@ -23,7 +24,7 @@ const SNAP: f64 = 0.15;
 const PULL: f64 = 60.0;
 /// Faces further than this from the crease are not looked at, in eye distances.
 const NEAR: f64 = 1.0;
-/// Rows of the bag: how far behind the lips, and half of its height in the middle, in eye distances.
+/// Rows of the cavity: how far behind the lips, and half of its height in the middle, in eye distances.
 const ROWS: [[f64; 2]; 5] = [
     [0.06, 0.008],
     [0.20, 0.06],
@@ -59,7 +60,7 @@ struct Piece {
 struct Lip {
     /// Along the cut.
     corners: [Corner; 2],
-    /// Whether the face has them that way round.
+    /// Whether the face has them in this order.
     is_forward: bool,
     material: u32,
 }
@@ -75,7 +76,7 @@ struct Work<'a> {
     above: Vec<f64>,
     pieces: Vec<Piece>,
     /// The nodes from corner to corner, and the number of each.
-    way: Vec<u32>,
+    path: Vec<u32>,
     on: HashMap<u32, usize>,
 }
 
@@ -83,7 +84,7 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Cuts a source open between the lips; `vertex` names the head's vertex for each of its own. Nothing if there is no way.
+/// Cuts a source open between the lips; `vertex` names the head's vertex for each of its own. `None` if no path joins the corners.
 pub(super) fn opened(source: &Mesh, vertex: &[u32], head: &Head) -> Option<Opened> {
     let to_face = head.axes.transpose();
     let seen: Vec<Vec3> = head.mesh.positions.iter().map(|p| to_face * p).collect();
@@ -96,21 +97,21 @@ pub(super) fn opened(source: &Mesh, vertex: &[u32], head: &Head) -> Option<Opene
         above: vec![f64::NAN; seen.len()],
         places: seen,
         pieces: Vec::new(),
-        way: Vec::new(),
+        path: Vec::new(),
         on: HashMap::new(),
     };
     work.split(&crease, [from, to]);
-    let way = work.shortest(from, to);
+    let path = work.shortest(from, to);
     // A vertex between the corners for each landmark.
-    work.way = way.filter(|way| way.len() > 4)?;
-    work.on = work.way.iter().copied().zip(0..).collect();
+    work.path = path.filter(|path| path.len() > 4)?;
+    work.on = work.path.iter().copied().zip(0..).collect();
     work.find_sides();
     work.double();
     let [upper, lower] = [false, true].map(|is_lower| work.lips(is_lower));
     let lips = [upper?, lower?];
     let landmarks = work.landmarks(&lips);
-    let bag = work.bag(&lips);
-    Some(work.finish(source, &bag, landmarks))
+    let cavity = work.cavity(&lips);
+    Some(work.finish(source, &cavity, landmarks))
 }
 
 impl Work<'_> {
@@ -245,7 +246,7 @@ impl Work<'_> {
         }));
     }
 
-    /// The way along the edges of pieces from one node to another.
+    /// The shortest path along the edges of pieces from one node to another.
     fn shortest(&self, from: u32, to: u32) -> Option<Vec<u32>> {
         let mut beside: HashMap<u32, Vec<u32>> = HashMap::new();
         for [a, b] in self
@@ -275,12 +276,12 @@ impl Work<'_> {
             }
         }
         best.get(&to)?;
-        let mut way = vec![to];
-        while way[way.len() - 1] != from {
-            way.push(best[&way[way.len() - 1]].1);
+        let mut path = vec![to];
+        while path[path.len() - 1] != from {
+            path.push(best[&path[path.len() - 1]].1);
         }
-        way.reverse();
-        Some(way)
+        path.reverse();
+        Some(path)
     }
 
     /// The number of an edge of the cut, and whether one goes along the cut from its first node to its second.
@@ -292,7 +293,7 @@ impl Work<'_> {
     /// Whether a node lies on the cut and not at its end.
     fn is_inner(&self, node: u32) -> bool {
         let at = self.on.get(&node);
-        at.is_some_and(|&at| at > 0 && at + 1 < self.way.len())
+        at.is_some_and(|&at| at > 0 && at + 1 < self.path.len())
     }
 
     /// Which pieces lie below the cut: those that have an edge of it in one direction, and what hangs together with them there.
@@ -344,7 +345,7 @@ impl Work<'_> {
 
     /// The edges of the cut as the faces on one side have them; nothing if one has none.
     fn lips(&self, is_lower: bool) -> Option<Vec<Lip>> {
-        let mut lips = vec![None; self.way.len() - 1];
+        let mut lips = vec![None; self.path.len() - 1];
         for piece in self.pieces.iter().filter(|p| p.is_lower == Some(is_lower)) {
             let next = piece.corners.iter().cycle().skip(1);
             let sides = self.sides(&piece.corners).into_iter();
@@ -381,26 +382,26 @@ impl Work<'_> {
         })
     }
 
-    /// The cut, smoother and nowhere before itself: what the rows of the bag follow.
+    /// The cut, smoother and nowhere before itself: what the rows of the cavity follow.
     fn line(&self) -> Vec<Vec3> {
-        let way = || self.way.iter().map(|&node| self.places[node as usize]);
+        let path = || self.path.iter().map(|&node| self.places[node as usize]);
         let smooth = |p: Vec3| {
-            let near = way().map(|q| {
+            let near = path().map(|q| {
                 let apart = (p.x - q.x) / (SMOOTH * self.head.eye_distance);
                 Vec3::new(q.y, q.z, 1.0) * (-apart * apart).exp()
             });
             let sum: Vec3 = near.sum();
             Vec3::new(p.x, sum.x / sum.z, sum.y / sum.z)
         };
-        let mut line: Vec<Vec3> = way().map(smooth).collect();
-        let before = line.iter().zip(way()).map(|(p, q)| p.z - q.z);
+        let mut line: Vec<Vec3> = path().map(smooth).collect();
+        let before = line.iter().zip(path()).map(|(p, q)| p.z - q.z);
         let most = before.fold(0.0, f64::max);
         line.iter_mut().for_each(|p| p.z -= most);
         line
     }
 
-    /// Hangs a closed bag on both edges; its faces.
-    fn bag(&mut self, lips: &[Vec<Lip>; 2]) -> Vec<([Corner; 4], u32)> {
+    /// Hangs a closed cavity on both edges; its faces.
+    fn cavity(&mut self, lips: &[Vec<Lip>; 2]) -> Vec<([Corner; 4], u32)> {
         let (line, axes, w) = (self.line(), self.head.axes, self.head.eye_distance);
         let (last, like) = (line.len() - 1, lips[0][0].corners[0].vertex);
         let middle = (line[0].x + line[last].x) / 2.0;
@@ -442,8 +443,8 @@ impl Work<'_> {
         faces
     }
 
-    /// The whole: faces that are as they were, those at the cut, the bag's.
-    fn finish(self, source: &Mesh, bag: &[([Corner; 4], u32)], landmarks: [u64; 8]) -> Opened {
+    /// The whole: faces that are as they were, those at the cut, the cavity's.
+    fn finish(self, source: &Mesh, cavity: &[([Corner; 4], u32)], landmarks: [u64; 8]) -> Opened {
         let mut kept = vec![true; source.faces()];
         let changed = self.pieces.iter().filter(|piece| piece.is_changed);
         changed.clone().for_each(|piece| kept[piece.face] = false);
@@ -460,7 +461,7 @@ impl Work<'_> {
             let bare = corners.iter().map(|&c| Corner { normal: None, ..c });
             mesh.push_face(&bare.collect::<Vec<_>>(), source.face_material[*face]);
         }
-        for (corners, material) in bag {
+        for (corners, material) in cavity {
             mesh.push_face(corners, *material);
         }
         Opened {

@@ -82,8 +82,9 @@ impl Located {
     }
 }
 
-/// Finds the landmarks with however little confidence, for a person to correct: as if of plaster, then as it is coloured; where the
-/// file says what is up and in `front`, from there, and only if that shows none, from all around. `None` if there is nothing to look at.
+/// Finds the landmarks, however low their confidence, for a person to correct: on the plain surface first, then with its colours.
+/// `front` holds the axes that the file states; they are tried first, and all directions only if they show no face. `None` for a
+/// mesh without a surface.
 pub fn guess(
     mesh: &Mesh,
     looks: &Looks,

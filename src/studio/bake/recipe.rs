@@ -60,9 +60,8 @@ impl Recipe {
         let visemes = recipe.viseme.iter().map(|viseme| viseme.name.as_str());
         let mut seen = HashSet::new();
         let mut all = names.iter().copied().chain(visemes);
-        let twice = all.find(|name| !seen.insert(*name));
         let wrong = |text: String| Err(Fault::new(text));
-        if let Some(twice) = twice {
+        if let Some(twice) = all.find(|name| !seen.insert(*name)) {
             return wrong(format!(
                 "two shapes are called {twice:?}; names must differ"
             ));
@@ -96,17 +95,17 @@ impl Recipe {
                 "expected at most {MOST_SHAPES} shapes, found {count}"
             )));
         }
-        for entry in &self.shape {
-            let mut numbers = entry.numbers();
-            let beyond = numbers.find(|(value, most)| !(-most..=*most).contains(value));
-            if let Some((value, most)) = beyond {
-                return Err(Fault::new(format!(
-                    "shape {}: expected a number within {most} of 0, found {value}",
-                    entry.name
-                )));
-            }
+        let mut numbers = self
+            .shape
+            .iter()
+            .flat_map(|e| e.numbers().map(|n| (&e.name, n)));
+        let beyond = |(_, (value, most)): &(&String, (f64, f64))| !(-most..=*most).contains(value);
+        match numbers.find(beyond) {
+            Some((name, (value, most))) => Err(Fault::new(format!(
+                "shape {name}: expected a number within {most} of 0, found {value}"
+            ))),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// Names of all shapes, mirrors after their originals.
@@ -240,25 +239,21 @@ impl Entry {
 
     /// All numbers, each with the largest that a face can move by.
     fn numbers(&self) -> impl Iterator<Item = (f64, f64)> {
-        let (close, gaze) = (self.close.iter(), self.gaze.iter());
         let lengths = self.moves.iter().flat_map(|m| [m.1, m.2, m.3]);
         let lengths = lengths.chain(self.jaw_shift).chain(self.jaw_opens);
         let lengths = lengths.chain(self.tongue.into_iter().flatten());
-        let shares = self
-            .jaw
-            .iter()
-            .map(|j| j.1)
-            .chain(close.flat_map(|c| [c.1, c.2]));
+        let closing = self.close.iter().flat_map(|c| [c.1, c.2]);
+        let shares = self.jaw.iter().map(|j| j.1).chain(closing);
         let shares = shares.chain(self.undo.iter().map(|u| u.2));
-        let bounds = self.must.iter().map(|asked| match asked {
-            Asked::Of(_, _, bound) | Asked::Between(_, _, _, bound) => *bound,
-        });
-        let degrees = self
-            .jaw_turn
-            .into_iter()
-            .chain(gaze.flat_map(|g| [g.1, g.2]));
+        let bounds = self.must.iter().map(|asked| asked.parts().3);
         let near = lengths.chain(shares).chain(bounds).map(|x| (x, FARTHEST));
-        near.chain(degrees.map(|x| (x, WIDEST_DEG)))
+        let gaze = self.gaze.iter().flat_map(|g| [g.1, g.2]);
+        near.chain(
+            self.jaw_turn
+                .into_iter()
+                .chain(gaze)
+                .map(|x| (x, WIDEST_DEG)),
+        )
     }
 }
 
@@ -336,10 +331,7 @@ impl<'a> Side<'a> {
 
     /// What the shape must do.
     fn promise(&self, asked: &Asked, head: &Head) -> Result<Promise, Fault> {
-        let (what, first, other, bound) = match asked {
-            Asked::Of(what, one, bound) => (what.as_str(), one, "", *bound),
-            Asked::Between(what, one, other, bound) => (what.as_str(), one, &**other, *bound),
-        };
+        let (what, first, other, bound) = asked.parts();
         // Of lids a side is named, not points.
         let named = if what == "lids" { "" } else { first };
         let (one, other) = (self.points(named)?, self.points(other)?);

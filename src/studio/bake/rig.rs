@@ -228,7 +228,7 @@ impl<'a> Rig<'a> {
             base: base.filter(|_| self.targets[k].undo.is_some()),
             jaw: carried.as_deref(),
         };
-        // The jaw's field on the skin replaces what was learned of it.
+        // Where the jaw moves the skin, its share field replaces the learned displacement.
         let learned = self.learned.as_ref();
         let learned = learned.filter(|_| target.derive && carried.is_none());
         let u = &self.influence[k];

@@ -174,6 +174,16 @@ pub(super) enum Asked {
     Between(String, String, String, f64),
 }
 
+impl Asked {
+    /// What is asked, the first and the other group of points, and the bound.
+    pub(super) fn parts(&self) -> (&str, &str, &str, f64) {
+        match self {
+            Self::Of(what, one, bound) => (what, one, "", *bound),
+            Self::Between(what, one, other, bound) => (what, one, other, *bound),
+        }
+    }
+}
+
 /// One thing that a shape must do.
 #[derive(Clone, Debug)]
 pub struct Promise {
