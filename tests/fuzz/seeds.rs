@@ -78,7 +78,7 @@ pub fn small_model() -> Vec<u8> {
     let mut model = face_model::FaceModel::shipped();
     (model.cold, model.warm) = (Vec::new().into(), Vec::new().into());
     (model.refinement, model.paper_aam) = (None, Vec::new().into());
-    model.standard_head = model.standard_head.into_iter().step_by(4).collect();
+    model.standard_head = model.standard_head.into_iter().step_by(16).collect();
     face_model::file::emit(&model)
 }
 
