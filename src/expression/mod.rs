@@ -94,6 +94,8 @@ pub struct Expression {
     /// The same for everybody.
     units: Arc<Units>,
     names: heapless::Vec<UnitName, UNITS>,
+    /// Place of the reading of each measure's rising and falling unit.
+    readings: [[Option<usize>; 2]; LEARNT_MEASURES],
     /// See [`Units::further`].
     further: heapless::Vec<usize, UNITS>,
     scale: EyeDistance,
@@ -122,6 +124,10 @@ impl Expression {
             .flatten();
         Self {
             together,
+            readings: core::array::from_fn(|m| {
+                let row = &units.rows[m];
+                [&row.rises, &row.falls].map(|unit| units.reading(unit.as_ref()))
+            }),
             further: units.further().take(UNITS).collect(),
             scale: EyeDistance::new(units.eye_distance_m),
             learners: Learners::new(&settings, &units),
@@ -164,38 +170,34 @@ impl Expression {
         Some(&self.together.as_ref()?.raw)
     }
 
-    /// The range of each column's unit, in the order of [`Self::unit_names`].
+    /// The range that each column's weight is computed with, in the order of [`Self::unit_names`].
     pub fn unit_ranges(&self) -> heapless::Vec<UnitRange, UNITS> {
         let paper = matches!(self.learners, Learners::Paper(_));
-        let rows = self.units.rows.iter().zip(self.ranges()).enumerate();
-        let columns = rows.flat_map(|(m, (row, range))| {
-            let kind = row.kind(paper);
-            let unit = UnitRange {
+        let ranges = self.ranges();
+        let of_measure = |m: usize| (ranges[m], self.learners.sigma(m));
+        let of_reading = |reading: usize| self.together.as_ref().map(|all| all.range(reading));
+        let rows = self.units.rows.iter().enumerate();
+        let columns = rows.flat_map(|(m, row)| {
+            let sides = row.kind(paper).sides().into_iter().zip(self.readings[m]);
+            sides.filter(|(acts, _)| *acts).map(move |(_, reading)| {
+                reading
+                    .and_then(of_reading)
+                    .unwrap_or_else(|| of_measure(m))
+            })
+        });
+        let further = self
+            .further
+            .iter()
+            .filter_map(|&reading| of_reading(reading));
+        let ranges = columns.chain(further).zip(self.weights.readiness());
+        ranges
+            .map(|((range, noise), &readiness)| UnitRange {
                 low: range.low as f32,
                 rest: range.rest as f32,
                 high: range.high as f32,
-                noise: self.learners.sigma(m) as f32,
-                readiness: 0.0,
-            };
-            kind.sides()
-                .into_iter()
-                .filter(|acts| *acts)
-                .map(move |_| unit)
-        });
-        let further = self.together.iter().flat_map(|together| {
-            let ranges = self.further.iter().map(|&reading| together.range(reading));
-            ranges.map(|range| UnitRange {
-                low: range.rest as f32,
-                rest: range.rest as f32,
-                high: range.high as f32,
-                ..UnitRange::default()
+                noise: noise as f32,
+                readiness,
             })
-        });
-        let readiness = self.weights.readiness();
-        columns
-            .chain(further)
-            .zip(readiness)
-            .map(|(unit, &readiness)| UnitRange { readiness, ..unit })
             .collect()
     }
 
@@ -237,9 +239,15 @@ impl Expression {
 
     /// What was learned, for saving (see [`Learned::write`]).
     pub fn learned(&self) -> Learned {
+        let together = self.together.as_ref();
+        let (features, readings) = together.map_or_else(Default::default, |together| {
+            (together.features(), together.readings(&self.units))
+        });
         Learned {
             eye_distance_m: self.scale.get(),
             ranges: self.ranges(),
+            features,
+            readings,
         }
     }
 
@@ -253,7 +261,7 @@ impl Expression {
             }
         }
         if let Some(together) = &mut self.together {
-            together.restore(&self.units, &learned.ranges);
+            together.restore(&self.units, learned);
         }
     }
 
@@ -429,8 +437,8 @@ impl Expression {
             (kind.falls(), -signed, readiness[1]),
         ];
         if let Some(together) = &mut self.together {
-            for (side, unit) in sides.iter_mut().zip([&row.rises, &row.falls]) {
-                if let Some(reading) = self.units.reading(unit.as_ref()) {
+            for (side, reading) in sides.iter_mut().zip(self.readings[m]) {
+                if let Some(reading) = reading {
                     (side.1, side.2) = together.weigh(reading, &self.settings, dt);
                 }
             }

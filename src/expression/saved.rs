@@ -1,20 +1,28 @@
 //! Saves and loads what was learned about a person, as plain text that is validated on loading.
 //!
-//! One line per measure, `measure low rest high`, after a header with the version and the eye distance in metres:
+//! One line per range, `name low rest high`, after a header with the version and the eye distance in metres: every measure,
+//! then, if units are read from all measures together, every feature and every unit's reading:
 //! ```text
-//! mien-ranges 1 0.0372
+//! mien-ranges 2 0.0372
 //! lip_gap 0.0213 0.0213 0.7961
+//! …
+//! brow_distance 0.4821 0.4821 0.4821
+//! …
+//! AU25 0.0000 0.0000 0.8512
 //! ```
-//! Units: inner-eye-corner distances. Memory: fixed. Degenerate: a file with a missing measure, in the wrong
-//! order, or with a non-finite or implausible number is rejected; the caller then starts from the population.
+//! Version 1 has the measures only. Units: inner-eye-corner distances; readings have none. Memory: fixed. Degenerate: a file
+//! with a missing measure or feature, in the wrong order, or with a non-finite or implausible number is rejected; the caller
+//! then starts from the population.
 
 use core::fmt::Write;
 
+use super::features;
 use super::measures::Measure;
+use super::prior::UnitName;
 use super::range::Range;
-use crate::base::capacity::LEARNT_MEASURES;
+use crate::base::capacity::{FEATURES, LEARNT_MEASURES, UNITS};
 
-const HEADER: &str = "mien-ranges 1";
+const HEADER: &str = "mien-ranges";
 /// Largest plausible measure, in eye distances.
 const LARGEST: f64 = 20.0;
 
@@ -25,6 +33,10 @@ pub struct Learned {
     pub eye_distance_m: f32,
     /// By learnt measure.
     pub ranges: [Range; LEARNT_MEASURES],
+    /// By feature, in the order of [`features::names`]; empty in a file of version 1 and with the paper's method.
+    pub features: heapless::Vec<Range, FEATURES>,
+    /// Of the readings that the units' weights are computed from; likewise.
+    pub readings: heapless::Vec<(UnitName, Range), UNITS>,
 }
 
 /// Why saved ranges are rejected.
@@ -32,14 +44,24 @@ pub struct Learned {
 pub enum SavedError {
     /// Not this format.
     #[error(
-        "saved ranges: expected a first line \"mien-ranges 1 <eye distance in metres, 0.015 to 0.06>\"; delete the file to start over"
+        "saved ranges: expected a first line \"mien-ranges 2 <eye distance in metres, 0.015 to 0.06>\" or of version 1; delete the file to start over"
     )]
     Header,
-    /// A malformed line: its number from 1, and its measure.
+    /// A malformed line: its number from 1, and what its range belongs to.
     #[error(
         "saved ranges, line {0}: expected \"{1} low rest high\" with low <= rest <= high within 20; delete the file to start over"
     )]
     Line(usize, &'static str),
+}
+
+/// The name at the start of a line and its range; `None` if it is malformed or implausible.
+fn parse_line(line: &str) -> Option<(&str, Range)> {
+    let mut words = line.split_ascii_whitespace();
+    let name = words.next()?;
+    let mut number = || words.next()?.parse::<f64>().ok();
+    let (low, rest, high) = (number()?, number()?, number()?);
+    let ordered = low <= rest && rest <= high && low >= -LARGEST && high <= LARGEST;
+    (ordered && words.next().is_none()).then_some((name, Range { low, rest, high }))
 }
 
 impl Learned {
@@ -48,10 +70,16 @@ impl Learned {
     /// # Errors
     /// If the writer fails.
     pub fn write(&self, text: &mut impl Write) -> core::fmt::Result {
-        writeln!(text, "{HEADER} {:.6}", self.eye_distance_m)?;
-        for (measure, range) in Measure::ALL.iter().zip(&self.ranges) {
-            let Range { low, rest, high } = range;
-            writeln!(text, "{} {low:.6} {rest:.6} {high:.6}", measure.name())?;
+        writeln!(text, "{HEADER} 2 {:.6}", self.eye_distance_m)?;
+        let named = names()
+            .map(|name: &str| name)
+            .zip(self.ranges.iter().chain(&self.features));
+        let readings = self
+            .readings
+            .iter()
+            .map(|(unit, range)| (unit.as_str(), range));
+        for (name, Range { low, rest, high }) in named.chain(readings) {
+            writeln!(text, "{name} {low:.6} {rest:.6} {high:.6}")?;
         }
         Ok(())
     }
@@ -62,32 +90,48 @@ impl Learned {
     /// If anything is missing, out of order or implausible.
     pub fn read(text: &str) -> Result<Self, SavedError> {
         let mut lines = text.lines();
-        let eye_distance_m = lines
-            .next()
-            .and_then(|line| line.strip_prefix(HEADER)?.trim().parse().ok())
-            .filter(|w| (0.015..0.06).contains(w))
-            .ok_or(SavedError::Header)?;
-        let mut ranges = [Range::default(); LEARNT_MEASURES];
-        for (m, range) in ranges.iter_mut().enumerate() {
-            let measure = Measure::ALL[m].name();
-            let parse = |line: &str| {
-                let mut words = line.split_ascii_whitespace();
-                (words.next()? == measure).then_some(())?;
-                let mut number = || words.next()?.parse::<f64>().ok();
-                let (low, rest, high) = (number()?, number()?, number()?);
-                let ordered = low <= rest && rest <= high && low >= -LARGEST && high <= LARGEST;
-                (ordered && words.next().is_none()).then_some(Range { low, rest, high })
-            };
-            *range = lines
-                .next()
-                .and_then(parse)
-                .ok_or(SavedError::Line(m + 2, measure))?;
+        let header = |line: &str| {
+            let (version, width) = line.strip_prefix(HEADER)?.trim().split_once(' ')?;
+            let width = width.trim().parse().ok()?;
+            (["1", "2"].contains(&version) && (0.015..0.06).contains(&width)).then_some(width)
+        };
+        let mut learned = Self {
+            eye_distance_m: lines.next().and_then(header).ok_or(SavedError::Header)?,
+            ranges: [Range::default(); LEARNT_MEASURES],
+            features: heapless::Vec::new(),
+            readings: heapless::Vec::new(),
+        };
+        for (k, name) in names().enumerate() {
+            let line = lines.next();
+            if k == LEARNT_MEASURES && line.is_none() {
+                return Ok(learned);
+            }
+            let range = line
+                .and_then(parse_line)
+                .filter(|(found, _)| *found == name);
+            let (_, range) = range.ok_or(SavedError::Line(k + 2, name))?;
+            match learned.ranges.get_mut(k) {
+                Some(slot) => *slot = range,
+                // As many as there are names.
+                None => _ = learned.features.push(range),
+            }
         }
-        Ok(Self {
-            eye_distance_m,
-            ranges,
-        })
+        for (line, number) in lines.zip(names().count() + 2..) {
+            let reading =
+                parse_line(line).and_then(|(unit, range)| Some((unit.parse().ok()?, range)));
+            let kept = reading.and_then(|reading| learned.readings.push(reading).ok());
+            kept.ok_or(SavedError::Line(number, "UNIT"))?;
+        }
+        Ok(learned)
     }
+}
+
+/// What the lines before the readings belong to.
+fn names() -> impl Iterator<Item = &'static str> {
+    let measures = Measure::ALL[..LEARNT_MEASURES]
+        .iter()
+        .map(|measure| measure.name());
+    measures.chain(features::names())
 }
 
 #[cfg(test)]
@@ -105,6 +149,27 @@ mod tests {
                     high: rest + 0.5,
                 }
             }),
+            features: (0..FEATURES).map(|k| at_rest(0.125 * k as f64)).collect(),
+            readings: [("AU25", 0.75), ("AU43L", 1.5)]
+                .map(|(unit, high)| {
+                    (
+                        unit.parse().unwrap(),
+                        Range {
+                            high,
+                            ..Range::default()
+                        },
+                    )
+                })
+                .into_iter()
+                .collect(),
+        }
+    }
+
+    fn at_rest(rest: f64) -> Range {
+        Range {
+            low: rest,
+            rest,
+            high: rest,
         }
     }
 
@@ -120,6 +185,16 @@ mod tests {
     }
 
     #[test]
+    fn version_1_has_the_ranges_of_the_measures() {
+        let mut lines: Vec<&str> = Vec::new();
+        let text = text().replace("mien-ranges 2", "mien-ranges 1");
+        lines.extend(text.lines().take(1 + LEARNT_MEASURES));
+        let old = Learned::read(&lines.join("\n")).unwrap();
+        assert_eq!(old.ranges, person().ranges);
+        assert!(old.features.is_empty() && old.readings.is_empty());
+    }
+
+    #[test]
     fn refuses_what_is_damaged() {
         let whole = text();
         assert_eq!(Learned::read(""), Err(SavedError::Header));
@@ -131,6 +206,9 @@ mod tests {
             ("lip_gap -0.125", "lip_gap nan", 2),
             ("lip_gap -0.125", "lip_gap 7", 2),
             ("mouth_width", "mouth", 3),
+            ("brow_distance", "brow", LEARNT_MEASURES + 2),
+            ("AU25 0", "AU25 nan", LEARNT_MEASURES + FEATURES + 2),
+            ("AU43L", "AU43Left_", LEARNT_MEASURES + FEATURES + 3),
         ] {
             match Learned::read(&whole.replacen(from, to, 1)) {
                 Err(SavedError::Line(found, _)) => assert_eq!(found, line),

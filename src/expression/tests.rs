@@ -215,6 +215,93 @@ fn somebody_else_after_a_loss_starts_from_the_population() {
     assert_eq!(same.resets(), 0);
 }
 
+/// Somebody who grins every ten seconds, after a minute.
+fn grinning() -> Expression {
+    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut random = fastrand::Rng::with_seed(5);
+    for n in 0..1800 {
+        let mm = if n % 300 >= 240 {
+            9.0
+        } else {
+            0.3 * random.f32()
+        };
+        expression.observe(&grin(mm), &facing(), frame(n));
+    }
+    expression
+}
+
+/// The toy face with chin and lower lip 8 mm lower.
+fn open_mouth() -> Landmarks {
+    let mut face = grin(0.0);
+    for i in [6, 7, 8, 9, 10, 55, 56, 57, 58, 59, 65, 66, 67] {
+        face.head[i].y += 8e-3;
+    }
+    face
+}
+
+fn restored(learned: &Learned) -> Expression {
+    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    expression.restore(learned);
+    expression
+}
+
+#[test]
+fn a_restart_keeps_the_ranges_that_weights_are_computed_with() {
+    let before = grinning();
+    let mut text = alloc::string::String::new();
+    before.learned().write(&mut text).unwrap();
+    let learned = Learned::read(&text).unwrap();
+    let furthest = |learned: &Learned| {
+        let (before, after) = (before.unit_ranges(), restored(learned).unit_ranges());
+        let apart =
+            |(a, b): (&UnitRange, &UnitRange)| (a.high - b.high).abs().max((a.rest - b.rest).abs());
+        before.iter().zip(&after).map(apart).fold(0.0, f32::max)
+    };
+    assert!(furthest(&learned) < 1e-5, "{}", furthest(&learned));
+    // Version 1 had no more than what follows from the measures.
+    let (features, readings) = Default::default();
+    let old = Learned {
+        features,
+        readings,
+        ..learned
+    };
+    assert!(furthest(&old) > 0.05, "{}", furthest(&old));
+}
+
+#[test]
+fn a_weight_is_a_share_of_the_range_that_is_reported() {
+    let mut learned = grinning().learned();
+    let shown = |learned: &Learned| {
+        let mut expression = restored(learned);
+        for n in 0..150 {
+            let face = if n < 130 { grin(0.0) } else { open_mouth() };
+            expression.observe(&face, &facing(), frame(n));
+        }
+        let ranges = expression.unit_ranges();
+        (expression.weights().units().to_vec(), ranges)
+    };
+    let (narrow, ranges) = shown(&learned);
+    for (_, range) in &mut learned.readings {
+        range.high *= 1.5;
+    }
+    let (wide, wider) = shown(&learned);
+    let mut compared = 0;
+    for (k, (narrow, wide)) in narrow.iter().zip(&wide).enumerate() {
+        let (range, wider) = [ranges[k], wider[k]]
+            .map(|range| range.high - range.rest)
+            .into();
+        if *wide > 0.3 && wider > 1.2 * range {
+            compared += 1;
+            let shares = narrow / wide * range / wider;
+            assert!(
+                (shares - 1.0).abs() < 0.1,
+                "{k}: {narrow} of {range}, {wide} of {wider}"
+            );
+        }
+    }
+    assert!(compared > 0, "{narrow:?} {wide:?}");
+}
+
 #[test]
 fn the_present_face_can_be_declared_neutral() {
     let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());

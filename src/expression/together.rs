@@ -12,9 +12,10 @@ use super::range::Range;
 use super::readings::Reading;
 use super::resting::{Resting, Turn};
 use super::robust::RobustLearner;
+use super::saved::Learned;
 use super::settings::{LEAST_CONFIDENCE, Settings};
 use super::smooth::MeasureFilter;
-use super::units::{Kind, Units};
+use super::units::{Kind, UnitName, Units};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, MEASURES, UNITS};
 use crate::base::geometry::Rotation;
 use crate::base::prelude::*;
@@ -219,11 +220,25 @@ impl Together {
         )
     }
 
-    /// Range of a reading.
-    pub(super) fn range(&self, reading: usize) -> Range {
-        self.units
-            .get(reading)
-            .map_or(ABSOLUTE, RobustLearner::range)
+    /// Range of a reading that its weight is computed with, and the deviation of its noise.
+    pub(super) fn range(&self, reading: usize) -> (Range, f64) {
+        let learner = self.units.get(reading);
+        learner.map_or((ABSOLUTE, GLANCE_NOISE), |learner| {
+            (learner.range(), learner.sigma())
+        })
+    }
+
+    /// What was learned of the features, to be saved.
+    pub(super) fn features(&self) -> heapless::Vec<Range, FEATURES> {
+        self.features.iter().map(RobustLearner::range).collect()
+    }
+
+    /// What was learned of the readings, to be saved.
+    pub(super) fn readings(&self, units: &Units) -> heapless::Vec<(UnitName, Range), UNITS> {
+        let readings = units.readings.iter().zip(&self.units);
+        readings
+            .map(|(reading, learner)| (reading.unit.clone(), learner.range()))
+            .collect()
     }
 
     /// Takes the last frame's face as rest.
@@ -255,24 +270,39 @@ impl Together {
         self.filters.iter_mut().for_each(MeasureFilter::reset);
     }
 
-    /// Starts from the saved ranges of this person's measures: large movements of a measure imply high readings of its units.
-    pub(super) fn restore(&mut self, units: &Units, ranges: &[Range; LEARNT_MEASURES]) {
-        for (row, range) in units.rows.iter().zip(ranges) {
+    /// Starts from what was saved of this person. Version 1 knows the measures only: there large movements of a measure imply
+    /// high readings of its units.
+    pub(super) fn restore(&mut self, units: &Units, learned: &Learned) {
+        for (learner, range) in self.features.iter_mut().zip(&learned.features) {
+            learner.restore(*range);
+        }
+        let mut restore = |unit: &UnitName, range| {
+            let reading = units.reading(Some(unit));
+            if let Some(learner) = reading.and_then(|reading| self.units.get_mut(reading)) {
+                learner.restore(range);
+            }
+        };
+        for (unit, range) in &learned.readings {
+            restore(unit, *range);
+        }
+        if !learned.readings.is_empty() {
+            return;
+        }
+        for (row, range) in units.rows.iter().zip(&learned.ranges) {
             let sides = [
                 (&row.rises, range.high - range.rest, row.prior.up),
                 (&row.falls, range.rest - range.low, row.prior.down),
             ];
             for (unit, own, usual) in sides {
-                if let Some(learner) = units
-                    .reading(unit.as_ref())
-                    .filter(|_| usual > 0.0)
-                    .and_then(|reading| self.units.get_mut(reading))
-                {
-                    learner.restore(Range {
-                        low: 0.0,
-                        rest: 0.0,
-                        high: own / usual,
-                    });
+                if let Some(unit) = unit.as_ref().filter(|_| usual > 0.0) {
+                    let high = own / usual;
+                    restore(
+                        unit,
+                        Range {
+                            high,
+                            ..Range::default()
+                        },
+                    );
                 }
             }
         }

@@ -37,7 +37,7 @@ impl Weights {
     }
 }
 
-/// The range of a unit, in units of its measure, or of its reading if it has none.
+/// The range that a unit's weight is computed with: of its reading, or in eye distances of its measure if it has none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UnitRange {
     /// Value at the full falling expression; rest, if there is none.

@@ -39,7 +39,7 @@ pub struct Report<'a> {
     pub measures: &'a [f32],
     /// Weights in the order of the units' names; empty when posed, lost or absent.
     pub weights: &'a [f32],
-    /// Learned low, rest and high of the measure behind each unit, in the order of the units' names; empty when posed, lost
+    /// The range that each weight is computed with, in the order of the units' names; empty when posed, lost
     /// or absent.
     pub ranges: &'a [UnitRange],
     /// Gestures of the user that are on, a bit each in the order of the configuration.

@@ -148,10 +148,19 @@ fn learned(name: &str, settings: ExpressionSettings, units: Units) {
         for (weight, ready) in weights.units().iter().zip(weights.readiness()) {
             write!(line, " {:.0} {:.0}", 500.0 * weight, 200.0 * ready).unwrap();
         }
-        for (range, of) in expression.ranges().iter().zip(expression.unit_ranges()) {
-            for value in [range.low, range.rest, range.high, 5.0 * f64::from(of.noise)] {
+        for range in expression.ranges() {
+            for value in [range.low, range.rest, range.high] {
                 write!(line, " {:.0}", 1000.0 * value).unwrap();
             }
+        }
+        for range in expression.unit_ranges() {
+            write!(
+                line,
+                " {:.0} {:.0}",
+                1000.0 * range.high,
+                5000.0 * range.noise
+            )
+            .unwrap();
         }
         lines.push(plain(&line));
     }

@@ -105,6 +105,8 @@ mod tests {
             learned: Learned {
                 eye_distance_m: 0.037,
                 ranges: [Range::default(); LEARNT_MEASURES],
+                features: heapless::Vec::new(),
+                readings: heapless::Vec::new(),
             },
             last_seen: Timestamp::from_us(left_s * 1_000_000),
             before_s: 0.0,

@@ -6,7 +6,7 @@
 //! ```text
 //! mien-people 2
 //! person 0 1763720000 0.012 0.00041 - -0.00112 …
-//! mien-ranges 1 0.0372
+//! mien-ranges 2 0.0372
 //! lip_gap 0.0213 0.0213 0.7961
 //! …
 //! checksum 1a2b3c4d
@@ -37,7 +37,7 @@ const PERIOD: Duration = Duration::from_secs(60);
 /// How long a damaged file is kept after it was written.
 const DAMAGED_KEPT: Duration = Duration::from_secs(86_400);
 /// Size of the longest file written, bytes: likeness and ranges of everybody.
-const TEXT: usize = (REMEMBERED + USERS) * 2048;
+const TEXT: usize = (REMEMBERED + USERS) * 6144;
 
 /// Largest file accepted, bytes.
 const MOST: usize = 4 * TEXT;
@@ -242,6 +242,8 @@ mod tests {
             learned: Learned {
                 eye_distance_m: 0.03 + 0.001 * slot as f32,
                 ranges: Default::default(),
+                features: heapless::Vec::new(),
+                readings: heapless::Vec::new(),
             },
             last_seen: Timestamp::from_us(4_000_000),
             before_s,

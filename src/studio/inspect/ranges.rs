@@ -122,6 +122,8 @@ mod tests {
             learned: Learned {
                 eye_distance_m: 0.034,
                 ranges,
+                features: heapless::Vec::new(),
+                readings: heapless::Vec::new(),
             },
             last_seen: Timestamp::default(),
             before_s: 0.0,
