@@ -264,6 +264,21 @@ mod tests {
     }
 
     #[test]
+    fn a_landmark_is_judged_with_its_neighbours_on_both_sides() {
+        let own: [f32; LANDMARKS] = core::array::from_fn(|i| (i * i) as f32);
+        let signs = landmark_signs(&own);
+        for i in 1..LANDMARKS - 1 {
+            // The mean of (i - 1)² and (i + 1)².
+            assert_eq!(signs[i][..2], [own[i], own[i] + 1.0], "{i}");
+        }
+        let last = LANDMARKS - 1;
+        assert_eq!(signs[0][1], 0.5 * own[1]);
+        assert_eq!(signs[last][1], 0.5 * (own[last - 1] + own[last]));
+        let mean = own.iter().sum::<f32>() / LANDMARKS as f32;
+        assert!(signs.iter().all(|one| one[2..] == [mean, 1.0]));
+    }
+
+    #[test]
     fn a_dot_product_is_the_sum_of_the_products() {
         let mut random = fastrand::Rng::with_seed(1);
         let weights: [i8; PATCH] = core::array::from_fn(|_| random.i8(..));

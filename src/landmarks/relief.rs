@@ -132,4 +132,18 @@ mod tests {
         let nothing: Box<[u16; PIXELS]> = vec![NO_DEPTH; PIXELS].try_into().expect("long");
         assert!(height(&nothing, &camera, &pose, &Point::origin()).is_none());
     }
+
+    #[test]
+    fn what_is_two_centimetres_nearer_hides_a_place_and_what_is_behind_does_not() {
+        let camera = Camera::default();
+        let depth = plane(&camera, 0.0);
+        let pose = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.8));
+        for (z, hidden) in [(0.03, true), (0.01, false), (0.0, false), (-0.03, false)] {
+            let place = Point::new(0.01, 0.02, z);
+            assert_eq!(is_hidden(&depth, &camera, &pose, &place), hidden, "{z}");
+        }
+        let nothing: Box<[u16; PIXELS]> = vec![NO_DEPTH; PIXELS].try_into().expect("long");
+        let place = Point::new(0.0, 0.0, 0.03);
+        assert!(!is_hidden(&nothing, &camera, &pose, &place));
+    }
 }

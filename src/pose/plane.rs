@@ -416,6 +416,40 @@ mod tests {
     }
 
     #[test]
+    fn a_planted_motion_about_three_axes_and_a_size_are_found() {
+        let head = half_egg();
+        let anchor = Anchor::new(&head).expect("a head");
+        let shape = HeadShape::standard(anchor.points.len());
+        let start = HeadFromSensor::of(Rigid::translation(0.0, 0.0, -0.75));
+        let effort = Effort {
+            cutoffs_m: &[0.03, 0.02, 0.02, 0.01, 0.01, 0.01, 0.01, 0.01],
+            stride: 1,
+            beside: 1.0,
+            scale_sigma: 0.2,
+        };
+        for (turn, shift, size) in [
+            ([0.05, -0.04, 0.06], [0.004, -0.003, 0.005], 1.0),
+            ([-0.03, 0.06, 0.04], [-0.005, 0.002, -0.004], 1.06),
+            ([0.04, 0.05, -0.05], [0.0, 0.005, 0.003], 0.94),
+        ] {
+            let planted = Rigid::new(shift.into(), turn.into());
+            let truth = HeadFromSensor::of(planted * *start);
+            let cloud: Vec<Point> = head
+                .iter()
+                .map(|(p, _)| truth.inverse() * (p * size))
+                .collect();
+            let fit = align(&anchor, &shape, &cloud, start, &effort).expect("enough points");
+            let apart = *fit.head_from_sensor * *truth.inverse();
+            let (turned, moved) = (apart.rotation.angle(), apart.translation.vector.norm());
+            assert!(
+                turned < 0.01 && moved < 0.001,
+                "{turn:?} {size}: {turned} rad, {moved} m"
+            );
+            assert!((fit.scale - size).abs() < 0.005, "{} for {size}", fit.scale);
+        }
+    }
+
+    #[test]
     fn forty_points_of_full_weight_fix_a_pose_or_one_of_every_forty() {
         let anchor = Anchor::new(&half_egg()).expect("a head");
         let shape = HeadShape::standard(anchor.points.len());

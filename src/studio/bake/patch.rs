@@ -405,6 +405,28 @@ mod tests {
     }
 
     #[test]
+    fn textures_count_from_the_top_in_gltf_and_from_the_bottom_in_a_mesh() {
+        let mut mesh = sheet(3, 0.1);
+        mesh.uv = vec![[0.25, 0.125]];
+        for corner in &mut mesh.corners {
+            corner.uv = Some(0);
+        }
+        let shapes = [shape("some", 9, 3, Vec3::x())];
+        let glb = Glb::parse(&build(&mesh, &shapes, 1.0, true, None).emit()).unwrap();
+        let attributes = &glb.json["meshes"][0]["primitives"][0]["attributes"];
+        let written = glb.floats(attributes["TEXCOORD_0"].as_u64().unwrap() as usize, 2);
+        assert!(written.unwrap().chunks(2).all(|at| *at == [0.25, 0.875]));
+        let (read, _) = Foreign::read(glb).unwrap();
+        let place =
+            |corner: &super::super::mesh::Corner| read.uv[corner.uv.expect("a place") as usize];
+        assert!(
+            read.corners
+                .iter()
+                .all(|corner| place(corner) == [0.25, 0.125])
+        );
+    }
+
+    #[test]
     fn shapes_join_those_a_file_has_and_namesakes_keep_their_numbers() {
         let sheet = sheet(5, 0.1);
         let old = [
