@@ -61,7 +61,7 @@ defaults! {
 }
 
 /// Least confidence of a face that depth does not confirm.
-const SPOTTED: f32 = 0.8;
+const FOUND: f32 = 0.8;
 /// From this confidence on the search goes on where it ended, for at most this many rounds in all.
 const PROMISING: f32 = 0.2;
 const SPOTTINGS: usize = 4;
@@ -141,8 +141,8 @@ pub struct LandmarkFitter {
     tries: usize,
     /// Mean position of the face's origin in the head seen by depth, metres; across the line of sight only.
     shift: Vector,
-    /// See [`Self::strayed`].
-    strayed: Motion<Head, Head>,
+    /// See [`Self::image_residual`].
+    image_residual: Motion<Head, Head>,
     landmarks: Landmarks,
 }
 
@@ -165,7 +165,7 @@ impl LandmarkFitter {
             turned_s: 0.0,
             tries: 0,
             shift: Vector::zeros(),
-            strayed: Motion::identity(),
+            image_residual: Motion::identity(),
             landmarks: Landmarks::default(),
         }
     }
@@ -238,7 +238,7 @@ impl LandmarkFitter {
     /// Rotation that makes a depth pose agree with the face in the image. Where a head's frame sits on a face is a convention
     /// that depth alone determines badly, because foreheads and chins slope differently. The image determines it; averaged over
     /// seconds, because it is a constant of the person.
-    pub fn turn(&self) -> HeadFromFace {
+    pub fn rotation_in_head(&self) -> HeadFromFace {
         HeadFromFace::from_parts(Vector::zeros(), self.turn)
     }
 
@@ -248,13 +248,13 @@ impl LandmarkFitter {
     }
 
     /// Difference between the head pose implied by the last fit, given the usual pose of the face within the head, and the depth
-    /// pose: `sensor_from_head * strayed` is the pose according to the image.
-    pub fn strayed(&self) -> Motion<Head, Head> {
-        self.strayed
+    /// pose: `sensor_from_head * image_residual` is the pose according to the image.
+    pub fn image_residual(&self) -> Motion<Head, Head> {
+        self.image_residual
     }
 
     /// Looks for any face near a guessed pose: its confidence and the head pose. Nothing is learned from it.
-    pub fn spot(
+    pub fn search_face(
         &self,
         scratch: &mut Scratch,
         luma: &[u8; PIXELS],
@@ -267,7 +267,7 @@ impl LandmarkFitter {
             let (fit, belief) = self.run(scratch, luma, &placement, &placement.start);
             // Nothing is known of how this face sits in its head: as usual.
             pose = pose * Motion::<Head, Head>::of(moved(&placement.start, &fit.view));
-            if belief.face >= SPOTTED {
+            if belief.face >= FOUND {
                 return Some((belief.face, pose));
             }
             if belief.face < PROMISING {
@@ -279,7 +279,7 @@ impl LandmarkFitter {
 
     /// Pose of the last fit's face within the head seen by depth, if it is so far off that the depth pose must be wrong; the next
     /// fit then starts from the pose alone.
-    pub fn straighten(&mut self) -> Option<HeadFromFace> {
+    pub fn take_correction(&mut self) -> Option<HeadFromFace> {
         let off = self.turn.angle() > WRONG_RAD || self.shift.norm() > WRONG_M;
         let head_from_face = self.head_from_face();
         off.then(|| {
@@ -343,7 +343,7 @@ impl LandmarkFitter {
             self.turn.scaled_axis().cap_magnitude(WRONG_RAD),
         ));
         let seen = HeadFromFace::of(*self.head_from_face() * moved);
-        self.strayed = seen * usual.inverse();
+        self.image_residual = seen * usual.inverse();
         self.shift += self.turn * moved.translation.vector * share;
         self.turned_s = (self.turned_s + step_s).min(TURN_TIME_S);
         let share = (step_s / self.turned_s.max(step_s)).clamp(0.0, 1.0);
@@ -477,17 +477,17 @@ mod tests {
         let turn = Rotation::new(Vector::new(0.03, -0.12, 0.05));
         let more = Rotation::new(Vector::new(0.02, 0.01, -0.06));
         fitter.settle(&at, &ended(&at, turn, 0.0, [0.0; 2]), 0.1);
-        assert!(fitter.turn().rotation.angle_to(&turn) < 1e-3);
+        assert!(fitter.rotation_in_head().rotation.angle_to(&turn) < 1e-3);
         fitter.settle(&at, &ended(&at, more, 0.0, [0.0; 2]), 0.1);
         let half = turn * Rotation::new(more.scaled_axis() * 0.5);
-        assert!(fitter.turn().rotation.angle_to(&half) < 1e-3);
+        assert!(fitter.rotation_in_head().rotation.angle_to(&half) < 1e-3);
         // From forty seconds on a second is a fortieth.
         for _ in 0..400 {
             fitter.settle(&at, &ended(&at, none, 0.0, [0.0; 2]), 0.1);
         }
         fitter.settle(&at, &ended(&at, more, 0.0, [0.0; 2]), 1.0);
         let last = half * Rotation::new(more.scaled_axis() / 40.0);
-        assert!(fitter.turn().rotation.angle_to(&last) < 1e-3);
+        assert!(fitter.rotation_in_head().rotation.angle_to(&last) < 1e-3);
     }
 
     #[test]
@@ -517,18 +517,18 @@ mod tests {
         fitter.settle(&at, &ended(&at, turn, 0.1, [9.0, 0.0]), 0.1);
         let (shift, size) = (fitter.shift, fitter.size());
         fitter.lose();
-        assert!((fitter.turn().rotation.angle() - 0.1176).abs() < 1e-4);
+        assert!((fitter.rotation_in_head().rotation.angle() - 0.1176).abs() < 1e-4);
         assert!((fitter.shift - shift * 0.98).norm() < 1e-7);
         assert!((fitter.turned_s - 0.098).abs() < 1e-6 && fitter.last_at.is_none());
         // A person's size stays theirs, until they are forgotten.
         assert!((fitter.size() - size).abs() < 1e-7);
         fitter.reset();
-        assert!(fitter.turn().rotation.angle() < 1e-6 && fitter.shift.norm() < 1e-9);
+        assert!(fitter.rotation_in_head().rotation.angle() < 1e-6 && fitter.shift.norm() < 1e-9);
         assert!((fitter.size() - 1.0).abs() < 1e-6 && fitter.turned_s == 0.0);
         // What was only tried on a stranger is dropped sooner.
         fitter.turn = turn;
         fitter.lose();
-        assert!((fitter.turn().rotation.angle() - 0.06).abs() < 1e-4);
+        assert!((fitter.rotation_in_head().rotation.angle() - 0.06).abs() < 1e-4);
     }
 
     #[test]
@@ -544,13 +544,16 @@ mod tests {
             let turn = Rotation::new(Vector::new(0.0, turn, 0.0));
             let aside = [aside_m * PIXELS_PER_METRE, 0.0];
             fitter.settle(&at, &ended(&at, turn, 0.0, aside), 0.1);
-            let (shift, turn) = (fitter.shift, fitter.turn().rotation);
-            let found = fitter.straighten();
+            let (shift, turn) = (fitter.shift, fitter.rotation_in_head().rotation);
+            let found = fitter.take_correction();
             assert_eq!(found.is_some(), is_wrong, "{turn} {aside_m}");
             if let Some(head_from_face) = found {
                 assert!(head_from_face.rotation.angle_to(&turn) < 1e-6);
                 assert!((head_from_face.translation.vector - shift).norm() < 1e-7);
-                assert!(fitter.straighten().is_none() && fitter.turn().rotation.angle() < 1e-6);
+                assert!(
+                    fitter.take_correction().is_none()
+                        && fitter.rotation_in_head().rotation.angle() < 1e-6
+                );
             }
         }
     }

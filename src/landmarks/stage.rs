@@ -96,31 +96,31 @@ impl LandmarkStage {
     }
 
     /// Rotation that makes this person's depth poses agree with the image; none with the paper's method.
-    pub fn turn(&self) -> HeadFromFace {
+    pub fn rotation_in_head(&self) -> HeadFromFace {
         self.cascade()
-            .map_or_else(HeadFromFace::identity, LandmarkFitter::turn)
+            .map_or_else(HeadFromFace::identity, LandmarkFitter::rotation_in_head)
     }
 
-    /// See [`LandmarkFitter::strayed`]; `None` with the paper's method.
-    pub fn strayed(&self) -> Option<Motion<Head, Head>> {
-        Some(self.cascade()?.strayed())
+    /// See [`LandmarkFitter::image_residual`]; `None` with the paper's method.
+    pub fn image_residual(&self) -> Option<Motion<Head, Head>> {
+        Some(self.cascade()?.image_residual())
     }
 
-    /// See [`LandmarkFitter::spot`]; `None` with the paper's method.
-    pub fn spot(
+    /// See [`LandmarkFitter::search_face`]; `None` with the paper's method.
+    pub fn search_face(
         &self,
         scratch: &mut Scratch,
         luma: &[u8; PIXELS],
         camera: &Camera,
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
-        self.cascade()?.spot(scratch, luma, camera, guess)
+        self.cascade()?.search_face(scratch, luma, camera, guess)
     }
 
-    /// See [`LandmarkFitter::straighten`]; nothing with the paper's method.
-    pub fn straighten(&mut self) -> Option<HeadFromFace> {
+    /// See [`LandmarkFitter::take_correction`]; nothing with the paper's method.
+    pub fn take_correction(&mut self) -> Option<HeadFromFace> {
         match self {
-            Self::Cascade(fitter) => fitter.straighten(),
+            Self::Cascade(fitter) => fitter.take_correction(),
             Self::Paper(_) => None,
         }
     }

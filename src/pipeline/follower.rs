@@ -10,7 +10,7 @@ use crate::base::time::Timestamp;
 use crate::expression::{Expression, UnitRange};
 use crate::landmarks::{LandmarkStage, Landmarks};
 use crate::output::Report;
-use crate::pose::{HeadPose, PoseTracker, Sighting, guess};
+use crate::pose::{Evidence, HeadPose, PoseTracker, guess};
 use crate::segment::{HeadCloud, PixelRect, around};
 use crate::sensor::camera::Camera;
 use crate::users::likeness::{FaceLengths, Likeness};
@@ -32,7 +32,7 @@ const AWAY_GAP_S: f64 = 0.1;
 /// Confidence reported for a face tracked by depth alone.
 const AWAY_CONFIDENCE: f32 = 0.25;
 /// Minimum confidence of a face that may correct the head pose.
-const LEANING_CONFIDENCE: f32 = 0.6;
+const FUSED_CONFIDENCE: f32 = 0.6;
 /// The face corrects a pose in this many of its first frames.
 const CORRECTED_FRAMES: u64 = 3;
 /// Without a picture, a head becomes a user once it was certain in this many consecutive frames.
@@ -158,7 +158,7 @@ impl Follower {
         let Some(pose) = pose else {
             self.person.rect = Some(cloud.rect);
             self.miss_head();
-            self.spot(now, cloud);
+            self.search_face(now, cloud);
             return false;
         };
         self.look(now, cloud, &pose)
@@ -170,7 +170,7 @@ impl Follower {
         let Some(landmarks) = self.fit(now, pose) else {
             return self.follow_without_face(now, cloud, pose);
         };
-        let turn = self.landmarks.turn();
+        let turn = self.landmarks.rotation_in_head();
         let sensor_from_head = self.correct_pose(cloud, pose, landmarks.confidence);
         let sensor_from_face = sensor_from_head * turn;
         self.expression
@@ -207,14 +207,15 @@ impl Follower {
         pose: &HeadPose,
         confidence: f32,
     ) -> SensorFromHead {
-        let sure = confidence >= LEANING_CONFIDENCE;
-        let strayed = self.landmarks.strayed().filter(|_| sure);
-        let by_picture = strayed.map(|strayed| pose.sensor_from_head * strayed);
+        let sure = confidence >= FUSED_CONFIDENCE;
+        let image_residual = self.landmarks.image_residual().filter(|_| sure);
+        let by_picture =
+            image_residual.map(|image_residual| pose.sensor_from_head * image_residual);
         // The face knows better than hair where the head is.
         let head_from_face = (self.person.frames < CORRECTED_FRAMES)
-            .then(|| self.landmarks.straighten())
+            .then(|| self.landmarks.take_correction())
             .flatten();
-        let corrected = self.pose.see(Sighting::Face {
+        let corrected = self.pose.update(Evidence::Face {
             cloud,
             by_picture,
             head_from_face,
@@ -231,7 +232,7 @@ impl Follower {
     ) -> bool {
         let is_sure = pose.coverage >= SURE_COVERAGE && pose.confidence >= SURE_CONFIDENCE;
         if !pose.proven {
-            self.pose.see(Sighting::Nothing);
+            self.pose.update(Evidence::Nothing);
             return false;
         }
         if !now.frame.has_picture() {
@@ -244,7 +245,7 @@ impl Follower {
             }
             return is_one;
         }
-        let sensor_from_face = pose.sensor_from_head * self.landmarks.turn();
+        let sensor_from_face = pose.sensor_from_head * self.landmarks.rotation_in_head();
         if let Some(landmarks) = self.turned_away(&sensor_from_face, now.camera, now.frame.at) {
             self.show(now, landmarks, sensor_from_face, cloud);
             return true;
@@ -255,7 +256,7 @@ impl Follower {
             return true;
         }
         self.count_faceless();
-        self.spot(now, cloud);
+        self.search_face(now, cloud);
         false
     }
 
@@ -280,17 +281,20 @@ impl Follower {
     }
 
     /// Searches the colour picture for a face that depth does not show: one place per frame.
-    fn spot(&mut self, now: &mut Now<'_>, cloud: &HeadCloud) {
+    fn search_face(&mut self, now: &mut Now<'_>, cloud: &HeadCloud) {
         if !now.frame.has_picture() {
             return;
         }
         let guesses = guess::guesses(&cloud.points, self.guesses);
         self.guesses += 1;
         let (luma, camera) = (&now.frame.luma, now.camera);
-        let spot = |guess| self.landmarks.spot(now.scratch, luma, camera, &guess);
-        let found = guesses.into_iter().flatten().filter_map(spot);
+        let search_face = |guess| {
+            self.landmarks
+                .search_face(now.scratch, luma, camera, &guess)
+        };
+        let found = guesses.into_iter().flatten().filter_map(search_face);
         if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
-            self.pose.see(Sighting::Elsewhere(head, now.frame.at));
+            self.pose.update(Evidence::Elsewhere(head, now.frame.at));
         }
     }
 
@@ -319,8 +323,8 @@ impl Follower {
     /// A frame without colour: the pose is accepted, and a face that was just seen moves with it.
     fn follow_by_depth(&mut self, now: &Now<'_>, cloud: &HeadCloud, pose: &HeadPose) {
         let at = now.frame.at;
-        let sensor_from_face = pose.sensor_from_head * self.landmarks.turn();
-        self.pose.see(Sighting::Head(cloud));
+        let sensor_from_face = pose.sensor_from_head * self.landmarks.rotation_in_head();
+        self.pose.update(Evidence::Head(cloud));
         self.find(sensor_from_face, cloud, at);
         self.faceless = 0;
         self.person.missed = false;
@@ -364,7 +368,7 @@ impl Follower {
         self.faceless += 1;
         if self.faceless >= FACELESS_FRAMES || self.person.frames < KNOWN_FRAMES {
             self.faceless = 0;
-            self.pose.see(Sighting::NoFace);
+            self.pose.update(Evidence::NoFace);
         }
     }
 
@@ -531,7 +535,7 @@ mod tests {
         assert!(mean < 0.06, "{mean} rad of 0.10 are left");
     }
 
-    fn spot(follower: &mut Follower, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
+    fn search_face(follower: &mut Follower, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
         let mut now = Now {
             frame,
             camera,
@@ -539,7 +543,7 @@ mod tests {
             searches: 0,
             after: &mut |_| {},
         };
-        follower.spot(&mut now, cloud);
+        follower.search_face(&mut now, cloud);
     }
 
     #[test]
@@ -548,7 +552,7 @@ mod tests {
         let mut random = fastrand::Rng::with_seed(5);
         let (mut looked, mut off) = (0, Vec::new());
         frames(24, |frame, camera, cloud, truth| {
-            spot(&mut follower, frame, camera, cloud);
+            search_face(&mut follower, frame, camera, cloud);
             looked += 1;
             if follower.pose.is_searching()
                 && let Some((found, _)) = follower.pose.expected(frame.at, None)
@@ -560,7 +564,7 @@ mod tests {
             follower.pose.reset();
             let mut covered = frame.clone();
             covered.luma.fill_with(|| random.u8(..));
-            spot(&mut follower, &covered, camera, cloud);
+            search_face(&mut follower, &covered, camera, cloud);
             assert!(!follower.pose.is_searching(), "no face in noise");
         });
         assert!(looked > 20 && off.len() >= 4, "{} of {looked}", off.len());

@@ -244,7 +244,7 @@ impl Pipeline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pose::Sighting;
+    use crate::pose::Evidence;
     use crate::simulator::simulated::Simulated;
 
     #[test]
@@ -381,7 +381,7 @@ mod tests {
             TrackingState::Lost
         );
         pipeline.people.followers[2].person.place = None;
-        pipeline.people.followers[2].pose.see(Sighting::NoFace);
+        pipeline.people.followers[2].pose.update(Evidence::NoFace);
         let left = pipeline.people.followers[2].person.last_seen;
         let now = follow(&mut pipeline, 15, true);
         let user = &pipeline.people.followers[2];

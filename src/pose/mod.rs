@@ -52,7 +52,7 @@ const SEARCH_HALVES: u32 = 2;
 /// After this long it may be another person: the learned shape is dropped, seconds.
 const FORGET_S: f64 = 2.0;
 /// What the picture shows at a pose that was found: the pose stage learns it after the landmarks.
-pub enum Sighting<'a> {
+pub enum Evidence<'a> {
     /// A face, in the cloud that gave the pose.
     Face {
         /// The cloud.
@@ -216,28 +216,28 @@ impl PoseTracker {
     }
 
     /// Takes up what the picture shows at the last pose; the pose of both together where it differs from that of depth.
-    pub fn see(&mut self, sighting: Sighting<'_>) -> Option<SensorFromHead> {
-        match sighting {
-            Sighting::Face {
+    pub fn update(&mut self, evidence: Evidence<'_>) -> Option<SensorFromHead> {
+        match evidence {
+            Evidence::Face {
                 cloud,
                 by_picture,
                 head_from_face,
             } => {
-                let leant = by_picture.and_then(|pose| self.trail.lean(&pose));
+                let fused = by_picture.and_then(|pose| self.trail.fuse(&pose));
                 self.tracker.learn(cloud);
                 if let Some(head_from_face) = head_from_face {
                     self.tracker.lose();
                     self.trail.correct(&head_from_face);
                 }
-                return leant;
+                return fused;
             }
-            Sighting::Head(cloud) => self.tracker.learn(cloud),
-            Sighting::Nothing => self.trail.revert(),
-            Sighting::NoFace => {
+            Evidence::Head(cloud) => self.tracker.learn(cloud),
+            Evidence::Nothing => self.trail.revert(),
+            Evidence::NoFace => {
                 self.lose();
                 self.trail.last = None;
             }
-            Sighting::Elsewhere(pose, at) => {
+            Evidence::Elsewhere(pose, at) => {
                 self.tracker.restart();
                 self.trail.restart(Some((pose, at)));
                 self.has_hint = true;

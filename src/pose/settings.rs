@@ -15,7 +15,7 @@ pub struct HeadPose {
     /// which does not compute it.
     pub coverage: f32,
     /// Whether depth alone confirms it; otherwise it holds only if a face is seen
-    /// there ([`super::Sighting`]).
+    /// there ([`super::Evidence`]).
     pub proven: bool,
 }
 

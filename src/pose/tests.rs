@@ -136,7 +136,7 @@ fn a_correction_is_followed_at_once() {
                 .expect("a head");
         }
         if corrected {
-            tracker.see(Sighting::Face {
+            tracker.update(Evidence::Face {
                 cloud: &HeadCloud::default(),
                 by_picture: None,
                 head_from_face: Some(HeadFromFace::from_parts(Vector::zeros(), turn)),

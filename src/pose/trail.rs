@@ -3,7 +3,7 @@
 //! A pose is corrected towards the face in the picture: depth and picture determine it together.
 //!
 //! Under a fringe or beside long hair the depth pose drifts, slowly and confidently, while the 68 points stay on the face. The
-//! face has a fixed pose within its head ([`crate::landmarks::LandmarkFitter::strayed`]), so each frame's points imply a head
+//! face has a fixed pose within its head ([`crate::landmarks::LandmarkFitter::image_residual`]), so each frame's points imply a head
 //! pose. Both are weighted by their certainty: depth by the normal matrix of its alignment (`known`), the picture by
 //! standard deviations about and across the line of sight. Small differences are left to depth, which is accurate to a
 //! fraction of a degree on a bare head; pitch has more tolerance, because light and a moving mouth affect the picture's
@@ -104,13 +104,13 @@ impl Trail {
         }
     }
 
-    /// The last pose combined with the one that the picture gives ([`lean()`]), smoothed; `None` if it stays as it was.
-    pub(super) fn lean(&mut self, by_picture: &SensorFromHead) -> Option<SensorFromHead> {
+    /// The last pose combined with the one that the picture gives ([`fuse()`]), smoothed; `None` if it stays as it was.
+    pub(super) fn fuse(&mut self, by_picture: &SensorFromHead) -> Option<SensorFromHead> {
         let (depth, at) = self.last?;
-        let leant = lean(&depth, &self.known, by_picture)?;
-        self.last = Some((leant, at));
+        let fused = fuse(&depth, &self.known, by_picture)?;
+        self.last = Some((fused, at));
         self.filter.clone_from(&self.unfiltered);
-        Some(SensorFromHead::of(self.filter.smooth(*leant, at)))
+        Some(SensorFromHead::of(self.filter.smooth(*fused, at)))
     }
 
     /// Pose predicted for `at` at constant velocity, or while none is known by how far its cloud has `moved`; only if the
@@ -156,7 +156,7 @@ const NOTHING: f64 = 1e-6;
 
 /// The pose between `depth`, whose alignment has the information `known` (rotation and shift in the head frame, per unit of
 /// weight), and the picture's estimate `pictured`.
-fn lean(
+fn fuse(
     depth: &SensorFromHead,
     known: &Information,
     pictured: &SensorFromHead,
@@ -289,11 +289,11 @@ mod tests {
             depth.translation,
             Rotation::new(sight * turn) * depth.rotation,
         );
-        let leant = lean(&depth, &equal(), &pictured).expect("far apart");
-        let moved = (leant.rotation * depth.rotation.inverse()).scaled_axis();
+        let fused = fuse(&depth, &equal(), &pictured).expect("far apart");
+        let moved = (fused.rotation * depth.rotation.inverse()).scaled_axis();
         let half = 0.5 * (turn - FREE_RAD);
         assert!((moved - sight * half).norm() < 0.004, "{moved} {half}");
-        assert!((leant.translation.vector - depth.translation.vector).norm() < 1e-4);
+        assert!((fused.translation.vector - depth.translation.vector).norm() < 1e-4);
     }
 
     #[test]
@@ -302,14 +302,14 @@ mod tests {
         let pictured = SensorFromHead::of(
             *depth * Rigid::new(Vector::new(0.01, 0.0, 0.0), Vector::new(0.0, 0.15, 0.0)),
         );
-        let leant = lean(&depth, &SMatrix::zeros(), &pictured).expect("far apart");
-        assert!(leant.rotation.angle_to(&pictured.rotation) < FREE_RAD + 0.005);
+        let fused = fuse(&depth, &SMatrix::zeros(), &pictured).expect("far apart");
+        assert!(fused.rotation.angle_to(&pictured.rotation) < FREE_RAD + 0.005);
         let along = depth.translation.vector.normalize();
-        let moved = leant.translation.vector - depth.translation.vector;
+        let moved = fused.translation.vector - depth.translation.vector;
         assert!(moved.dot(&along).abs() < 1.5e-3, "{moved}");
         // Where depth knows a hundred times more, the pose stays as it is.
-        let leant = lean(&depth, &(equal() * 100.0), &pictured).expect("far apart");
-        assert!(leant.rotation.angle_to(&depth.rotation) < 0.01);
+        let fused = fuse(&depth, &(equal() * 100.0), &pictured).expect("far apart");
+        assert!(fused.rotation.angle_to(&depth.rotation) < 0.01);
     }
 
     #[test]
@@ -327,8 +327,8 @@ mod tests {
             (none, Vector::x() * 0.0065, false),
             (Vector::y() * 0.018, Vector::x() * 0.005, false),
         ] {
-            let leant = lean(&depth, &equal(), &near(turn, shift));
-            assert_eq!(leant.is_none(), is_left, "{turn} {shift}");
+            let fused = fuse(&depth, &equal(), &near(turn, shift));
+            assert_eq!(fused.is_none(), is_left, "{turn} {shift}");
         }
     }
 }
