@@ -257,10 +257,11 @@ impl Status {
         let [median, p99, _] = self.latencies.quantiles().map(|ms| ms * 1e-3);
         let users = || self.users.iter().flatten();
         let faces = users().filter(|user| user.state.has_face()).count();
-        for metric in METRICS {
-            let (name, kind, help) = metric;
+        for metric in METRICS.lines() {
+            let mut words = metric.splitn(3, ' ');
+            let [name, kind, help] = [(); 3].map(|()| words.next().unwrap_or_default());
             writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}")?;
-            match *name {
+            match name {
                 "mien_build_info" => {
                     let version = env!("CARGO_PKG_VERSION");
                     writeln!(text, "{name}{{version=\"{version}\"}} 1")?;
@@ -296,56 +297,19 @@ impl Status {
 }
 
 /// Name, kind and meaning of each metric; a metric's samples follow each other, as the format requires.
-const METRICS: &[(&str, &str, &str)] = &[
-    (
-        "mien_build_info",
-        "gauge",
-        "The program's version; always 1.",
-    ),
-    (
-        "mien_frames_captured_total",
-        "counter",
-        "Frames since the start.",
-    ),
-    (
-        "mien_capture_to_send_seconds",
-        "summary",
-        "Time from a frame's arrival until all outputs have sent it, over the last 1024 frames.",
-    ),
-    (
-        "mien_face_present",
-        "gauge",
-        "People whose face is tracked.",
-    ),
-    (
-        "mien_tracking_lost_total",
-        "counter",
-        "Times that a person was lost.",
-    ),
-    ("mien_sensor_connected", "gauge", "1 while frames arrive."),
-    ("mien_uptime_seconds", "gauge", "Time since the start."),
-    ("mien_users", "gauge", "People by state."),
-    (
-        "mien_output_sent_total",
-        "counter",
-        "Messages passed to the operating system.",
-    ),
-    (
-        "mien_output_errors_total",
-        "counter",
-        "Messages dropped because the operating system did not accept them.",
-    ),
-    (
-        "mien_output_refused_total",
-        "counter",
-        "Commands that were malformed or not allowed.",
-    ),
-    (
-        "mien_output_connected",
-        "gauge",
-        "1 while the output is connected to its device or receiver.",
-    ),
-];
+const METRICS: &str = "\
+mien_build_info gauge The program's version; always 1.
+mien_frames_captured_total counter Frames since the start.
+mien_capture_to_send_seconds summary Time from a frame's arrival until all outputs have sent it, over the last 1024 frames.
+mien_face_present gauge People whose face is tracked.
+mien_tracking_lost_total counter Times that a person was lost.
+mien_sensor_connected gauge 1 while frames arrive.
+mien_uptime_seconds gauge Time since the start.
+mien_users gauge People by state.
+mien_output_sent_total counter Messages passed to the operating system.
+mien_output_errors_total counter Messages dropped because the operating system did not accept them.
+mien_output_refused_total counter Commands that were malformed or not allowed.
+mien_output_connected gauge 1 while the output is connected to its device or receiver.";
 
 /// An output's value of a metric.
 fn of_output(metric: &str, tally: &Tally) -> u64 {

@@ -79,7 +79,7 @@ outputs! { s units
     "page" page "wires": s.page.enabled, &[] => {
         // It is no place that weights are sent to.
         let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
-        output::web::page::open(&s.page, &s.name, &sends, units, &s.gestures)?
+        output::web::page::open(&s.page, &s.units, &s.name, &sends, units, &s.gestures)?
     }, output::web::page::secret(&s.page);
     "MQTT" mqtt "wires": s.mqtt.enabled, from_ref(&s.mqtt.broker) =>
         output::mqtt::open(&s.mqtt, &s.name, units, &s.gesture_names())?,

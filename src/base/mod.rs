@@ -16,6 +16,7 @@ pub mod one_euro;
 pub(crate) mod prelude;
 #[cfg(feature = "std")]
 pub(crate) mod second_core;
+pub mod settings;
 pub mod time;
 pub mod vectors;
 

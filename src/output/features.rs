@@ -6,76 +6,73 @@ use super::OutputError;
 use super::View;
 #[cfg(feature = "wires")]
 use crate::base::bounded_read;
-use crate::base::defaults;
+use crate::base::settings::{is_host_port, keyed};
 
-defaults! {
+keyed! {
     /// Unreal's Live Link, in the format of the Live Link Face app.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct LiveLinkSettings {
         /// Whether this output is enabled.
-        pub enabled: bool = false,
-        /// Each `host:port`.
-        pub targets: Vec<String> = vec!["127.0.0.1:11111".to_owned()],
+        enabled: bool = false => flag(),
+        /// Destinations: hosts, broadcast addresses or multicast groups.
+        targets "target": Vec<String> = vec!["127.0.0.1:11111".to_owned()] => targets(),
         /// Subject name in Unreal; empty = the name of the box.
-        pub subject: String = String::new(),
-        /// Whether shapes that are not measured follow what they go with.
-        pub derived: bool = true,
-        /// How faces and units are shown.
-        pub view: View = View::default(),
+        subject: String = String::new() => text("at most 64 bytes", |name| name.len() <= 64),
+        /// Whether ARKit shapes that are not measured are derived from related ones, such as raised cheeks from a smile.
+        derived: bool = true => flag(),
+        ..view: View,
     }
-
     /// JSON over WebSocket.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct WebSocketSettings {
-        /// Whether anybody is served.
-        pub enabled: bool = false,
-        /// `address:port`.
-        pub listen: String = "127.0.0.1:9133".to_owned(),
-        /// How faces and units are shown.
-        pub view: View = View::default(),
+        /// Whether this server is enabled.
+        enabled: bool = false => flag(),
+        /// Address to serve on; 127.0.0.1 serves this machine only, 0.0.0.0 anyone who can reach it.
+        listen: String = "127.0.0.1:9133".to_owned() => listen(),
+        ..view: View,
     }
-
     /// The page of the box.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct PageSettings {
-        /// Whether it is served.
-        pub enabled: bool = false,
-        /// `address:port`.
-        pub listen: String = "127.0.0.1:9134".to_owned(),
-        /// A file with the password; empty = none, and only local networks are served.
-        pub password_file: String = String::new(),
-        /// How faces and units are shown.
-        pub view: View = View::default(),
+        /// Whether this server is enabled.
+        enabled: bool = false => flag(),
+        /// Address to serve on; 127.0.0.1 serves this machine only, 0.0.0.0 anyone who can reach it.
+        listen: String = "127.0.0.1:9134".to_owned() => listen(),
+        /// File whose first line is the password, accepted with any user name; empty = no password, and local networks only.
+        password_file: String = String::new() => optional_file(),
     }
-
     /// MQTT.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct MqttSettings {
         /// Whether this output is enabled.
-        pub enabled: bool = false,
-        /// `host:port`.
-        pub broker: String = "127.0.0.1:1883".to_owned(),
-        /// Whether the connection is TLS.
-        pub tls: bool = false,
-        /// A file with the certificates, in PEM, that the broker's must be signed by.
-        pub ca_file: String = "/etc/ssl/certs/ca-certificates.crt".to_owned(),
-        /// For brokers that ask for one; empty = none.
-        pub user: String = String::new(),
-        /// A file with the password; empty = none.
-        pub password_file: String = String::new(),
-        /// What every topic starts with.
-        pub prefix: String = "mien".to_owned(),
-        /// Weights a second; 0 = none.
-        pub rate_hz: f32 = 5.0,
-        /// Seconds between two reports of health.
-        pub health_s: f32 = 10.0,
-        /// Whether commands are taken.
-        pub commands: bool = false,
-        /// Whether the box announces itself to Home Assistant.
-        pub home_assistant: bool = false,
-        /// How faces and units are shown.
-        pub view: View = View::default(),
+        enabled: bool = false => flag(),
+        /// The broker's address.
+        broker: String = "127.0.0.1:1883".to_owned() => text("host:port", is_host_port),
+        /// Whether the connection is encrypted with TLS, usually on port 8883.
+        tls: bool = false => flag(),
+        /// Trusted CA certificates, in PEM; the default is the system's.
+        ca_file: String = "/etc/ssl/certs/ca-certificates.crt".to_owned() =>
+            text("the path of a file", |path| !path.is_empty()),
+        /// User name; empty = none.
+        user: String = String::new() => text("at most 64 bytes, or empty", |name| name.len() <= 64),
+        /// File whose first line is the password; empty = none.
+        password_file: String = String::new() => optional_file(),
+        /// Prefix of every topic; the name of the box follows it.
+        prefix: String = "mien".to_owned() =>
+            text("at most 64 bytes without spaces, #, + or a slash at either end", is_topic),
+        /// Maximum rate at which weights are sent; 0 sends none.
+        rate_hz: f32 = 5.0 => number(0.0, 30.0, "Hz"),
+        /// Interval between health messages.
+        health_s: f32 = 10.0 => number(1.0, 3600.0, "s"),
+        /// Whether the commands forget, freeze and neutral are accepted.
+        commands: bool = false => flag(),
+        /// Whether the box announces itself to Home Assistant (MQTT discovery).
+        home_assistant: bool = false => flag(),
+        ..view: View,
     }
+}
+
+/// Whether every topic may begin so.
+fn is_topic(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_graphic() && !"#+\"\\$".contains(c);
+    let open = text.starts_with('/') || text.ends_with('/');
+    (1..=64).contains(&text.len()) && text.chars().all(plain) && !open
 }
 
 /// Largest password file, bytes.

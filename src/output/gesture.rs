@@ -12,10 +12,11 @@
 //! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
 
 use super::report::{Report, unit_range};
+use super::view::{is_name, is_unit};
 use crate::base::capacity::{GESTURES, USERS};
-use crate::base::defaults;
 use crate::base::geometry::{Vector, face_normal};
 use crate::base::prelude::*;
+use crate::base::settings::keyed;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;
 
@@ -56,33 +57,59 @@ pub enum Press {
     Hold,
 }
 
-defaults! {
+keyed! {
     /// One gesture.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct Gesture {
-        /// What it is called in outputs.
-        pub name: String = String::new(),
-        /// Units added and subtracted, `AU12L + AU12R`, or the least of such sums: `AU43L & AU43R`.
-        pub of: String = String::new(),
-        /// It goes on at this sum,
-        pub on: f32 = 0.7,
-        /// and off below this one.
-        pub off: f32 = 0.4,
-        /// How long the sum must stay at `on`.
-        pub hold_s: f32 = 0.2,
-        /// Least time from an off to the next on.
-        pub pause_s: f32 = 0.3,
-        /// Whose.
-        pub person: Person = Person::default(),
-        /// Whether it may go on while the person speaks; if not, only at [`SURE`] times its level.
-        pub speaking: bool = false,
-        /// Largest angle between face and line of sight, sideways, degrees; up and down it is [`NODDED_DEG`].
-        pub turned_deg: f32 = 30.0,
-        /// Key or mouse button to press; empty = none.
-        pub key: String = String::new(),
-        /// How.
-        pub press: Press = Press::default(),
+        /// Name of the gesture.
+        name: String = String::new() => text("at most 24 letters, digits and signs such as _ or -", is_topic_part),
+        /// Expression that switches it.
+        of: String = String::new() => text(
+            "a sum of units, such as \"AU12L + AU12R - AU26\", or sums joined by &, of which the smallest counts",
+            is_sum
+        ),
+        /// Level of that expression at which it goes on.
+        on: f32 = 0.7 => number(LEVELS[0], LEVELS[1], ""),
+        /// Level below which it goes off.
+        off: f32 = 0.4 => number(0.0, 8.0, ""),
+        /// How long the level must be kept before it goes on.
+        hold_s: f32 = 0.2 => seconds(),
+        /// Shortest time from going off to going on again.
+        pause_s: f32 = 0.3 => seconds(),
+        /// Whose expression counts: that of the person in single-person outputs, anybody's, or each person's separately.
+        person: Person = Person::default() =>
+            choice(&[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]),
+        /// Whether it goes on at its level while the person speaks; if false, only at twice that level.
+        speaking: bool = false => flag(),
+        /// Largest sideways angle between the face and the line of sight.
+        turned_deg: f32 = 30.0 => number(1.0, 90.0, "degrees"),
+        /// Key that it presses; empty = none.
+        key: String = String::new() =>
+            text("a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", is_key),
+        /// Whether the key is tapped once, or held down while the gesture is on.
+        press: Press = Press::default() => choice(&[("tap", Press::Tap), ("hold", Press::Hold)]),
     }
+}
+
+/// Longest sum, bytes: every unit once.
+const SUM_MOST: usize = 512;
+
+/// Whether a text is a sum of units, or several joined by `&`.
+fn is_sum(text: &str) -> bool {
+    text.len() <= SUM_MOST && Gesture::sums(text).flatten().all(|(_, unit)| is_unit(unit))
+}
+
+/// Whether there is such a key; a build that presses none believes any.
+fn is_key(name: &str) -> bool {
+    #[cfg(feature = "wires")]
+    let is_known = super::key_codes::is_key;
+    #[cfg(not(feature = "wires"))]
+    let is_known = is_name;
+    name.is_empty() || is_known(name)
+}
+
+/// Whether a gesture may be called so: its name is a part of topics and addresses, and a column.
+fn is_topic_part(name: &str) -> bool {
+    is_name(name) && !name.contains(['!', '+', '"', '\\'])
 }
 
 /// Gestures that need no more than their name: name, sums, on, off, hold time, largest angle sideways. Eyes stay on what they

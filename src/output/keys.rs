@@ -15,24 +15,10 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use super::gesture::{Press, Switch};
+use super::key_codes::KEYS;
 use super::limits::BackOff;
 use super::{Output, OutputError, Report, Tally};
 use crate::base::capacity::USERS;
-
-/// Keys by name: Linux code, HID usage (0 = none: a mouse button).
-#[rustfmt::skip]
-const KEYS: [(&str, u16, u8); 66] = [
-    ("a", 30, 4), ("b", 48, 5), ("c", 46, 6), ("d", 32, 7), ("e", 18, 8), ("f", 33, 9), ("g", 34, 10), ("h", 35, 11),
-    ("i", 23, 12), ("j", 36, 13), ("k", 37, 14), ("l", 38, 15), ("m", 50, 16), ("n", 49, 17), ("o", 24, 18), ("p", 25, 19),
-    ("q", 16, 20), ("r", 19, 21), ("s", 31, 22), ("t", 20, 23), ("u", 22, 24), ("v", 47, 25), ("w", 17, 26), ("x", 45, 27),
-    ("y", 21, 28), ("z", 44, 29), ("1", 2, 30), ("2", 3, 31), ("3", 4, 32), ("4", 5, 33), ("5", 6, 34), ("6", 7, 35),
-    ("7", 8, 36), ("8", 9, 37), ("9", 10, 38), ("0", 11, 39), ("enter", 28, 40), ("escape", 1, 41), ("backspace", 14, 42),
-    ("tab", 15, 43), ("space", 57, 44), ("f1", 59, 58), ("f2", 60, 59), ("f3", 61, 60), ("f4", 62, 61), ("f5", 63, 62),
-    ("f6", 64, 63), ("f7", 65, 64), ("f8", 66, 65), ("f9", 67, 66), ("f10", 68, 67), ("f11", 87, 68), ("f12", 88, 69),
-    ("home", 102, 74), ("page_up", 104, 75), ("delete", 111, 76), ("end", 107, 77), ("page_down", 109, 78),
-    ("right", 106, 79), ("left", 105, 80), ("down", 108, 81), ("up", 103, 82),
-    ("mouse_left", 0x110, 0), ("mouse_right", 0x111, 0), ("mouse_middle", 0x112, 0), ("play_pause", 164, 0),
-];
 
 const EV_KEY: u16 = 1;
 const UI_SET_EVBIT: libc::Ioctl = 0x4004_5564;
@@ -53,11 +39,6 @@ const TRY: Duration = Duration::from_millis(2);
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
 /// Keys of a HID report.
 const REPORT_KEYS: usize = 6;
-
-/// Whether there is a key of that name.
-pub fn is_key(name: &str) -> bool {
-    KEYS.iter().any(|key| key.0 == name)
-}
 
 /// Presses keys.
 pub struct Keys {

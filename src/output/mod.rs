@@ -14,6 +14,8 @@ pub mod gesture;
 #[cfg(feature = "wires")]
 mod identity;
 #[cfg(feature = "wires")]
+mod key_codes;
+#[cfg(feature = "wires")]
 pub mod keys;
 #[cfg(feature = "std")]
 pub(crate) mod limits;
@@ -37,6 +39,9 @@ use face::{OneFace, WireWeights};
 pub(crate) use report::finite;
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
+#[cfg(feature = "std")]
+pub(crate) use view::all_units;
+pub(crate) use view::is_unit;
 #[cfg(feature = "studio")]
 pub(crate) use view::other_side;
 pub use view::{LossPolicy, UnitView, View, is_name};

@@ -39,8 +39,8 @@ use super::{
     finite, unit_range,
 };
 use crate::base::capacity::USERS;
-use crate::base::defaults;
 use crate::base::prelude::*;
+use crate::base::settings::keyed;
 use crate::base::time::Timestamp;
 #[cfg(feature = "std")]
 use commands::Request;
@@ -71,28 +71,28 @@ pub enum Style {
     Both,
 }
 
-defaults! {
+keyed! {
     /// Settings of the OSC output.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct Settings {
         /// Whether this output is enabled.
-        pub enabled: bool = true,
-        /// Each `host:port`.
-        pub targets: Vec<String> = vec!["127.0.0.1:9130".to_owned()],
+        enabled: bool = true => flag(),
+        /// Destinations: hosts, broadcast addresses or multicast groups.
+        targets "target": Vec<String> = vec!["127.0.0.1:9130".to_owned()] => targets(),
         /// Prefix of every address.
-        pub prefix: String = "/face".to_owned(),
-        /// How weights are sent.
-        pub style: Style = Style::default(),
-        /// Whether learned ranges are sent.
-        pub ranges: bool = false,
-        /// Whether commands are accepted.
-        pub commands: bool = true,
-        /// Whether one of them may move the levels of gestures.
-        pub levels: bool = false,
-        /// Where commands are received, `address:port`.
-        pub listen: String = "127.0.0.1:9131".to_owned(),
-        /// How faces and units are shown.
-        pub view: View = View::default(),
+        prefix: String = "/face".to_owned() =>
+            text("a slash and a name of at most 63 characters, without spaces or # * , ? [ ] { }", is_prefix),
+        /// All weights in one message, each under its own address, or both.
+        style: Style = Style::default() =>
+            choice(&[("vector", Style::Vector), ("scalar", Style::Scalar), ("both", Style::Both)]),
+        /// Whether learned ranges are sent, every 5 s.
+        ranges: bool = false => flag(),
+        /// Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted.
+        commands: bool = true => flag(),
+        /// Whether /face/cmd/level, which moves the level at which a gesture goes on, is accepted too.
+        levels: bool = false => flag(),
+        /// Address on which these commands are received; 127.0.0.1 accepts this machine only, 0.0.0.0 its networks and the targets named by address.
+        listen: String = "127.0.0.1:9131".to_owned() => listen(),
+        ..view: View,
     }
 }
 

@@ -8,6 +8,8 @@ use super::report::Report;
 use crate::base::defaults;
 use crate::base::geometry::{Rigid, Rotation};
 use crate::base::prelude::*;
+use crate::base::settings::{Key, Keys, flag, seconds};
+use crate::expression::units::Units;
 
 /// Longest output name of a unit, bytes.
 pub(super) const LONGEST_NAME: usize = 24;
@@ -51,6 +53,30 @@ pub(super) struct Channel {
     /// Index among the weights of a report.
     pub(super) source: usize,
     pub(super) gain: f32,
+}
+
+impl Keys for View {
+    fn keys(&mut self) -> Vec<Key<'_>> {
+        let key = |name, about, kind| Key { name, about, kind };
+        let LossPolicy { hold_s, decay_s } = &mut self.loss;
+        vec![
+            key(
+                "mirror",
+                "Whether left and right are swapped, as in a mirror.",
+                flag(&mut self.mirror),
+            ),
+            key(
+                "hold_s",
+                "How long the last weights of a lost face are held.",
+                seconds(hold_s),
+            ),
+            key(
+                "decay_s",
+                "How long they then take to fade to neutral.",
+                seconds(decay_s),
+            ),
+        ]
+    }
 }
 
 impl View {
@@ -115,6 +141,23 @@ impl View {
 pub fn is_name(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}/:$".contains(c);
     !text.is_empty() && text.len() <= LONGEST_NAME && text.chars().all(plain)
+}
+
+/// Names of all units, with either method of learning.
+pub(crate) fn all_units() -> Vec<String> {
+    let table = Units::shipped();
+    let mut names: Vec<String> = Vec::new();
+    for name in [false, true].iter().flat_map(|&paper| table.columns(paper)) {
+        if !names.iter().any(|known| *known == name.as_str()) {
+            names.push(name.as_str().to_owned());
+        }
+    }
+    names
+}
+
+/// Whether there is a unit of that name.
+pub(crate) fn is_unit(name: &str) -> bool {
+    all_units().iter().any(|known| known == name)
 }
 
 /// `AU12R` for `AU12L`, and eyes that look right for those that look left; `None` for a unit without sides.

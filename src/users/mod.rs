@@ -31,7 +31,7 @@ pub mod saved;
 pub use choice::Policy;
 
 use crate::base::capacity::USERS;
-use crate::base::defaults;
+use crate::base::settings::keyed;
 use crate::base::time::Timestamp;
 
 /// State of a user.
@@ -168,20 +168,20 @@ impl Presence {
     }
 }
 
-defaults! {
+keyed! {
     /// Which people are tracked, and what happens when a face is lost.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct Settings {
-        /// Maximum number of people tracked at once.
-        pub most: u32 = USERS as u32,
-        /// Which person a single-person output sends.
-        pub single: Policy = Policy::default(),
-        /// Seconds for which values are held after the face was last seen.
-        pub hold_s: f32 = 0.5,
-        /// Seconds after which a lost person's slot is free again.
-        pub forget_s: f32 = 2.0,
-        /// Seconds during which a person who left can be recognised by the shape of the head; 0 never.
-        pub remember_s: f32 = 600.0,
+        /// Maximum number of people tracked at once; with 1, everybody who appears gets slot 0.
+        most: u32 = USERS as u32 => number(1.0, USERS as f32, ""),
+        /// Which person a single-person output sends (vmc, vrchat, faceosc, serial): the first to arrive, the nearest, or the most central.
+        single: Policy = Policy::default() =>
+            choice(&[("first", Policy::First), ("nearest", Policy::Nearest), ("central", Policy::Central)]),
+        /// How long values are held after the face was last seen.
+        hold_s: f32 = 0.5 => number(0.0, 10.0, "s"),
+        /// How long a lost person then keeps their slot.
+        forget_s: f32 = 2.0 => number(0.0, 3600.0, "s"),
+        /// How long the ranges and head shape of a person who left are kept; a returning person who is recognised gets ranges and slot back; 0 keeps none.
+        remember_s: f32 = 600.0 => number(0.0, 86_400.0, "s"),
     }
 }
 

@@ -199,7 +199,7 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
     let outputs: Vec<Box<dyn Output>> = vec![
         Box::new(LiveLink::new(live_link, "", &UNITS).unwrap()),
         Box::new(web::websocket::open(&websocket, &UNITS, &["smile"]).unwrap()),
-        Box::new(web::page::open(&phone, "", "", &UNITS, &[]).unwrap()),
+        Box::new(web::page::open(&phone, &[], "", "", &UNITS, &[]).unwrap()),
         Box::new(mqtt::open(&broker, "", &UNITS, &["smile"]).unwrap()),
     ];
     let live = format!("GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", phone.listen);

@@ -3,10 +3,8 @@
 use toml::de::DeTable;
 
 use super::sections::Settings;
-use super::units::is_unit;
 use crate::base::capacity::GESTURES;
 use crate::output::gesture::{Gesture, PRESETS};
-use crate::output::is_name;
 
 /// An error: what was expected, what was found.
 type Refusal = (String, String);
@@ -43,25 +41,4 @@ pub(super) fn end(settings: &Settings) -> Result<(), Refusal> {
         return Err((expected, off.to_string()));
     }
     Ok(())
-}
-
-/// Longest sum, bytes: every unit once.
-const SUM_MOST: usize = 512;
-
-pub(super) fn is_sum(of: &str) -> bool {
-    of.len() <= SUM_MOST && Gesture::sums(of).flatten().all(|(_, unit)| is_unit(unit))
-}
-
-/// Whether there is such a key; a build that presses none believes any.
-pub(super) fn is_key(name: &str) -> bool {
-    #[cfg(feature = "wires")]
-    let is_known = crate::output::keys::is_key;
-    #[cfg(not(feature = "wires"))]
-    let is_known = is_name;
-    name.is_empty() || is_known(name)
-}
-
-/// What a gesture may be called: a part of topics and addresses, and a column.
-pub(super) fn is_word(name: &str) -> bool {
-    is_name(name) && !name.contains(['!', '+', '"', '\\'])
 }

@@ -18,11 +18,12 @@ use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
 
-use keys::{GESTURE, Key, Kind, Number, SECTIONS, Section, UNITS};
+use keys::{GESTURE, SECTIONS, Section, UNITS};
 use toml_words::{describe, float, toml_string};
 
 use crate::base::bounded_read::{self, reason};
 use crate::base::nearest_word::hint;
+use crate::base::settings::{Key, Kind, Number};
 use crate::output::gesture::{Gesture, PRESETS};
 
 /// Largest file, bytes: fifty times ours.
@@ -188,15 +189,17 @@ impl Settings {
                 )?;
                 continue;
             }
-            let Some(row) = known.keys.iter().find(|row| row.name == key.get_ref()) else {
-                let names: Vec<&str> = known.keys.iter().map(|row| row.name).collect();
+            let mut rows = (known.keys)(self);
+            let Some(at) = rows.iter().position(|row| row.name == key.get_ref()) else {
+                let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
                 let expected =
                     format!("one of the keys {} in {}", names.join(", "), known.header());
                 let found = format!("{key}{}", hint(key.get_ref(), names), key = key.get_ref());
                 return Err(wrong(key.span().start, expected, found));
             };
+            let row = rows.swap_remove(at);
             let path = format!("{name}.{}", row.name);
-            assign((row.kind)(self), &path, value.get_ref())
+            assign(row.kind, &path, value.get_ref())
                 .map_err(|(expected, found)| wrong(value.span().start, expected, found))?;
         }
         if name == GESTURE {
@@ -229,8 +232,8 @@ impl Settings {
                 if section.name == UNITS {
                     units::print(&self.units, &mut text);
                 }
-                for Key { name, about, kind } in section.keys {
-                    let (allowed, value) = kind(&mut self).text();
+                for Key { name, about, kind } in (section.keys)(&mut self) {
+                    let (allowed, value) = as_toml(&kind);
                     let _ = write!(text, "# {about} ({allowed})\n{mark}{name} = {value}\n");
                 }
             }
@@ -239,25 +242,26 @@ impl Settings {
     }
 }
 
-impl Kind<'_> {
-    /// What is allowed, and the value as TOML.
-    fn text(&self) -> (String, String) {
-        match self {
-            Self::Number(value, [min, max], unit) => {
-                let span = format!("{min} to {max} {unit}");
-                (span.trim_end().into(), value.text())
-            }
-            Self::Bool(value) => ("true or false".into(), value.to_string()),
-            Self::Text(value, form, _) => ((*form).into(), toml_string(value)),
-            Self::Texts(value, form, ..) => ((*form).into(), toml_strings(value)),
-            Self::Choice(present, names, _) => (quoted(names), toml_string(names[*present])),
+/// What is allowed, and the value as TOML: a float always with a decimal point, so that it stays one.
+fn as_toml(kind: &Kind<'_>) -> (String, String) {
+    match kind {
+        Kind::Number(number, [min, max], unit) => {
+            let span = format!("{min} to {max} {unit}");
+            let number = match number {
+                Number::Whole(value) => value.to_string(),
+                Number::Single(value) => format!("{value:?}"),
+                Number::Double(value) => format!("{value:?}"),
+            };
+            (span.trim_end().into(), number)
+        }
+        Kind::Bool(value) => ("true or false".into(), value.to_string()),
+        Kind::Text(value, form, _) => ((*form).into(), toml_string(value)),
+        Kind::Texts(value, form, ..) => ((*form).into(), toml_strings(value)),
+        Kind::Choice(present, names, _) => {
+            let all: Vec<String> = names.iter().map(|name| format!("{name:?}")).collect();
+            (all.join(" or "), toml_string(names[*present]))
         }
     }
-}
-
-fn quoted(names: &[&str]) -> String {
-    let names: Vec<String> = names.iter().map(|name| format!("{name:?}")).collect();
-    names.join(" or ")
 }
 
 /// One string as such, any other number of them as an array.
@@ -282,7 +286,7 @@ fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
 
 /// Stores a validated value, or returns (expected, found).
 fn assign(slot: Kind<'_>, path: &str, value: &DeValue<'_>) -> Result<(), (String, String)> {
-    let (allowed, _) = slot.text();
+    let (allowed, _) = as_toml(&slot);
     let expected = match slot {
         Kind::Number(Number::Whole(_), ..) => format!("{path} as a whole number from {allowed}"),
         Kind::Number(..) => format!("{path} from {allowed}"),
@@ -292,7 +296,11 @@ fn assign(slot: Kind<'_>, path: &str, value: &DeValue<'_>) -> Result<(), (String
         Kind::Number(slot, [min, max], _) => float(value)
             .filter(|_| value.as_integer().is_some() || !matches!(slot, Number::Whole(_)))
             .filter(|number| (f64::from(min)..=f64::from(max)).contains(number))
-            .map(|number| slot.set(number)),
+            .map(|number| match slot {
+                Number::Whole(slot) => *slot = number as u32,
+                Number::Single(slot) => *slot = number as f32,
+                Number::Double(slot) => *slot = number,
+            }),
         Kind::Bool(slot) => value.as_bool().map(|value| *slot = value),
         Kind::Text(slot, _, valid) => value
             .as_str()

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::appliance::source;
 use crate::base::defaults;
+use crate::base::settings::keyed;
 use crate::output::features::{LiveLinkSettings, MqttSettings, PageSettings, WebSocketSettings};
 use crate::{output, pipeline};
 
@@ -53,25 +54,27 @@ defaults! {
         /// Least severity written to standard error.
         pub log_level: tracing::Level = tracing::Level::INFO,
     }
+}
 
+keyed! {
     /// Where frames come from.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct SensorSettings {
-        /// As [`source::open`] takes it.
-        pub source: String = source::AUTO.into(),
-        /// Path of a face model; empty = the built-in one.
-        pub model: String = String::new(),
-        /// What can be chosen about a sensor on USB.
-        pub device: source::SensorSettings = source::SensorSettings::default(),
+        /// Where frames come from; the option --source takes precedence. auto is a Kinect, or the simulated sensor if none is plugged in; kinect waits for one.
+        source: String = source::AUTO.into() => text(
+            "\"auto\", \"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording",
+            |source| !source.is_empty()
+        ),
+        /// Face model file; the option --model takes precedence.
+        model: String = String::new() => text("a path, or empty for the built-in model", |_| true),
+        ..device: source::SensorSettings,
     }
-
     /// State kept across restarts.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct StateSettings {
-        /// Whether people who left are saved; only from a live sensor.
-        pub persist: bool = true,
-        /// Path of the file.
-        pub path: String = "/var/lib/mien/people.ranges".into(),
+        /// Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody.
+        persist: bool = true => flag(),
+        /// The file; rewritten once a minute and on exit.
+        path: String = "/var/lib/mien/people.ranges".into() =>
+            text("the path of a file in an existing directory", |path| !path.is_empty()),
     }
 }
 
@@ -99,7 +102,6 @@ impl Settings {
             &mut self.live_link.view,
             &mut self.websocket.view,
             &mut self.mqtt.view,
-            &mut self.page.view,
         ] {
             view.units.clone_from(&self.units);
         }

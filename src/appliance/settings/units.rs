@@ -8,28 +8,10 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 use super::toml_words::{describe, float, toml_string};
-use crate::expression::units::Units;
-use crate::output::{UnitView, is_name};
+use crate::output::{UnitView, all_units, is_name};
 
 /// Largest gain; anything more belongs on the receiving side.
 const LARGEST_GAIN: f32 = 10.0;
-
-/// Names of all units, with either method of learning.
-fn known() -> Vec<String> {
-    let table = Units::shipped();
-    let mut names: Vec<String> = Vec::new();
-    for name in [false, true].iter().flat_map(|&paper| table.columns(paper)) {
-        if !names.iter().any(|known| *known == name.as_str()) {
-            names.push(name.as_str().to_owned());
-        }
-    }
-    names
-}
-
-/// Whether there is a unit of that name.
-pub(super) fn is_unit(name: &str) -> bool {
-    known().iter().any(|known| known == name)
-}
 
 /// An error: where, what was expected, what was found.
 type Refusal = (Option<Range<usize>>, String, String);
@@ -40,7 +22,7 @@ pub(super) fn assign(
     value: &Spanned<DeValue<'_>>,
     views: &mut Vec<UnitView>,
 ) -> Result<(), Refusal> {
-    let known = known();
+    let known = all_units();
     if !known.iter().any(|known| known == unit) {
         let expected = format!("one of the units {}", known.join(", "));
         return Err((None, expected, unit.to_owned()));
@@ -91,7 +73,7 @@ pub(super) fn assign(
 
 /// The lines of the section.
 pub(super) fn print(views: &[UnitView], text: &mut String) {
-    let known = known();
+    let known = all_units();
     text.push_str("# Codes and movements; L and R are the subject's own left and right.\n");
     for words in &unit_words::ALL {
         let is_it = |unit: &&str| unit_words::of(unit).is_some_and(|(found, _)| found == words);

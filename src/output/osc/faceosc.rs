@@ -9,28 +9,29 @@
 use super::packet::Argument;
 use super::wire::{Targets, Wire};
 use crate::base::capacity::WIDTH;
-use crate::base::defaults;
 use crate::base::geometry::{Point, Rigid, Vector, yaw_pitch_roll};
 use crate::base::prelude::*;
+use crate::base::settings::keyed;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
-use crate::output::{Every, OneFace, Output, OutputError, Report, Tally, View, finite};
+use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View, finite};
 
 /// FaceOSC's unit of length, metres.
 const UNIT_M: f32 = 0.0036;
 /// How often `/found` is repeated, seconds.
 const FOUND_S: f64 = 1.0;
 
-defaults! {
-    /// Where it goes.
-    #[derive(Clone, Debug, PartialEq)]
+keyed! {
+    /// Settings of the FaceOSC output; there are no units.
     pub struct Settings {
         /// Whether this output is enabled.
-        pub enabled: bool = false,
-        /// Each `host:port`.
-        pub targets: Vec<String> = vec!["127.0.0.1:8338".to_owned()],
-        /// Mirroring, and how long a lost face is held; there are no units.
-        pub view: View = View::default(),
+        enabled: bool = false => flag(),
+        /// Destinations: hosts, broadcast addresses or multicast groups.
+        targets "target": Vec<String> = vec!["127.0.0.1:8338".to_owned()] => targets(),
+        /// Whether left and right are swapped, as in a mirror.
+        mirror: bool = false => flag(),
+        /// How long a lost face is held.
+        hold_s: f32 = LossPolicy::default().hold_s => seconds(),
     }
 }
 
@@ -79,9 +80,17 @@ impl FaceOsc {
 
     /// As [`Self::new`], but to these targets instead of the configured ones.
     pub fn over(targets: Targets, settings: Settings) -> Self {
+        let view = View {
+            mirror: settings.mirror,
+            loss: LossPolicy {
+                hold_s: settings.hold_s,
+                ..LossPolicy::default()
+            },
+            ..View::default()
+        };
         Self {
             wire: Wire::new(targets, String::new()),
-            face: OneFace::new(&[], &settings.view),
+            face: OneFace::new(&[], &view),
             found: false,
             repeat: Every::default(),
             last: None,

@@ -12,8 +12,8 @@
 use super::packet::Argument;
 use super::parameters::Parameter;
 use super::wire::{Targets, Wire};
-use crate::base::defaults;
 use crate::base::prelude::*;
+use crate::base::settings::keyed;
 use crate::output::{OneFace, Output, OutputError, Report, Tally, View};
 
 /// This program's role, as the receiver sees it.
@@ -40,24 +40,23 @@ pub enum Names {
     Units,
 }
 
-defaults! {
+keyed! {
     /// Settings of the VMC output.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct Settings {
         /// Whether this output is enabled.
-        pub enabled: bool = false,
-        /// Each `host:port`.
-        pub targets: Vec<String> = vec!["127.0.0.1:39539".to_owned()],
+        enabled: bool = false => flag(),
+        /// Destinations: hosts, broadcast addresses or multicast groups.
+        targets "target": Vec<String> = vec!["127.0.0.1:39539".to_owned()] => targets(),
         /// This program's role, as the receiver sees it.
-        pub role: Role = Role::default(),
-        /// Naming scheme of the blend shapes.
-        pub names: Names = Names::default(),
-        /// Whether ARKit's shapes that are not measured follow what they go with.
-        pub derived: bool = true,
+        role: Role = Role::default() => choice(&[("performer", Role::Performer), ("assistant", Role::Assistant)]),
+        /// Names of the blend shapes: ARKit's, VRM avatars', or the units' own.
+        names: Names = Names::default() =>
+            choice(&[("arkit", Names::Arkit), ("vrm0", Names::Vrm0), ("vrm1", Names::Vrm1), ("units", Names::Units)]),
+        /// Whether ARKit shapes that are not measured are derived from related ones, such as raised cheeks from a smile.
+        derived: bool = true => flag(),
         /// Whether the gaze turns the bones of the eyes.
-        pub eyes: bool = true,
-        /// How faces and units are shown.
-        pub view: View = View::default(),
+        eyes: bool = true => flag(),
+        ..view: View,
     }
 }
 

@@ -14,8 +14,8 @@ use core::fmt;
 use super::packet::Argument;
 use super::parameters::Parameter;
 use super::wire::{self, Targets, Wire};
-use crate::base::defaults;
 use crate::base::prelude::*;
+use crate::base::settings::keyed;
 use crate::base::time::Timestamp;
 use crate::output::{Every, OneFace, Output, OutputError, Report, Tally, View};
 
@@ -45,22 +45,22 @@ pub enum Values {
     Both,
 }
 
-defaults! {
+keyed! {
     /// Settings of the VRChat output.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct Settings {
         /// Whether this output is enabled.
-        pub enabled: bool = false,
-        /// Each `host:port`.
-        pub targets: Vec<String> = vec!["127.0.0.1:9000".to_owned()],
-        /// How values are sent.
-        pub values: Values = Values::default(),
-        /// Bits of a value sent as switches, 1 to [`MOST_BITS`].
-        pub bits: u32 = 4,
-        /// How faces and units are shown.
-        pub view: View = View::default(),
-        /// What the avatar's author put before the names; empty, or ending in a slash.
-        pub prefix: String = "FT/".to_owned(),
+        enabled: bool = false => flag(),
+        /// Destinations: hosts, broadcast addresses or multicast groups.
+        targets "target": Vec<String> = vec!["127.0.0.1:9000".to_owned()] => targets(),
+        /// Prefix that the avatar's author put before the parameter names.
+        prefix: String = "FT/".to_owned() =>
+            text("empty or ending in a slash", |prefix| prefix.is_empty() || prefix.ends_with('/')),
+        /// Parameters as floats, as binary switches, or both.
+        values: Values = Values::default() =>
+            choice(&[("float", Values::Float), ("binary", Values::Binary), ("both", Values::Both)]),
+        /// Binary switches per parameter, besides its sign.
+        bits: u32 = 4 => number(1.0, MOST_BITS as f32, ""),
+        ..view: View,
     }
 }
 

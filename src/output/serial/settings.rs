@@ -1,8 +1,9 @@
 //! Settings of the serial output: which port, how it is used, and what is written.
 
-use crate::base::defaults;
+use crate::base::capacity::UNITS;
 use crate::base::prelude::*;
-use crate::output::View;
+use crate::base::settings::{is_host_port, keyed};
+use crate::output::{View, is_unit};
 
 /// What is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,28 +17,29 @@ pub enum Style {
     Cobs,
 }
 
-defaults! {
+keyed! {
     /// Which port, and how it is used.
-    #[derive(Clone, Debug, PartialEq)]
     pub struct Settings {
-        /// Path of the port, as `/dev/serial/by-id/…`, or `tcp:host:port`; empty = no serial output.
-        pub port: String = String::new(),
-        /// Bits per second.
-        pub baud: u32 = 115_200,
-        /// What is written.
-        pub style: Style = Style::default(),
-        /// Value of a weight of 1 in the styles `text` and `plot`: 100 gives percentages. Below 128, tenths are added if the line is
-        /// fast enough.
-        pub full: u32 = 100,
-        /// Whether poses are sent too.
-        pub pose: bool = false,
-        /// FACS names of the units to send, the most important first; empty = all.
-        pub units: Vec<String> = Vec::new(),
-        /// Frame rate below which units are left out, Hz.
-        pub min_rate_hz: f32 = 10.0,
-        /// Whether DTR is raised on opening; otherwise it is left unchanged.
-        pub dtr: bool = false,
-        /// How faces and units are shown.
-        pub view: View = View::default(),
+        /// The port; empty = no serial output.
+        port: String = String::new() => text(
+            "the path of a port, like \"/dev/serial/by-id/usb-...\" or \"/dev/ttyUSB0\", tcp:host:port, or empty",
+            |port| port.strip_prefix("tcp:").is_none_or(is_host_port)
+        ),
+        /// Baud rate.
+        baud: u32 = 115_200 => number(1200.0, 4_000_000.0, "bit/s"),
+        /// Lines with checksums, lines for the Arduino plotter, or binary frames.
+        style: Style = Style::default() =>
+            choice(&[("text", Style::Text), ("plot", Style::Plot), ("cobs", Style::Cobs)]),
+        /// Number sent for a weight of 1 in text lines; 100 gives percentages, in tenths if the line is fast enough; from 128 on, numbers are whole.
+        full: u32 = 100 => number(10.0, 10_000.0, ""),
+        /// Whether head poses are sent too.
+        pose: bool = false => flag(),
+        /// Units to send, most important first; empty = all.
+        units: Vec<String> = Vec::new() => texts("units, like [\"AU26\", \"AU25\"]", is_unit, UNITS),
+        /// Frame rate below which units are omitted on a slow line.
+        min_rate_hz: f32 = 10.0 => number(0.0, 30.0, "Hz"),
+        /// Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged.
+        dtr: bool = false => flag(),
+        ..view: View,
     }
 }

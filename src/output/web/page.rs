@@ -29,7 +29,7 @@ use crate::output::board::{Board, Front, Weight};
 use crate::output::features::{PageSettings, password};
 use crate::output::gesture::Gesture;
 use crate::output::limits::{Listening, is_near};
-use crate::output::{Command, OutputError, identity};
+use crate::output::{Command, OutputError, UnitView, View, identity};
 
 /// One document, so that a phone asks once. What other pages of mien look like too is in `look.css` and `units.js`.
 const PAGE: &str = concat!(
@@ -252,6 +252,7 @@ pub fn secret(settings: &PageSettings) -> Result<Option<String>, OutputError> {
 /// If the password cannot be read, the address is unusable or no thread can be started; not if the address is taken.
 pub fn open(
     settings: &PageSettings,
+    gains: &[UnitView],
     name: &str,
     sends: &str,
     units: &[&str],
@@ -269,7 +270,11 @@ pub fn open(
         rate: 30.0,
     };
     let work = move |shared, bell| serve(page, at, shared, bell);
-    Front::start("page", units, &settings.view, work)
+    let view = View {
+        units: gains.to_vec(),
+        ..View::default()
+    };
+    Front::start("page", units, &view, work)
 }
 
 #[cfg(test)]
@@ -486,7 +491,7 @@ mod tests {
                 .map_or_else(String::new, |file| file.to_string_lossy().into_owned()),
             ..PageSettings::default()
         };
-        let mut page = open(&settings, "stage-left", "", &["AU26"], &[]).unwrap();
+        let mut page = open(&settings, &[], "stage-left", "", &["AU26"], &[]).unwrap();
         let report = Report {
             frame: 7,
             user: Some(0),
@@ -561,7 +566,7 @@ mod tests {
             ..PageSettings::default()
         };
         let problem = || {
-            open(&settings, "", "", &[], &[])
+            open(&settings, &[], "", "", &[], &[])
                 .err()
                 .map(|problem| problem.to_string())
         };

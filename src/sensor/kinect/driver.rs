@@ -11,7 +11,7 @@
 //! Nothing inessential stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
 //! errors and change nothing else. Memory: two pictures of each stream, 1.5 MB, allocated at opening.
 
-use crate::base::defaults;
+use crate::base::settings::keyed;
 use crate::sensor::Frame;
 use core::time::Duration;
 
@@ -20,7 +20,7 @@ use super::colour;
 use super::command::{BadReply, register};
 use super::device::{DeviceError, Model, PacketSource, Stream};
 use super::frame::Developed;
-use super::motor::Light;
+use super::motor::{Light, TILT_LIMIT_DEG};
 use super::pairing::{Paired, Pairing, RawPair};
 use super::picture_clock::PictureClock;
 use super::registration::Registration;
@@ -29,21 +29,20 @@ use super::unpack::unpack_depth;
 
 mod exchange;
 
-defaults! {
+keyed! {
     /// What can be chosen.
-    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[derive(Copy)]
     pub struct Settings {
-        /// Kinect for Windows: measure from 0.4 m instead of 0.8 m. No effect on the others.
-        pub near_mode: bool = true,
-        /// Hold exposure and white balance once a face is tracked, so that the face's texture does not drift.
-        pub freeze_exposure: bool = false,
-        /// Tilt the sensor when it is opened.
-        pub set_tilt: bool = false,
-        /// To this many degrees above the horizon, limited to ±31.
-        pub tilt_deg: f32 = 0.0,
-        /// Reset the audio device of the later models on opening. Some units keep streaming only then, others lose their audio
-        /// device by it for seconds; it is never fatal.
-        pub reset_audio: bool = false,
+        /// Kinect for Windows: measure from 0.4 m instead of 0.8 m.
+        near_mode: bool = true => flag(),
+        /// Whether exposure and white balance are locked while a face is tracked.
+        freeze_exposure: bool = false => flag(),
+        /// Whether the motor tilts the Kinect when it is opened.
+        set_tilt: bool = false => flag(),
+        /// The tilt, relative to the horizon.
+        tilt_deg: f32 = 0.0 => number(-TILT_LIMIT_DEG, TILT_LIMIT_DEG, "degrees"),
+        /// Model 1473 and Kinect for Windows: reset the audio device when opening, for sensors that otherwise stop streaming.
+        reset_audio: bool = false => flag(),
     }
 }
 

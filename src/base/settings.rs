@@ -1,0 +1,183 @@
+//! Keys of the configuration: what a value is called, what it means, which values are allowed, and where it is stored.
+//!
+//! A struct made by [`keyed!`](keyed) says each of its keys once: the field with its default, its documentation, which is also
+//! the comment in `config/mien.toml`, and what is allowed. The appliance reads, checks and prints files by these keys.
+
+use core::net::SocketAddr;
+
+use crate::base::prelude::*;
+
+/// Most targets of an output; one given by name has a thread of its own.
+const TARGETS_MOST: usize = 16;
+
+/// One key, and its present value.
+pub struct Key<'a> {
+    /// Its name.
+    pub name: &'static str,
+    /// What it means, in a sentence.
+    pub about: &'static str,
+    /// Its type and range, and where its value is stored.
+    pub kind: Kind<'a>,
+}
+
+/// Type and range of a key's value, and where it is stored.
+pub enum Kind<'a> {
+    /// From the least to the most, and in which unit.
+    Number(Number<'a>, [f32; 2], &'static str),
+    /// True or false.
+    Bool(&'a mut bool),
+    /// What it looks like, and whether one does.
+    Text(&'a mut String, &'static str, fn(&str) -> bool),
+    /// One text, or several in an array, from so many to so many.
+    Texts(
+        &'a mut Vec<String>,
+        &'static str,
+        fn(&str) -> bool,
+        [usize; 2],
+    ),
+    /// Which of the names is the present one, all of them, and what stores another.
+    Choice(usize, Vec<&'static str>, Box<dyn FnOnce(usize) + 'a>),
+}
+
+/// A number as the stages store it: single precision for images, double for what accumulates over months.
+pub enum Number<'a> {
+    /// A count.
+    Whole(&'a mut u32),
+    /// A quantity.
+    Single(&'a mut f32),
+    /// A quantity that accumulates.
+    Double(&'a mut f64),
+}
+
+impl<'a> From<&'a mut u32> for Number<'a> {
+    fn from(value: &'a mut u32) -> Self {
+        Self::Whole(value)
+    }
+}
+
+impl<'a> From<&'a mut f32> for Number<'a> {
+    fn from(value: &'a mut f32) -> Self {
+        Self::Single(value)
+    }
+}
+
+impl<'a> From<&'a mut f64> for Number<'a> {
+    fn from(value: &'a mut f64) -> Self {
+        Self::Double(value)
+    }
+}
+
+/// Settings that have keys.
+pub trait Keys {
+    /// Its keys, in the order in which they are printed.
+    fn keys(&mut self) -> Vec<Key<'_>>;
+}
+
+/// Structs whose fields are keys: `field: Type = default => form,` below the sentence about them; a name in quotes behind the
+/// field is the key's, where that is another one. `..field: Type,` at the end has keys of its own.
+macro_rules! keyed {
+    (@name $field:ident $key:literal) => { $key };
+    (@name $field:ident) => { stringify!($field) };
+    ($($(#[doc = $what:literal])+ $(#[derive($more:ident)])? pub struct $name:ident {
+        $($(#[doc = $about:literal])+ $field:ident $($key:literal)?: $kind:ty = $value:expr => $form:ident($($limit:expr),*),)*
+        $(..$part:ident: $part_kind:ty,)?
+    })*) => {$(
+        $(#[doc = $what])+
+        #[derive(Clone, Debug, PartialEq $(, $more)?)]
+        pub struct $name {
+            $($(#[doc = $about])+ pub $field: $kind,)*
+            $(
+                #[doc = concat!("Settings of the ", stringify!($part), ", with keys of their own.")]
+                pub $part: $part_kind,
+            )?
+        }
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($field: $value,)* $($part: <$part_kind>::default(),)? }
+            }
+        }
+        impl $crate::base::settings::Keys for $name {
+            fn keys(&mut self) -> $crate::base::prelude::Vec<$crate::base::settings::Key<'_>> {
+                #[allow(unused_mut, reason = "a struct without parts is complete")]
+                let mut keys = $crate::base::prelude::vec![$($crate::base::settings::Key {
+                    name: $crate::base::settings::keyed!(@name $field $($key)?),
+                    about: concat!($($about),+).trim_ascii_start(),
+                    kind: $crate::base::settings::$form(&mut self.$field, $($limit),*),
+                }),*];
+                $(keys.extend($crate::base::settings::Keys::keys(&mut self.$part));)?
+                keys
+            }
+        }
+    )*};
+}
+pub(crate) use keyed;
+
+/// A number between limits, in a unit; of a `u32` a whole one.
+pub fn number<'a>(
+    value: impl Into<Number<'a>>,
+    least: f32,
+    most: f32,
+    unit: &'static str,
+) -> Kind<'a> {
+    Kind::Number(value.into(), [least, most], unit)
+}
+
+/// A time of up to a minute.
+pub fn seconds(value: &mut f32) -> Kind<'_> {
+    number(value, 0.0, 60.0, "s")
+}
+
+/// True or false.
+pub fn flag(value: &mut bool) -> Kind<'_> {
+    Kind::Bool(value)
+}
+
+/// A text: what it looks like, and whether one does.
+pub fn text<'a>(value: &'a mut String, form: &'static str, valid: fn(&str) -> bool) -> Kind<'a> {
+    Kind::Text(value, form, valid)
+}
+
+/// Up to so many texts: what they look like, and whether one does.
+pub fn texts<'a>(
+    value: &'a mut Vec<String>,
+    form: &'static str,
+    valid: fn(&str) -> bool,
+    most: usize,
+) -> Kind<'a> {
+    Kind::Texts(value, form, valid, [0, most])
+}
+
+/// One of several values, each with its name.
+pub fn choice<'a, T: Copy + PartialEq>(
+    value: &'a mut T,
+    all: &'static [(&'static str, T)],
+) -> Kind<'a> {
+    let present = all.iter().position(|one| one.1 == *value);
+    let names = all.iter().map(|one| one.0).collect();
+    let set = Box::new(|index: usize| *value = all[index].1);
+    Kind::Choice(present.unwrap_or_default(), names, set)
+}
+
+/// Where an output sends to.
+pub fn targets(value: &mut Vec<String>) -> Kind<'_> {
+    let form = "host:port, or up to 16 as [\"host:port\", \"host:port\"]";
+    Kind::Texts(value, form, is_host_port, [1, TARGETS_MOST])
+}
+
+/// The path of a file that may be left out.
+pub fn optional_file(value: &mut String) -> Kind<'_> {
+    Kind::Text(value, "the path of a file, or empty", |_| true)
+}
+
+/// `address:port` of this machine.
+pub fn listen(value: &mut String) -> Kind<'_> {
+    Kind::Text(value, "address:port", |text| {
+        text.parse::<SocketAddr>().is_ok()
+    })
+}
+
+/// Whether a text is `host:port`.
+pub fn is_host_port(text: &str) -> bool {
+    text.rsplit_once(':')
+        .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+}
