@@ -20,10 +20,9 @@ pub(crate) struct Row {
     enabled: fn(&Settings) -> bool,
     /// Where it sends to: hosts, a broker or a port.
     pub(crate) targets: fn(&Settings) -> &[String],
-    /// Opens it; `None` if this build is without it. The names are the units', in the order of the weights.
-    open: Option<fn(&Settings, &[&str]) -> Opened>,
-    /// Whether its settings can be used, without sockets, ports or threads.
-    check: Check,
+    /// Opens it, and whether its settings can be used, without sockets, ports or threads; `None` if this build is without it. The
+    /// names are the units', in the order of the weights.
+    built: Option<(fn(&Settings, &[&str]) -> Opened, Check)>,
 }
 
 /// A row: `"name" section: enabled, targets => constructor, check;`, the check where there is more to it than the keys' ranges, of the settings `s` and the names of the units; `"wires"` behind
@@ -38,26 +37,22 @@ macro_rules! outputs {
                 let _ = $s;
                 $targets
             },
-            open: {
+            built: {
                 #[cfg(all($(feature = $feature)?))]
-                let open: Option<fn(&Settings, &[&str]) -> Opened> = Some(|$s, $units| {
-                    let _ = $units;
-                    Ok(Box::new($open))
-                });
+                let built: Option<(fn(&Settings, &[&str]) -> Opened, Check)> = Some((
+                    |$s, $units| {
+                        let _ = $units;
+                        Ok(Box::new($open))
+                    },
+                    |$s, $units| {
+                        let _ = ($s, $units);
+                        $($check?;)?
+                        Ok(())
+                    },
+                ));
                 #[cfg(not(all($(feature = $feature)?)))]
-                let open = None;
-                open
-            },
-            check: {
-                #[cfg(all($(feature = $feature)?))]
-                let check: Check = |$s, $units| {
-                    let _ = ($s, $units);
-                    $($check?;)?
-                    Ok(())
-                };
-                #[cfg(not(all($(feature = $feature)?)))]
-                let check: Check = |_, _| Err(OutputError::NotBuilt(stringify!($section)));
-                check
+                let built = None;
+                built
             },
         }),*];
     };
@@ -103,8 +98,13 @@ pub(crate) fn check(settings: &Settings) -> Result<(), (&'static str, OutputErro
     }
     let units = Pipeline::unit_names_with(&settings.stages);
     let units: Vec<&str> = units.iter().map(String::as_str).collect();
-    enabled(settings)
-        .try_for_each(|row| (row.check)(settings, &units).map_err(|problem| (row.section, problem)))
+    enabled(settings).try_for_each(|row| {
+        let checked = match row.built {
+            Some((_, check)) => check(settings, &units),
+            None => Err(OutputError::NotBuilt(row.section)),
+        };
+        checked.map_err(|problem| (row.section, problem))
+    })
 }
 
 /// Whether both servers of the web would listen at one port of one address.
@@ -120,7 +120,7 @@ pub(crate) fn share_a_port(settings: &Settings) -> bool {
 
 /// Sections of the outputs that this build is without.
 pub fn not_built() -> Vec<&'static str> {
-    let rows = OUTPUTS.iter().filter(|row| row.open.is_none());
+    let rows = OUTPUTS.iter().filter(|row| row.built.is_none());
     rows.map(|row| row.section).collect()
 }
 
@@ -130,8 +130,8 @@ pub(crate) fn open(
     units: &[&str],
 ) -> Result<Vec<Box<dyn Output>>, OutputError> {
     check(settings).map_err(|(_, problem)| problem)?;
-    let open = enabled(settings).filter_map(|row| row.open);
-    open.map(|open| open(settings, units)).collect()
+    let built = enabled(settings).filter_map(|row| row.built);
+    built.map(|(open, _)| open(settings, units)).collect()
 }
 
 /// The enabled outputs and where they send to, as text.

@@ -73,14 +73,15 @@ pub trait Keys {
     fn keys(&mut self) -> Vec<Key<'_>>;
 }
 
-/// Structs whose fields are keys: `field: Type = default => form,` below the sentence about them; a name in quotes behind the
-/// field is the key's, where that is another one. `..field: Type,` at the end has keys of its own.
+/// Structs whose fields are keys: `field: Type = default => form(…),` below the sentence about them. A form is a [`Kind`] or a
+/// function that makes one. A name in quotes behind the field is the key's, where that is another one. `..field: Type,` at the
+/// end has keys of its own.
 macro_rules! keyed {
     (@name $field:ident $key:literal) => { $key };
     (@name $field:ident) => { stringify!($field) };
     ($($(#[doc = $what:literal])+ $(#[derive($more:ident)])? pub struct $name:ident {
         $($(#[doc = $about:literal])+ $field:ident $($key:literal)?: $kind:ty = $value:expr => $form:ident($($limit:expr),*),)*
-        $(..$part:ident: $part_kind:ty,)?
+        $(..$part:ident: $part_kind:ty,)*
     })*) => {$(
         $(#[doc = $what])+
         #[derive(Clone, Debug, PartialEq $(, $more)?)]
@@ -89,11 +90,11 @@ macro_rules! keyed {
             $(
                 #[doc = concat!("Settings of the ", stringify!($part), ", with keys of their own.")]
                 pub $part: $part_kind,
-            )?
+            )*
         }
         impl Default for $name {
             fn default() -> Self {
-                Self { $($field: $value,)* $($part: <$part_kind>::default(),)? }
+                Self { $($field: $value,)* $($part: <$part_kind>::default(),)* }
             }
         }
         impl $crate::base::settings::Keys for $name {
@@ -102,9 +103,9 @@ macro_rules! keyed {
                 let mut keys = $crate::base::prelude::vec![$($crate::base::settings::Key {
                     name: $crate::base::settings::keyed!(@name $field $($key)?),
                     about: concat!($($about),+).trim_ascii_start(),
-                    kind: $crate::base::settings::$form(&mut self.$field, $($limit),*),
+                    kind: $crate::base::settings::Kind::$form(&mut self.$field, $($limit),*),
                 }),*];
-                $(keys.extend($crate::base::settings::Keys::keys(&mut self.$part));)?
+                $(keys.extend($crate::base::settings::Keys::keys(&mut self.$part));)*
                 keys
             }
         }
@@ -112,68 +113,39 @@ macro_rules! keyed {
 }
 pub(crate) use keyed;
 
-/// A number between limits, in a unit; of a `u32` a whole one.
-pub fn number<'a>(
-    value: impl Into<Number<'a>>,
-    least: f32,
-    most: f32,
-    unit: &'static str,
-) -> Kind<'a> {
-    Kind::Number(value.into(), [least, most], unit)
-}
+impl<'a> Kind<'a> {
+    /// A number between limits, in a unit; of a `u32` a whole one.
+    pub fn number(value: impl Into<Number<'a>>, least: f32, most: f32, unit: &'static str) -> Self {
+        Self::Number(value.into(), [least, most], unit)
+    }
 
-/// A time of up to a minute.
-pub fn seconds(value: &mut f32) -> Kind<'_> {
-    number(value, 0.0, 60.0, "s")
-}
+    /// A time of up to a minute.
+    pub fn seconds(value: &'a mut f32) -> Self {
+        Self::number(value, 0.0, 60.0, "s")
+    }
 
-/// True or false.
-pub fn flag(value: &mut bool) -> Kind<'_> {
-    Kind::Bool(value)
-}
+    /// One of several values, each with its name.
+    pub fn choice<T: Copy + PartialEq>(
+        value: &'a mut T,
+        all: &'static [(&'static str, T)],
+    ) -> Self {
+        let present = all.iter().position(|one| one.1 == *value);
+        let names = all.iter().map(|one| one.0).collect();
+        let set = Box::new(|index: usize| *value = all[index].1);
+        Self::Choice(present.unwrap_or_default(), names, set)
+    }
 
-/// A text: what it looks like, and whether one does.
-pub fn text<'a>(value: &'a mut String, form: &'static str, valid: fn(&str) -> bool) -> Kind<'a> {
-    Kind::Text(value, form, valid)
-}
+    /// Where an output sends to.
+    pub fn targets(value: &'a mut Vec<String>) -> Self {
+        let form = "host:port, or up to 16 as [\"host:port\", \"host:port\"]";
+        Self::Texts(value, form, is_host_port, [1, TARGETS_MOST])
+    }
 
-/// Up to so many texts: what they look like, and whether one does.
-pub fn texts<'a>(
-    value: &'a mut Vec<String>,
-    form: &'static str,
-    valid: fn(&str) -> bool,
-    most: usize,
-) -> Kind<'a> {
-    Kind::Texts(value, form, valid, [0, most])
-}
-
-/// One of several values, each with its name.
-pub fn choice<'a, T: Copy + PartialEq>(
-    value: &'a mut T,
-    all: &'static [(&'static str, T)],
-) -> Kind<'a> {
-    let present = all.iter().position(|one| one.1 == *value);
-    let names = all.iter().map(|one| one.0).collect();
-    let set = Box::new(|index: usize| *value = all[index].1);
-    Kind::Choice(present.unwrap_or_default(), names, set)
-}
-
-/// Where an output sends to.
-pub fn targets(value: &mut Vec<String>) -> Kind<'_> {
-    let form = "host:port, or up to 16 as [\"host:port\", \"host:port\"]";
-    Kind::Texts(value, form, is_host_port, [1, TARGETS_MOST])
-}
-
-/// The path of a file that may be left out.
-pub fn optional_file(value: &mut String) -> Kind<'_> {
-    Kind::Text(value, "the path of a file, or empty", |_| true)
-}
-
-/// `address:port` of this machine.
-pub fn listen(value: &mut String) -> Kind<'_> {
-    Kind::Text(value, "address:port", |text| {
-        text.parse::<SocketAddr>().is_ok()
-    })
+    /// `address:port` of this machine.
+    pub fn listen(value: &'a mut String) -> Self {
+        let is_address = |text: &str| text.parse::<SocketAddr>().is_ok();
+        Self::Text(value, "address:port", is_address)
+    }
 }
 
 /// Whether a text is `host:port`.

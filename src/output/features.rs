@@ -8,23 +8,26 @@ use super::View;
 use crate::base::bounded_read;
 use crate::base::settings::{is_host_port, keyed};
 
+/// What the path of a file that may be left out looks like.
+const OPTIONAL_FILE: &str = "the path of a file, or empty";
+
 keyed! {
     /// Unreal's Live Link, in the format of the Live Link Face app.
     pub struct LiveLinkSettings {
         /// Whether this output is enabled.
-        enabled: bool = false => flag(),
+        enabled: bool = false => Bool(),
         /// Destinations: hosts, broadcast addresses or multicast groups.
         targets "target": Vec<String> = vec!["127.0.0.1:11111".to_owned()] => targets(),
         /// Subject name in Unreal; empty = the name of the box.
-        subject: String = String::new() => text("at most 64 bytes", |name| name.len() <= 64),
+        subject: String = String::new() => Text("at most 64 bytes", |name| name.len() <= 64),
         /// Whether ARKit shapes that are not measured are derived from related ones, such as raised cheeks from a smile.
-        derived: bool = true => flag(),
+        derived: bool = true => Bool(),
         ..view: View,
     }
     /// JSON over WebSocket.
     pub struct WebSocketSettings {
         /// Whether this server is enabled.
-        enabled: bool = false => flag(),
+        enabled: bool = false => Bool(),
         /// Address to serve on; 127.0.0.1 serves this machine only, 0.0.0.0 anyone who can reach it.
         listen: String = "127.0.0.1:9133".to_owned() => listen(),
         ..view: View,
@@ -32,38 +35,38 @@ keyed! {
     /// The page of the box.
     pub struct PageSettings {
         /// Whether this server is enabled.
-        enabled: bool = false => flag(),
+        enabled: bool = false => Bool(),
         /// Address to serve on; 127.0.0.1 serves this machine only, 0.0.0.0 anyone who can reach it.
         listen: String = "127.0.0.1:9134".to_owned() => listen(),
         /// File whose first line is the password, accepted with any user name; empty = no password, and local networks only.
-        password_file: String = String::new() => optional_file(),
+        password_file: String = String::new() => Text(OPTIONAL_FILE, |_| true),
     }
     /// MQTT.
     pub struct MqttSettings {
         /// Whether this output is enabled.
-        enabled: bool = false => flag(),
+        enabled: bool = false => Bool(),
         /// The broker's address.
-        broker: String = "127.0.0.1:1883".to_owned() => text("host:port", is_host_port),
+        broker: String = "127.0.0.1:1883".to_owned() => Text("host:port", is_host_port),
         /// Whether the connection is encrypted with TLS, usually on port 8883.
-        tls: bool = false => flag(),
+        tls: bool = false => Bool(),
         /// Trusted CA certificates, in PEM; the default is the system's.
         ca_file: String = "/etc/ssl/certs/ca-certificates.crt".to_owned() =>
-            text("the path of a file", |path| !path.is_empty()),
+            Text("the path of a file", |path| !path.is_empty()),
         /// User name; empty = none.
-        user: String = String::new() => text("at most 64 bytes, or empty", |name| name.len() <= 64),
+        user: String = String::new() => Text("at most 64 bytes, or empty", |name| name.len() <= 64),
         /// File whose first line is the password; empty = none.
-        password_file: String = String::new() => optional_file(),
+        password_file: String = String::new() => Text(OPTIONAL_FILE, |_| true),
         /// Prefix of every topic; the name of the box follows it.
         prefix: String = "mien".to_owned() =>
-            text("at most 64 bytes without spaces, #, + or a slash at either end", is_topic),
+            Text("at most 64 bytes without spaces, #, + or a slash at either end", is_topic),
         /// Maximum rate at which weights are sent; 0 sends none.
         rate_hz: f32 = 5.0 => number(0.0, 30.0, "Hz"),
         /// Interval between health messages.
         health_s: f32 = 10.0 => number(1.0, 3600.0, "s"),
         /// Whether the commands forget, freeze and neutral are accepted.
-        commands: bool = false => flag(),
+        commands: bool = false => Bool(),
         /// Whether the box announces itself to Home Assistant (MQTT discovery).
-        home_assistant: bool = false => flag(),
+        home_assistant: bool = false => Bool(),
         ..view: View,
     }
 }

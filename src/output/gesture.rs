@@ -61,9 +61,9 @@ keyed! {
     /// One gesture.
     pub struct Gesture {
         /// Name of the gesture.
-        name: String = String::new() => text("at most 24 letters, digits and signs such as _ or -", is_topic_part),
+        name: String = String::new() => Text("at most 24 letters, digits and signs such as _ or -", is_topic_part),
         /// Expression that switches it.
-        of: String = String::new() => text(
+        of: String = String::new() => Text(
             "a sum of units, such as \"AU12L + AU12R - AU26\", or sums joined by &, of which the smallest counts",
             is_sum
         ),
@@ -79,12 +79,12 @@ keyed! {
         person: Person = Person::default() =>
             choice(&[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]),
         /// Whether it goes on at its level while the person speaks; if false, only at twice that level.
-        speaking: bool = false => flag(),
+        speaking: bool = false => Bool(),
         /// Largest sideways angle between the face and the line of sight.
         turned_deg: f32 = 30.0 => number(1.0, 90.0, "degrees"),
         /// Key that it presses; empty = none.
         key: String = String::new() =>
-            text("a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", is_key),
+            Text("a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", is_key),
         /// Whether the key is tapped once, or held down while the gesture is on.
         press: Press = Press::default() => choice(&[("tap", Press::Tap), ("hold", Press::Hold)]),
     }

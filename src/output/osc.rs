@@ -75,21 +75,21 @@ keyed! {
     /// Settings of the OSC output.
     pub struct Settings {
         /// Whether this output is enabled.
-        enabled: bool = true => flag(),
+        enabled: bool = true => Bool(),
         /// Destinations: hosts, broadcast addresses or multicast groups.
         targets "target": Vec<String> = vec!["127.0.0.1:9130".to_owned()] => targets(),
         /// Prefix of every address.
         prefix: String = "/face".to_owned() =>
-            text("a slash and a name of at most 63 characters, without spaces or # * , ? [ ] { }", is_prefix),
+            Text("a slash and a name of at most 63 characters, without spaces or # * , ? [ ] { }", is_prefix),
         /// All weights in one message, each under its own address, or both.
         style: Style = Style::default() =>
             choice(&[("vector", Style::Vector), ("scalar", Style::Scalar), ("both", Style::Both)]),
         /// Whether learned ranges are sent, every 5 s.
-        ranges: bool = false => flag(),
+        ranges: bool = false => Bool(),
         /// Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted.
-        commands: bool = true => flag(),
+        commands: bool = true => Bool(),
         /// Whether /face/cmd/level, which moves the level at which a gesture goes on, is accepted too.
-        levels: bool = false => flag(),
+        levels: bool = false => Bool(),
         /// Address on which these commands are received; 127.0.0.1 accepts this machine only, 0.0.0.0 its networks and the targets named by address.
         listen: String = "127.0.0.1:9131".to_owned() => listen(),
         ..view: View,
@@ -134,20 +134,10 @@ impl Osc {
     /// If the settings are unusable or no socket can be opened.
     #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
-        let commands = settings
-            .commands
-            .then(|| {
-                let Settings {
-                    listen,
-                    prefix,
-                    targets,
-                    levels,
-                    ..
-                } = &settings;
-                Listener::open(listen, prefix, targets, *levels)
-            })
-            .transpose()?;
-        let mut osc = Self::over(udp::open(&settings.targets)?, settings, units)?;
+        let (targets, levels) = (&settings.targets, settings.levels);
+        let open = || Listener::open(&settings.listen, &settings.prefix, targets, levels);
+        let commands = settings.commands.then(open).transpose()?;
+        let mut osc = Self::over(udp::open(targets)?, settings, units)?;
         osc.commands = commands;
         Ok(osc)
     }

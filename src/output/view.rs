@@ -5,10 +5,9 @@
 //! affected.
 
 use super::report::Report;
-use crate::base::defaults;
 use crate::base::geometry::{Rigid, Rotation};
 use crate::base::prelude::*;
-use crate::base::settings::{Key, Keys, flag, seconds};
+use crate::base::settings::{Key, Keys, keyed};
 use crate::expression::units::Units;
 
 /// Longest output name of a unit, bytes.
@@ -25,26 +24,29 @@ pub struct UnitView {
     pub gain: f32,
 }
 
-defaults! {
+keyed! {
     /// What an output shows when a face is lost: the last weights for a while, then a fade to neutral.
-    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[derive(Copy)]
     pub struct LossPolicy {
-        /// How long the last weights are held, seconds.
-        pub hold_s: f32 = 0.2,
-        /// How long they then fade, seconds.
-        pub decay_s: f32 = 0.4,
+        /// How long the last weights of a lost face are held.
+        hold_s: f32 = 0.2 => seconds(),
+        /// How long they then take to fade to neutral.
+        decay_s: f32 = 0.4 => seconds(),
+    }
+    /// How an output presents faces and units. Units that are not named keep their name and a gain of 1.
+    pub struct View {
+        /// Whether left and right are swapped, as in a mirror.
+        mirror: bool = false => Bool(),
+        ..loss: LossPolicy,
+        ..units: Vec<UnitView>,
     }
 }
 
-/// How an output presents faces and units.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct View {
-    /// Whether left and right are swapped.
-    pub mirror: bool,
-    /// Units with a name or gain of their own; the others keep their name and a gain of 1.
-    pub units: Vec<UnitView>,
-    /// What is shown when a face is lost.
-    pub loss: LossPolicy,
+/// Every output has those of the section `[units]`.
+impl Keys for Vec<UnitView> {
+    fn keys(&mut self) -> Vec<Key<'_>> {
+        Vec::new()
+    }
 }
 
 /// Where an output weight comes from.
@@ -53,30 +55,6 @@ pub(super) struct Channel {
     /// Index among the weights of a report.
     pub(super) source: usize,
     pub(super) gain: f32,
-}
-
-impl Keys for View {
-    fn keys(&mut self) -> Vec<Key<'_>> {
-        let key = |name, about, kind| Key { name, about, kind };
-        let LossPolicy { hold_s, decay_s } = &mut self.loss;
-        vec![
-            key(
-                "mirror",
-                "Whether left and right are swapped, as in a mirror.",
-                flag(&mut self.mirror),
-            ),
-            key(
-                "hold_s",
-                "How long the last weights of a lost face are held.",
-                seconds(hold_s),
-            ),
-            key(
-                "decay_s",
-                "How long they then take to fade to neutral.",
-                seconds(decay_s),
-            ),
-        ]
-    }
 }
 
 impl View {

@@ -6,7 +6,7 @@
 use tracing::Level;
 
 use super::sections::Settings;
-use crate::base::settings::{Key, Keys, choice, flag, number, text};
+use crate::base::settings::{Key, Keys, Kind};
 use crate::expression::measures::Scale;
 use crate::pose::smoothing::Smoothing;
 use crate::{expression, landmarks, pose};
@@ -52,60 +52,60 @@ sections! { s
     sensor: "The source of frames." { ..s.sensor }
     segment: "Head segmentation in the depth picture." {
         max_distance_m: "Maximum distance at which heads are detected." =>
-            number(&mut s.stages.segment.max_distance_m, 0.4, 4.0, "m");
-        iterations: "Maximum K-means iterations per frame." => number(&mut s.stages.segment.iterations, 1.0, 100.0, "");
+            Kind::number(&mut s.stages.segment.max_distance_m, 0.4, 4.0, "m");
+        iterations: "Maximum K-means iterations per frame." => Kind::number(&mut s.stages.segment.iterations, 1.0, 100.0, "");
     }
     pose: "Head pose." {
         method: "Point-to-plane ICP against the learned head, or the paper's point-to-point ICP." =>
-            choice(&mut s.stages.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper)]);
+            Kind::choice(&mut s.stages.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper)]);
         smoothing: "Pose filter: none, the paper's window, or adaptive." =>
-            choice(&mut s.stages.pose.smoothing, &[("off", Smoothing::Off), ("window", Smoothing::Window(pose::WINDOW_FRAMES as usize)), ("adaptive", Smoothing::ADAPTIVE)]);
+            Kind::choice(&mut s.stages.pose.smoothing, &[("off", Smoothing::Off), ("window", Smoothing::Window(pose::WINDOW_FRAMES as usize)), ("adaptive", Smoothing::ADAPTIVE)]);
         window_frames: "Length of the paper's window in frames; 1 and 2 do not smooth (window)." =>
-            number(&mut s.stages.pose.window_frames, 1.0, 16.0, "");
+            Kind::number(&mut s.stages.pose.window_frames, 1.0, 16.0, "");
         rounds: "Maximum iterations of point-to-point ICP, which stops early when it converges (paper)." =>
-            number(&mut s.stages.pose.rounds, 1.0, 1000.0, "");
+            Kind::number(&mut s.stages.pose.rounds, 1.0, 1000.0, "");
         min_agreement: "Agreement with the head model below which the head counts as lost." =>
-            number(&mut s.stages.pose.min_agreement, 0.0, 1.0, "");
+            Kind::number(&mut s.stages.pose.min_agreement, 0.0, 1.0, "");
         learn_shape: "Whether the size and shape of the user's head are learned (plane)." =>
-            flag(&mut s.stages.pose.learn_shape);
+            Kind::Bool(&mut s.stages.pose.learn_shape);
     }
     landmarks: "The 68 landmarks." {
         method: "Cascade on gradient-orientation patches, or the paper's 2D+3D AAM." =>
-            choice(&mut s.stages.landmarks.method, &[("cascade", landmarks::Method::Cascade), ("paper", landmarks::Method::Paper)]);
+            Kind::choice(&mut s.stages.landmarks.method, &[("cascade", landmarks::Method::Cascade), ("paper", landmarks::Method::Paper)]);
         min_confidence: "Confidence below which the face counts as lost." =>
-            number(&mut s.stages.landmarks.cascade.min_confidence, 0.0, 1.0, "");
+            Kind::number(&mut s.stages.landmarks.cascade.min_confidence, 0.0, 1.0, "");
         still_hz: "Cut-off of the shape filter on a still face; lower is steadier." =>
-            number(&mut s.stages.landmarks.cascade.steadiness.still_hz, 0.05, 30.0, "Hz");
+            Kind::number(&mut s.stages.landmarks.cascade.steadiness.still_hz, 0.05, 30.0, "Hz");
     }
     learning: "How each person's ranges are learned." {
         method: "The robust learner, or sections 2.2 to 2.6 of the paper to the letter." =>
-            choice(&mut s.stages.learning.method, &[("robust", expression::Method::Robust), ("paper", expression::Method::Paper)]);
+            Kind::choice(&mut s.stages.learning.method, &[("robust", expression::Method::Robust), ("paper", expression::Method::Paper)]);
         scale: "Scale by which measures are divided: the frame's eye distance, the learned one, or the method's default." =>
-            choice(&mut s.stages.learning.scale, &[("by-method", Scale::ByMethod), ("frame", Scale::Frame), ("learned", Scale::Learnt)]);
+            Kind::choice(&mut s.stages.learning.scale, &[("by-method", Scale::ByMethod), ("frame", Scale::Frame), ("learned", Scale::Learnt)]);
         best_distance_m: "Distance at which samples have full weight, equation (4)." =>
-            number(&mut s.stages.learning.best_distance_m, 0.3, 4.0, "m");
+            Kind::number(&mut s.stages.learning.best_distance_m, 0.3, 4.0, "m");
         half_life_s: "Half-life of what was learned, counted while the person is present; 0 disables forgetting." =>
-            number(&mut s.stages.learning.half_life_s, 0.0, 86_400.0, "s");
+            Kind::number(&mut s.stages.learning.half_life_s, 0.0, 86_400.0, "s");
         range_prior: "Number of half seconds of expression that outweigh the population's range (robust)." =>
-            number(&mut s.stages.learning.range_prior, 0.5, 100.0, "");
+            Kind::number(&mut s.stages.learning.range_prior, 0.5, 100.0, "");
         dead_zone: "Dead zone around rest, in standard deviations of the noise (robust)." =>
-            number(&mut s.stages.learning.dead_zone, 0.0, 3.0, "");
+            Kind::number(&mut s.stages.learning.dead_zone, 0.0, 3.0, "");
         smoothing_hz: "Cut-off of the weight filter on a still face; 0 disables it (robust)." =>
-            number(&mut s.stages.learning.smoothing_hz, 0.0, 30.0, "Hz");
+            Kind::number(&mut s.stages.learning.smoothing_hz, 0.0, 30.0, "Hz");
         infer_covered: "Whether the units of a covered mouth are inferred from its last state and the time since, instead of measured (robust)." =>
-            flag(&mut s.stages.learning.infer_covered);
+            Kind::Bool(&mut s.stages.learning.infer_covered);
         compensation_scale: "Spread of compensation samples as a share of the range; 0 is the paper's value (paper)." =>
-            number(&mut s.stages.learning.compensation_scale, 0.0, 1.0, "");
+            Kind::number(&mut s.stages.learning.compensation_scale, 0.0, 1.0, "");
         gap_percent: "l of section 2.5: the gap that cuts off the end of a range, as a share of its width (paper)." =>
-            number(&mut s.stages.learning.scan.gap, 0.0, 100.0, "%");
+            Kind::number(&mut s.stages.learning.scan.gap, 0.0, 100.0, "%");
         count_percent: "k of section 2.5: samples without a gap that end the scan, as a share of all (paper)." =>
-            number(&mut s.stages.learning.scan.count, 0.0, 100.0, "%");
+            Kind::number(&mut s.stages.learning.scan.count, 0.0, 100.0, "%");
         scanned_percent: "m of section 2.5: maximum samples scanned, as a share of all (paper)." =>
-            number(&mut s.stages.learning.scan.scanned, 0.0, 100.0, "%");
+            Kind::number(&mut s.stages.learning.scan.scanned, 0.0, 100.0, "%");
         rest_percent: "Share of samples beyond the rest end of a one-way range; 0 uses l, k and m, as at the other end (paper)." =>
-            number(&mut s.stages.learning.scan.rest, 0.0, 100.0, "%");
+            Kind::number(&mut s.stages.learning.scan.rest, 0.0, 100.0, "%");
         prior_s: "Time over which the population's ranges fade into the person's (paper)." =>
-            number(&mut s.stages.learning.prior_s, 0.0, 60.0, "s");
+            Kind::number(&mut s.stages.learning.prior_s, 0.0, 60.0, "s");
     }
     users: "Which people are tracked, and what happens when a face is lost." { ..s.stages.users }
     units: "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }" {}
@@ -116,7 +116,7 @@ sections! { s
     serial: "Serial output." { ..s.serial }
     network: "How the outputs below identify the box. They are optional build features, included in the package." {
         name: "Name of the box on the network; empty = the host name." =>
-            text(&mut s.name, "at most 63 letters, digits and -, or empty", is_host);
+            Kind::Text(&mut s.name, "at most 63 letters, digits and -, or empty", is_host);
     }
     live_link: "Unreal's Live Link, in the format of the Live Link Face app." { ..s.live_link }
     websocket: "JSON over WebSocket, for web pages." { ..s.websocket }
@@ -124,18 +124,18 @@ sections! { s
     mqtt: "MQTT: presence, state, health, weights, and Home Assistant." { ..s.mqtt }
     keys: "Keys that gestures press." {
         device: "The device that presses them: uinput, or the node of a USB HID gadget." =>
-            text(&mut s.keys_device, "the path of a device", |text| !text.is_empty());
+            Kind::Text(&mut s.keys_device, "the path of a device", |text| !text.is_empty());
     }
     state: "What is kept across restarts about people tracked with a Kinect." { ..s.state }
     status: "Status files." {
         path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>
-            text(&mut s.status_path, "the path of a file in an existing directory, or empty", |_| true);
+            Kind::Text(&mut s.status_path, "the path of a file in an existing directory, or empty", |_| true);
         ranges: "Whether the file also contains everybody's learned ranges; every user of this machine can read it." =>
-            flag(&mut s.status_ranges);
+            Kind::Bool(&mut s.status_ranges);
     }
     log: "Log on standard error." {
         level: "Lowest severity written; \"trace\" is the same as \"debug\"." =>
-            choice(&mut s.log_level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
+            Kind::choice(&mut s.log_level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
     }
     gesture: "Expressions that switch something, see docs/gestures.md. At most 16; smile, brows, mouth_open, wink_left,\n# wink_right, blink_long, look_left, look_right, look_up and kiss need only their name." { ..s.gesture() }
 }

@@ -9,6 +9,7 @@ mod keys;
 mod sections;
 mod toml_words;
 mod units;
+mod values;
 
 pub(in crate::appliance) use sections::STATUS_PATH;
 pub use sections::{SensorSettings, Settings, StateSettings};
@@ -19,12 +20,13 @@ use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
 use keys::{GESTURE, SECTIONS, Section, UNITS};
-use toml_words::{describe, float, toml_string};
+use toml_words::describe;
 
 use crate::base::bounded_read::{self, reason};
 use crate::base::nearest_word::hint;
-use crate::base::settings::{Key, Kind, Number};
+use crate::base::settings::Key;
 use crate::output::gesture::{Gesture, PRESETS};
+use values::{as_toml, assign};
 
 /// Largest file, bytes: fifty times ours.
 const MOST: usize = 1 << 20;
@@ -240,83 +242,6 @@ impl Settings {
         }
         text
     }
-}
-
-/// What is allowed, and the value as TOML: a float always with a decimal point, so that it stays one.
-fn as_toml(kind: &Kind<'_>) -> (String, String) {
-    match kind {
-        Kind::Number(number, [min, max], unit) => {
-            let span = format!("{min} to {max} {unit}");
-            let number = match number {
-                Number::Whole(value) => value.to_string(),
-                Number::Single(value) => format!("{value:?}"),
-                Number::Double(value) => format!("{value:?}"),
-            };
-            (span.trim_end().into(), number)
-        }
-        Kind::Bool(value) => ("true or false".into(), value.to_string()),
-        Kind::Text(value, form, _) => ((*form).into(), toml_string(value)),
-        Kind::Texts(value, form, ..) => ((*form).into(), toml_strings(value)),
-        Kind::Choice(present, names, _) => {
-            let all: Vec<String> = names.iter().map(|name| format!("{name:?}")).collect();
-            (all.join(" or "), toml_string(names[*present]))
-        }
-    }
-}
-
-/// One string as such, any other number of them as an array.
-fn toml_strings(texts: &[String]) -> String {
-    match texts {
-        [text] => toml_string(text),
-        _ => {
-            let all: Vec<String> = texts.iter().map(|text| toml_string(text)).collect();
-            format!("[{}]", all.join(", "))
-        }
-    }
-}
-
-/// One string as such, or an array of them.
-fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
-    match (value.as_str(), value.as_array()) {
-        (Some(text), _) => Some(vec![text]),
-        (_, Some(all)) => all.iter().map(|text| text.get_ref().as_str()).collect(),
-        _ => None,
-    }
-}
-
-/// Stores a validated value, or returns (expected, found).
-fn assign(slot: Kind<'_>, path: &str, value: &DeValue<'_>) -> Result<(), (String, String)> {
-    let (allowed, _) = as_toml(&slot);
-    let expected = match slot {
-        Kind::Number(Number::Whole(_), ..) => format!("{path} as a whole number from {allowed}"),
-        Kind::Number(..) => format!("{path} from {allowed}"),
-        _ => format!("{path} to be {allowed}"),
-    };
-    let stored = match slot {
-        Kind::Number(slot, [min, max], _) => float(value)
-            .filter(|_| value.as_integer().is_some() || !matches!(slot, Number::Whole(_)))
-            .filter(|number| (f64::from(min)..=f64::from(max)).contains(number))
-            .map(|number| match slot {
-                Number::Whole(slot) => *slot = number as u32,
-                Number::Single(slot) => *slot = number as f32,
-                Number::Double(slot) => *slot = number,
-            }),
-        Kind::Bool(slot) => value.as_bool().map(|value| *slot = value),
-        Kind::Text(slot, _, valid) => value
-            .as_str()
-            .filter(|text| valid(text))
-            .map(|text| text.clone_into(slot)),
-        Kind::Texts(slot, _, valid, [least, most]) => texts(value)
-            .filter(|texts| {
-                (least..=most).contains(&texts.len()) && texts.iter().all(|text| valid(text))
-            })
-            .map(|texts| *slot = texts.into_iter().map(str::to_owned).collect()),
-        Kind::Choice(_, names, set) => value
-            .as_str()
-            .and_then(|text| names.iter().position(|name| *name == text))
-            .map(set),
-    };
-    stored.ok_or_else(|| (expected, describe(value)))
 }
 
 #[cfg(test)]

@@ -60,21 +60,21 @@ keyed! {
     /// Where frames come from.
     pub struct SensorSettings {
         /// Where frames come from; the option --source takes precedence. auto is a Kinect, or the simulated sensor if none is plugged in; kinect waits for one.
-        source: String = source::AUTO.into() => text(
+        source: String = source::AUTO.into() => Text(
             "\"auto\", \"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording",
             |source| !source.is_empty()
         ),
         /// Face model file; the option --model takes precedence.
-        model: String = String::new() => text("a path, or empty for the built-in model", |_| true),
+        model: String = String::new() => Text("a path, or empty for the built-in model", |_| true),
         ..device: source::SensorSettings,
     }
     /// State kept across restarts.
     pub struct StateSettings {
         /// Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody.
-        persist: bool = true => flag(),
+        persist: bool = true => Bool(),
         /// The file; rewritten once a minute and on exit.
         path: String = "/var/lib/mien/people.ranges".into() =>
-            text("the path of a file in an existing directory", |path| !path.is_empty()),
+            Text("the path of a file in an existing directory", |path| !path.is_empty()),
     }
 }
 

@@ -7,11 +7,17 @@ use crate::expression::unit_words;
 use toml::Spanned;
 use toml::de::DeValue;
 
-use super::toml_words::{describe, float, toml_string};
+use super::toml_words::{describe, toml_string};
+use super::values;
+use crate::base::settings::Kind;
 use crate::output::{UnitView, all_units, is_name};
 
 /// Largest gain; anything more belongs on the receiving side.
 const LARGEST_GAIN: f32 = 10.0;
+
+/// What a unit's name looks like.
+const NAME: &str =
+    "at most 24 letters, digits and signs such as _ or -, and not the name of another unit";
 
 /// An error: where, what was expected, what was found.
 type Refusal = (Option<Range<usize>>, String, String);
@@ -27,11 +33,9 @@ pub(super) fn assign(
         let expected = format!("one of the units {}", known.join(", "));
         return Err((None, expected, unit.to_owned()));
     }
-    let refuse = |value: &Spanned<DeValue<'_>>, expected: String| {
-        Err((Some(value.span()), expected, describe(value.get_ref())))
-    };
     let Some(table) = value.get_ref().as_table() else {
-        return refuse(value, "a table like { name = \"jaw\", gain = 1.2 }".into());
+        let expected = "a table like { name = \"jaw\", gain = 1.2 }".to_owned();
+        return Err((Some(value.span()), expected, describe(value.get_ref())));
     };
     let mut view = UnitView {
         unit: unit.to_owned(),
@@ -39,33 +43,20 @@ pub(super) fn assign(
         gain: 1.0,
     };
     for (key, value) in table {
-        let key_name: &str = key.get_ref();
-        match key_name {
-            "gain" => match float(value.get_ref()).map(|gain| gain as f32) {
-                Some(gain) if (0.0..=LARGEST_GAIN).contains(&gain) => view.gain = gain,
-                _ => {
-                    let expected = format!("units.{unit}.gain from 0 to {LARGEST_GAIN}");
-                    return refuse(value, expected);
-                }
-            },
-            "name" => {
-                let name = value.get_ref().as_str();
-                let taken = |name: &str| {
-                    known.iter().any(|known| known == name && known != unit)
-                        || views.iter().any(|view| view.name == name)
-                };
-                match name {
-                    Some(name) if is_name(name) && !taken(name) => name.clone_into(&mut view.name),
-                    _ => {
-                        let expected = format!(
-                            "units.{unit}.name to be at most 24 letters, digits and signs such as _ or -, and not the name of another unit"
-                        );
-                        return refuse(value, expected);
-                    }
-                }
-            }
-            _ => return Err((Some(key.span()), "name or gain".into(), key_name.to_owned())),
-        }
+        let name = value.get_ref().as_str();
+        let is_taken = name.is_some_and(|name| {
+            known.iter().any(|known| known == name && known != unit)
+                || views.iter().any(|view| view.name == name)
+        });
+        let kind = match &**key.get_ref() {
+            "gain" => Kind::number(&mut view.gain, 0.0, LARGEST_GAIN, ""),
+            "name" if is_taken => Kind::Text(&mut view.name, NAME, |_| false),
+            "name" => Kind::Text(&mut view.name, NAME, is_name),
+            other => return Err((Some(key.span()), "name or gain".into(), other.to_owned())),
+        };
+        let path = format!("units.{unit}.{}", key.get_ref());
+        values::assign(kind, &path, value.get_ref())
+            .map_err(|(expected, found)| (Some(value.span()), expected, found))?;
     }
     views.push(view);
     Ok(())

@@ -25,11 +25,11 @@ keyed! {
     /// Settings of the FaceOSC output; there are no units.
     pub struct Settings {
         /// Whether this output is enabled.
-        enabled: bool = false => flag(),
+        enabled: bool = false => Bool(),
         /// Destinations: hosts, broadcast addresses or multicast groups.
         targets "target": Vec<String> = vec!["127.0.0.1:8338".to_owned()] => targets(),
         /// Whether left and right are swapped, as in a mirror.
-        mirror: bool = false => flag(),
+        mirror: bool = false => Bool(),
         /// How long a lost face is held.
         hold_s: f32 = LossPolicy::default().hold_s => seconds(),
     }

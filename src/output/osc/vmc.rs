@@ -44,7 +44,7 @@ keyed! {
     /// Settings of the VMC output.
     pub struct Settings {
         /// Whether this output is enabled.
-        enabled: bool = false => flag(),
+        enabled: bool = false => Bool(),
         /// Destinations: hosts, broadcast addresses or multicast groups.
         targets "target": Vec<String> = vec!["127.0.0.1:39539".to_owned()] => targets(),
         /// This program's role, as the receiver sees it.
@@ -53,9 +53,9 @@ keyed! {
         names: Names = Names::default() =>
             choice(&[("arkit", Names::Arkit), ("vrm0", Names::Vrm0), ("vrm1", Names::Vrm1), ("units", Names::Units)]),
         /// Whether ARKit shapes that are not measured are derived from related ones, such as raised cheeks from a smile.
-        derived: bool = true => flag(),
+        derived: bool = true => Bool(),
         /// Whether the gaze turns the bones of the eyes.
-        eyes: bool = true => flag(),
+        eyes: bool = true => Bool(),
         ..view: View,
     }
 }

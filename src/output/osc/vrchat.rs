@@ -49,12 +49,12 @@ keyed! {
     /// Settings of the VRChat output.
     pub struct Settings {
         /// Whether this output is enabled.
-        enabled: bool = false => flag(),
+        enabled: bool = false => Bool(),
         /// Destinations: hosts, broadcast addresses or multicast groups.
         targets "target": Vec<String> = vec!["127.0.0.1:9000".to_owned()] => targets(),
         /// Prefix that the avatar's author put before the parameter names.
         prefix: String = "FT/".to_owned() =>
-            text("empty or ending in a slash", |prefix| prefix.is_empty() || prefix.ends_with('/')),
+            Text("empty or ending in a slash", |prefix| prefix.is_empty() || prefix.ends_with('/')),
         /// Parameters as floats, as binary switches, or both.
         values: Values = Values::default() =>
             choice(&[("float", Values::Float), ("binary", Values::Binary), ("both", Values::Both)]),

@@ -21,7 +21,7 @@ keyed! {
     /// Which port, and how it is used.
     pub struct Settings {
         /// The port; empty = no serial output.
-        port: String = String::new() => text(
+        port: String = String::new() => Text(
             "the path of a port, like \"/dev/serial/by-id/usb-...\" or \"/dev/ttyUSB0\", tcp:host:port, or empty",
             |port| port.strip_prefix("tcp:").is_none_or(is_host_port)
         ),
@@ -33,13 +33,13 @@ keyed! {
         /// Number sent for a weight of 1 in text lines; 100 gives percentages, in tenths if the line is fast enough; from 128 on, numbers are whole.
         full: u32 = 100 => number(10.0, 10_000.0, ""),
         /// Whether head poses are sent too.
-        pose: bool = false => flag(),
+        pose: bool = false => Bool(),
         /// Units to send, most important first; empty = all.
-        units: Vec<String> = Vec::new() => texts("units, like [\"AU26\", \"AU25\"]", is_unit, UNITS),
+        units: Vec<String> = Vec::new() => Texts("units, like [\"AU26\", \"AU25\"]", is_unit, [0, UNITS]),
         /// Frame rate below which units are omitted on a slow line.
         min_rate_hz: f32 = 10.0 => number(0.0, 30.0, "Hz"),
         /// Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged.
-        dtr: bool = false => flag(),
+        dtr: bool = false => Bool(),
         ..view: View,
     }
 }

@@ -34,15 +34,15 @@ keyed! {
     #[derive(Copy)]
     pub struct Settings {
         /// Kinect for Windows: measure from 0.4 m instead of 0.8 m.
-        near_mode: bool = true => flag(),
+        near_mode: bool = true => Bool(),
         /// Whether exposure and white balance are locked while a face is tracked.
-        freeze_exposure: bool = false => flag(),
+        freeze_exposure: bool = false => Bool(),
         /// Whether the motor tilts the Kinect when it is opened.
-        set_tilt: bool = false => flag(),
+        set_tilt: bool = false => Bool(),
         /// The tilt, relative to the horizon.
         tilt_deg: f32 = 0.0 => number(-TILT_LIMIT_DEG, TILT_LIMIT_DEG, "degrees"),
         /// Model 1473 and Kinect for Windows: reset the audio device when opening, for sensors that otherwise stop streaming.
-        reset_audio: bool = false => flag(),
+        reset_audio: bool = false => Bool(),
     }
 }
 
