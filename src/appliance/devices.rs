@@ -20,7 +20,6 @@ pub fn report() -> String {
 fn text(sensors: &Result<Vec<Listed>, DeviceError>, ports: &[(PathBuf, String)]) -> String {
     let mut lines = Vec::new();
     match sensors {
-        Ok(sensors) if sensors.is_empty() => lines.push(DeviceError::Absent.to_string()),
         Ok(sensors) => {
             for sensor in sensors {
                 lines.push(sensor.to_string());
@@ -114,7 +113,7 @@ mod tests {
     #[test]
     fn nothing_plugged_in_is_said_with_what_to_do() {
         assert_eq!(
-            text(&Ok(vec![]), &[]),
+            text(&Err(DeviceError::Absent), &[]),
             "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug in the Kinect and its power supply\n\
              no serial port\n"
         );

@@ -84,7 +84,6 @@ fn sensor(
     match found {
         Err(problem @ DeviceError::Absent) => lines.say(WARN, "sensor", problem),
         Err(problem) => lines.say(FAIL, "sensor", problem),
-        Ok(listed) if listed.is_empty() => lines.say(WARN, "sensor", DeviceError::Absent),
         Ok(listed) => {
             for sensor in &listed {
                 match &sensor.trouble {

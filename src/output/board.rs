@@ -35,10 +35,7 @@ impl Front {
         let (shared, bell) = Shared::new().map_err(OutputError::Socket)?;
         let shared = Arc::new(shared);
         let its = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name(name.to_owned())
-            .spawn(move || work(its, bell))
-            .map_err(OutputError::Thread)?;
+        let thread = limits::start_thread(name, move || work(its, bell))?;
         Ok(Self {
             name,
             shared,
@@ -127,9 +124,7 @@ impl Drop for Front {
         drop(board);
         self.shared.stop.store(true, Ordering::Relaxed);
         self.shared.ring();
-        if let Some(thread) = self.thread.take() {
-            limits::wait_for(thread);
-        }
+        limits::wait_for(&mut self.thread);
     }
 }
 

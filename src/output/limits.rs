@@ -137,11 +137,21 @@ impl Allowance {
     }
 }
 
+/// Starts the thread of an output.
+pub(super) fn start_thread(
+    name: &str,
+    work: impl FnOnce() + Send + 'static,
+) -> Result<JoinHandle<()>, OutputError> {
+    let thread = std::thread::Builder::new().name(name.to_owned());
+    thread.spawn(work).map_err(OutputError::Thread)
+}
+
 /// Time limit of the end.
 const CLOSING: Duration = Duration::from_millis(500);
 
 /// Waits for a thread that was told to stop; a hanging one is abandoned.
-pub(super) fn wait_for(thread: JoinHandle<()>) {
+pub(super) fn wait_for(thread: &mut Option<JoinHandle<()>>) {
+    let Some(thread) = thread.take() else { return };
     let start = Instant::now();
     while !thread.is_finished() && start.elapsed() < CLOSING {
         std::thread::sleep(Duration::from_millis(2));

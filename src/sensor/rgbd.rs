@@ -242,20 +242,20 @@ impl Rgbd {
             }
             None => frame.drop_colour(),
         }
-        (frame.index, frame.at) = (at as u64, Timestamp::from_us(time_us));
+        (frame.index, frame.at) = (at as u64, Timestamp::from_us(time_us.unsigned_abs()));
         Ok(())
     }
 }
 
 /// Pictures are this far apart if there is only one, µs.
-const PERIOD_US: u32 = 33_333;
+const PERIOD_US: i64 = 33_333;
 
 /// A line of a list.
 #[derive(Clone, Debug, PartialEq)]
 struct Entry {
     name: String,
     /// Since the first depth picture; `None` if the line has none or is not after the line before.
-    time_us: Option<u64>,
+    time_us: Option<i64>,
     /// The picture that goes with it, by its place in the other list.
     picture: Option<usize>,
 }
@@ -349,6 +349,21 @@ fn lines(text: &str) -> impl Iterator<Item = (Option<i64>, &str)> {
     })
 }
 
+/// The entries of a list, without partners; times are since `start`.
+fn entries(text: &str, start: i64) -> Vec<Entry> {
+    let mut last = None;
+    let entries = lines(text).map(|(time, name)| {
+        let time = time.filter(|time| last.is_none_or(|last| *time > last));
+        last = time.or(last);
+        Entry {
+            name: name.to_owned(),
+            time_us: time.map(|time| time - start),
+            picture: None,
+        }
+    });
+    entries.collect()
+}
+
 impl Index {
     /// What keeps the two lists from going together, if hardly any depth picture has another one.
     fn apart(&self) -> Option<String> {
@@ -362,41 +377,25 @@ impl Index {
 
     fn parse(depth: &str, pictures: &str) -> Self {
         let start = lines(depth).find_map(|(time, _)| time).unwrap_or(0);
-        let list = |text: &str| {
-            let mut last = None;
-            let entries = lines(text).map(|(time, name)| {
-                let time = time.filter(|time| last.is_none_or(|last| *time > last));
-                last = time.or(last);
-                let time_us = time.map(|time| time - start);
-                (time_us, name.to_owned())
-            });
-            entries.collect::<Vec<_>>()
-        };
-        let (depth, pictures) = (list(depth), list(pictures));
-        let known = |list: &[(Option<i64>, String)]| -> Vec<(i64, usize)> {
-            let known = list.iter().enumerate();
-            let known = known.filter_map(|(k, (time, _))| Some(((*time)?, k)));
-            known.collect()
-        };
-        let of_depth = known(&depth);
-        let periods = of_depth.windows(2).map(|two| two[1].0 - two[0].0);
-        let mut periods: Vec<u32> = periods.flat_map(u32::try_from).collect();
+        let (mut depth, pictures) = (entries(depth, start), entries(pictures, start));
+        let times: Vec<i64> = depth.iter().filter_map(|entry| entry.time_us).collect();
+        let mut periods: Vec<i64> = times.windows(2).map(|two| two[1] - two[0]).collect();
         periods.sort_unstable();
-        let period = periods.get(periods.len() / 2).unwrap_or(&PERIOD_US);
-        let others = known(&pictures);
+        let period = *periods.get(periods.len() / 2).unwrap_or(&PERIOD_US);
+        let others = pictures.iter().enumerate();
+        let others = others.filter_map(|(at, entry)| Some((entry.time_us?, at)));
+        let others: Vec<(i64, usize)> = others.collect();
         let partner = |time: i64| {
-            let (other, place) = others[nearest(&others, time, |other| other.0)?];
-            ((other - time).abs() * 2 <= i64::from(*period)).then_some(place)
+            let (other, at) = others[nearest(&others, time, |other| other.0)?];
+            ((other - time).abs() * 2 <= period).then_some(at)
         };
-        let entry = |(time, name): (Option<i64>, String)| Entry {
-            name,
-            time_us: time.and_then(|time| time.try_into().ok()),
-            picture: time.and_then(partner),
-        };
+        for entry in &mut depth {
+            entry.picture = entry.time_us.and_then(partner);
+        }
         Self {
             picture_start: others.first().map(|other| other.0),
-            depth: depth.into_iter().map(entry).collect(),
-            pictures: pictures.into_iter().map(entry).collect(),
+            depth,
+            pictures,
         }
     }
 }

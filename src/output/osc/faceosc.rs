@@ -123,11 +123,8 @@ impl FaceOsc {
             Point::from(sum / group.len() as f32)
         };
         let distance = |i: usize| {
-            let (_, from, to) = GESTURES[if self.face.view.mirror {
-                MIRRORED[i]
-            } else {
-                i
-            }];
+            let shown = Some(i).filter(|_| !self.face.view.mirror);
+            let (_, from, to) = GESTURES[shown.unwrap_or(MIRRORED[i])];
             finite((mean(from) - mean(to)).norm() / UNIT_M)
         };
         Numbers {

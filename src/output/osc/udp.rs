@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use super::wire::{Datagrams, Targets};
 use crate::output::OutputError;
+use crate::output::limits::start_thread;
 
 /// Sockets for IPv4 are bound to it.
 const ANY: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), 0);
@@ -71,47 +72,38 @@ impl Target {
             wanted: AtomicBool::new(true),
         });
         let (found, target) = (Arc::downgrade(&name), target.to_owned());
-        let thread = std::thread::Builder::new().name("osc-look-up".to_owned());
-        let thread = thread
-            .spawn(move || {
-                // Ends with the output that wants to know.
-                while let Some(name) = found.upgrade() {
-                    if !name.wanted.load(Ordering::Relaxed) {
-                        drop(name);
-                        std::thread::park();
-                        continue;
-                    }
-                    match resolve(&target) {
-                        Some(address) => {
-                            *name.address() = Some(address);
-                            name.wanted.store(false, Ordering::Relaxed);
-                        }
-                        None => {
-                            tracing::warn!(
-                                "OSC target {target} does not resolve; retrying every {} s",
-                                LOOK_UP_PAUSE.as_secs()
-                            );
-                        }
-                    }
+        let thread = start_thread("osc-look-up", move || {
+            // Ends with the output that wants to know.
+            while let Some(name) = found.upgrade() {
+                if !name.wanted.load(Ordering::Relaxed) {
                     drop(name);
-                    // Also after it was found: it may be found wrong again at once.
-                    std::thread::sleep(LOOK_UP_PAUSE);
+                    std::thread::park();
+                    continue;
                 }
-            })
-            .map_err(OutputError::Thread)?;
+                if let Some(address) = resolve(&target) {
+                    *name.address() = Some(address);
+                    name.wanted.store(false, Ordering::Relaxed);
+                } else {
+                    tracing::warn!(
+                        "OSC target {target} does not resolve; retrying every {} s",
+                        LOOK_UP_PAUSE.as_secs()
+                    );
+                }
+                drop(name);
+                // Also after it was found: it may be found wrong again at once.
+                std::thread::sleep(LOOK_UP_PAUSE);
+            }
+        })?;
         // The socket is made for IPv4 before the name is known.
         Self::over(ANY, To::Name(name, thread.thread().clone()))
     }
 
     fn over(any: SocketAddr, to: To) -> Result<Self, OutputError> {
-        let socket = UdpSocket::bind(any)
-            .and_then(|socket| {
-                socket.set_nonblocking(true)?;
-                // Only for targets that are broadcast addresses; those that are not do not need it.
-                socket.set_broadcast(true).ok();
-                Ok(socket)
-            })
-            .map_err(OutputError::Socket)?;
+        let socket = UdpSocket::bind(any).map_err(OutputError::Socket)?;
+        let opened = socket.set_nonblocking(true);
+        opened.map_err(OutputError::Socket)?;
+        // Only for targets that are broadcast addresses; those that are not do not need it.
+        socket.set_broadcast(true).ok();
         Ok(Self { socket, to })
     }
 

@@ -267,14 +267,10 @@ impl Serial {
             shared: Arc::clone(&shared),
             cut: false,
         };
-        let thread = std::thread::Builder::new().name("serial".to_owned());
-        let thread = thread
-            .spawn(move || feeder.run())
-            .map_err(OutputError::Thread)?;
         Ok(Self {
             encoder,
             shared,
-            thread: Some(thread),
+            thread: Some(limits::start_thread("serial", move || feeder.run())?),
         })
     }
 }
@@ -337,9 +333,7 @@ impl Drop for Serial {
         self.shared.put(self.encoder.neutral());
         self.shared.lock().stop = true;
         self.shared.changed.notify_one();
-        if let Some(thread) = self.thread.take() {
-            limits::wait_for(thread);
-        }
+        limits::wait_for(&mut self.thread);
     }
 }
 

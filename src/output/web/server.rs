@@ -6,7 +6,7 @@
 //! the newest. Memory: read and write buffers per connection, allocated at start-up.
 
 use std::io::{ErrorKind, Read, Write as _};
-use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -81,8 +81,9 @@ enum Stage {
     Stream,
 }
 
-struct Place {
+struct Connection {
     stream: Option<TcpStream>,
+    peer: IpAddr,
     stage: Stage,
     /// When the request began, or data was last written.
     since: Instant,
@@ -91,10 +92,11 @@ struct Place {
     waiting: Vec<u8>,
 }
 
-impl Place {
+impl Connection {
     fn new(waiting: usize) -> Self {
         Self {
             stream: None,
+            peer: IpAddr::V4(Ipv4Addr::UNSPECIFIED),
             stage: Stage::Request,
             since: Instant::now(),
             heard: Box::new([0; REQUEST]),
@@ -103,10 +105,15 @@ impl Place {
         }
     }
 
-    /// Given to whoever comes, or to nobody.
-    fn seat(&mut self, stream: Option<TcpStream>) {
-        (self.stream, self.stage, self.since) = (stream, Stage::Request, Instant::now());
-        self.length = 0;
+    /// Starts a connection in this slot.
+    fn open(&mut self, stream: TcpStream, peer: IpAddr) {
+        self.close();
+        (self.stream, self.peer, self.since) = (Some(stream), peer, Instant::now());
+    }
+
+    /// Ends the connection; the slot is free.
+    fn close(&mut self) {
+        (self.stream, self.stage, self.length) = (None, Stage::Request, 0);
         self.waiting.clear();
     }
 
@@ -118,11 +125,11 @@ impl Place {
         match write_queued(stream, &mut self.waiting) {
             Ok(0) => {}
             Ok(_) => self.since = Instant::now(),
-            Err(_) => return self.seat(None),
+            Err(_) => return self.close(),
         }
         if self.stage == Stage::Reply && self.waiting.is_empty() {
             let _ = stream.shutdown(std::net::Shutdown::Write);
-            self.seat(None);
+            self.close();
         }
     }
 
@@ -167,8 +174,8 @@ impl Place {
         true
     }
 
-    /// Looks at the frames of a page.
-    fn hear_page(&mut self) {
+    /// Answers the frames that a page has sent.
+    fn read_frames(&mut self) {
         while self.stage == Stage::Page && self.length > 0 {
             let Some((sent, used)) = frame(&self.heard[..self.length]) else {
                 return;
@@ -183,7 +190,7 @@ impl Place {
                 }
                 Sent::Close => {
                     self.send(8, &[]);
-                    return self.seat(None);
+                    return self.close();
                 }
             }
         }
@@ -205,7 +212,7 @@ impl Place {
 struct Server<S> {
     service: S,
     shared: Arc<Shared>,
-    places: [Place; SLOTS],
+    connections: [Connection; SLOTS],
     body: String,
     at: Listening<TcpListener>,
 }
@@ -221,7 +228,7 @@ pub(super) fn serve<S: Service>(
     let mut server = Server {
         service,
         shared,
-        places: std::array::from_fn(|_| Place::new(S::WAITING)),
+        connections: std::array::from_fn(|_| Connection::new(S::WAITING)),
         body: String::with_capacity(S::WAITING),
         at,
     };
@@ -233,11 +240,13 @@ pub(super) fn serve<S: Service>(
         bell.answer();
         let stopping = server.shared.stop.load(Ordering::Relaxed);
         server.shared.take(&mut board);
-        server.tell(&mut board);
+        server.send_messages(&mut board);
         if stopping {
-            for place in pages(&mut server.places).filter(|place| place.stage == Stage::Page) {
+            for connection in connected(&mut server.connections)
+                .filter(|connection| connection.stage == Stage::Page)
+            {
                 // 1001: going away.
-                place.send(8, &[3, 233]);
+                connection.send(8, &[3, 233]);
             }
             return;
         }
@@ -245,7 +254,7 @@ pub(super) fn serve<S: Service>(
             server.accept();
         }
         for (at, ready) in ready[2..].iter().enumerate() {
-            server.attend(at, *ready);
+            server.serve_connection(at, *ready);
         }
     }
 }
@@ -257,9 +266,9 @@ fn bind(address: SocketAddr) -> std::io::Result<TcpListener> {
 }
 
 /// The connected pages.
-fn pages(places: &mut [Place; SLOTS]) -> impl Iterator<Item = &mut Place> {
-    places.iter_mut().filter(|place| {
-        matches!(place.stage, Stage::Page | Stage::Stream) && place.stream.is_some()
+fn connected(connections: &mut [Connection; SLOTS]) -> impl Iterator<Item = &mut Connection> {
+    connections.iter_mut().filter(|connection| {
+        matches!(connection.stage, Stage::Page | Stage::Stream) && connection.stream.is_some()
     })
 }
 
@@ -274,9 +283,9 @@ impl<S: Service> Server<S> {
                 0 => bell.fd(),
                 1 => self.at.socket.as_ref().map_or(-1, |one| one.as_raw_fd()),
                 _ => {
-                    let place = &self.places[i - 2];
-                    flags.set(PollFlags::POLLOUT, !place.waiting.is_empty());
-                    place.stream.as_ref().map_or(-1, |one| one.as_raw_fd())
+                    let connection = &self.connections[i - 2];
+                    flags.set(PollFlags::POLLOUT, !connection.waiting.is_empty());
+                    connection.stream.as_ref().map_or(-1, |one| one.as_raw_fd())
                 }
             };
             PollFd::new(fd, flags)
@@ -287,15 +296,15 @@ impl<S: Service> Server<S> {
     }
 
     /// Sends new messages to all pages.
-    fn tell(&mut self, board: &mut Board) {
+    fn send_messages(&mut self, board: &mut Board) {
         loop {
             self.body.clear();
             if !self.service.next_message(board, &mut self.body) {
                 return;
             }
             let shared = &self.shared;
-            for place in pages(&mut self.places) {
-                let sent = place.send(1, self.body.as_bytes());
+            for connection in connected(&mut self.connections) {
+                let sent = connection.send(1, self.body.as_bytes());
                 count(if sent { &shared.sent } else { &shared.dropped });
             }
         }
@@ -304,82 +313,70 @@ impl<S: Service> Server<S> {
     /// Gives new connections a slot: a free one, or that of the one silent for longest. Counts those turned away.
     fn accept(&mut self) {
         for _ in 0..NEWCOMERS {
-            let Some(Ok((stream, _))) = self.at.socket.as_ref().map(TcpListener::accept) else {
+            let Some(Ok((stream, peer))) = self.at.socket.as_ref().map(TcpListener::accept) else {
                 return;
             };
             let _ = stream.set_nodelay(true);
+            let mut slots = self.connections.iter_mut();
             if stream.set_nonblocking(true).is_ok()
-                && let Some(free) = self.places.iter_mut().find(|place| place.stream.is_none())
+                && let Some(free) = slots.find(|slot| slot.stream.is_none())
             {
-                free.seat(Some(stream));
+                free.open(stream, peer.ip());
                 continue;
             }
             count(&self.shared.refused);
-            let asking = self
-                .places
-                .iter_mut()
-                .filter(|place| place.stage == Stage::Request);
-            let silent = asking.max_by_key(|place| place.since.elapsed());
-            if let Some(place) = silent.filter(|place| place.since.elapsed() > GRACE) {
-                place.seat(Some(stream));
+            let slots = self.connections.iter_mut();
+            let asking = slots.filter(|slot| slot.stage == Stage::Request);
+            let silent = asking.max_by_key(|slot| slot.since.elapsed());
+            if let Some(slot) = silent.filter(|slot| slot.since.elapsed() > GRACE) {
+                slot.open(stream, peer.ip());
             }
         }
     }
 
     /// Reads from a connection if ready, answers, writes queued data, and closes it after a timeout.
-    fn attend(&mut self, at: usize, ready: PollFlags) {
-        let place = &mut self.places[at];
-        if place.stream.is_none() {
+    fn serve_connection(&mut self, at: usize, ready: PollFlags) {
+        let connection = &mut self.connections[at];
+        if connection.stream.is_none() {
             return;
         }
-        if !ready.is_empty() && !place.read() {
-            return place.seat(None);
+        if !ready.is_empty() && !connection.read() {
+            return connection.close();
         }
-        match place.stage {
-            Stage::Request => self.hear(at),
-            Stage::Page => place.hear_page(),
+        match connection.stage {
+            Stage::Request => self.answer_request(at),
+            Stage::Page => connection.read_frames(),
             // Who has asked already is not listened to.
-            Stage::Reply | Stage::Stream => place.length = 0,
+            Stage::Reply | Stage::Stream => connection.length = 0,
         }
-        let place = &mut self.places[at];
-        place.write();
-        if place.is_late() {
+        let connection = &mut self.connections[at];
+        connection.write();
+        if connection.is_late() {
             count(&self.shared.refused);
-            place.seat(None);
+            connection.close();
         }
     }
 
     /// Answers a request once it is complete.
-    fn hear(&mut self, at: usize) {
-        let streams = pages(&mut self.places).filter(|place| place.stage == Stage::Stream);
-        let of = |place: &Place| {
-            place
-                .stream
-                .as_ref()
-                .and_then(|stream| stream.peer_addr().ok())
-        };
-        let hosts: heapless::Vec<_, SLOTS> =
-            streams.map(|place| of(place).map(|at| at.ip())).collect();
-        let place = &mut self.places[at];
+    fn answer_request(&mut self, at: usize) {
+        let peer = self.connections[at].peer;
+        let streams = connected(&mut self.connections);
+        let streams = streams.filter(|other| other.stage == Stage::Stream);
+        let peers: heapless::Vec<IpAddr, SLOTS> = streams.map(|other| other.peer).collect();
+        let theirs = peers.iter().filter(|other| **other == peer);
+        let is_full = peers.len() >= STREAMS || theirs.count() >= STREAMS_OF_PEER;
+        let connection = &mut self.connections[at];
         self.body.clear();
-        // One who is gone already has no address.
-        let peer = place.stream.as_ref().map(TcpStream::peer_addr);
-        let host = of(place).map(|at| at.ip());
-        let theirs = hosts.iter().filter(|other| **other == host);
-        let is_full = hosts.len() >= STREAMS || theirs.count() >= STREAMS_OF_PEER;
-        let answer = match (Request::read(&place.heard[..place.length]), peer) {
-            (Ok(None), _) => return,
-            (Ok(Some(request)), Some(Ok(peer))) => {
-                self.service.answer(&request, peer.ip(), &mut self.body)
-            }
-            (Ok(Some(_)), _) => Err(400),
-            (Err(status), _) => Err(status),
+        let answer = match Request::read(&connection.heard[..connection.length]) {
+            Ok(None) => return,
+            Ok(Some(request)) => self.service.answer(&request, peer, &mut self.body),
+            Err(status) => Err(status),
         };
         let (status, headers) = match answer {
             Ok(Answer::WebSocket(accepted)) => {
-                return place.reply(Stage::Page, &[SWITCHING, &accepted, b"\r\n\r\n"]);
+                return connection.reply(Stage::Page, &[SWITCHING, &accepted, b"\r\n\r\n"]);
             }
-            Ok(Answer::Stream) if !is_full => return place.reply(Stage::Stream, &[STREAMING]),
+            Ok(Answer::Stream) if !is_full => return connection.reply(Stage::Stream, &[STREAMING]),
             Ok(Answer::Document(headers)) => (200, headers),
             Ok(Answer::Order(command)) if self.shared.ask(command) => (204, PLAIN),
             Ok(Answer::Stream | Answer::Order(_)) => (503, PLAIN),
@@ -391,8 +388,8 @@ impl<S: Service> Server<S> {
         } else {
             &self.shared.refused
         });
-        head(&mut place.waiting, status, headers, self.body.len());
-        place.reply(Stage::Reply, &[self.body.as_bytes()]);
+        head(&mut connection.waiting, status, headers, self.body.len());
+        connection.reply(Stage::Reply, &[self.body.as_bytes()]);
     }
 }
 

@@ -74,17 +74,18 @@ impl core::fmt::Display for Listed {
 ///
 /// # Errors
 /// [`DeviceError::NoUsb`] where programs have no access to USB at all; [`DeviceError::NoPower`] if parts of a Kinect are
-/// there and no camera.
+/// there and no camera; [`DeviceError::Absent`] if there is nothing of one.
 pub fn devices() -> Result<Vec<Listed>, DeviceError> {
     let bus = Bus::scan()?;
     let cameras = bus.cameras();
     let cameras: Vec<_> = cameras
         .map(|(device, model)| bus.list(device, model))
         .collect();
-    if cameras.is_empty() && bus.has_parts() {
-        return Err(DeviceError::NoPower);
+    match cameras.is_empty() {
+        true if bus.has_parts() => Err(DeviceError::NoPower),
+        true => Err(DeviceError::Absent),
+        false => Ok(cameras),
     }
-    Ok(cameras)
 }
 
 /// A camera opened and claimed, with what belongs to it.
