@@ -350,7 +350,7 @@ impl<'r> Session<'r> {
 }
 
 fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
-    gestures.tell(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
+    gestures.for_each_switch(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
 }
 
 /// What of the units is looked at besides sending them.

@@ -286,7 +286,7 @@ impl Status {
                 }
                 _ => {
                     for tally in outputs.clone() {
-                        let value = of_output(name, &tally);
+                        let value = value_of_output(name, &tally);
                         writeln!(text, "{name}{{output=\"{}\"}} {value}", tally.name)?;
                     }
                 }
@@ -312,7 +312,7 @@ mien_output_refused_total counter Commands that were malformed or not allowed.
 mien_output_connected gauge 1 while the output is connected to its device or receiver.";
 
 /// An output's value of a metric.
-fn of_output(metric: &str, tally: &Tally) -> u64 {
+fn value_of_output(metric: &str, tally: &Tally) -> u64 {
     match metric {
         "mien_output_sent_total" => tally.sent,
         "mien_output_errors_total" => tally.dropped,
@@ -356,7 +356,7 @@ impl Latencies {
 struct Files {
     files: [AtomicFile; 2],
     /// Whether a write error was logged.
-    told: bool,
+    error_logged: bool,
     /// The files as last written: device, inode and creation time.
     left: [Option<[u64; 3]>; 2],
     /// Whether another writer was logged.
@@ -370,7 +370,7 @@ impl Files {
         let file = |path: &Path| AtomicFile::at(path, Some(0o644), false);
         Self {
             files: [json, &prometheus].map(file),
-            told: false,
+            error_logged: false,
             left: [None; 2],
             shared: false,
         }
@@ -388,10 +388,10 @@ impl Files {
         }
         match self.files[file].write(text) {
             Ok(written) => {
-                self.told = false;
+                self.error_logged = false;
                 self.left[file] = Some(mark(&written));
             }
-            Err(error) if !self.told => {
+            Err(error) if !self.error_logged => {
                 // Only the service makes that folder: elsewhere nobody asked for the file.
                 let unasked = path.to_str() == Some(STATUS_PATH);
                 if !(unasked && error.kind() == ErrorKind::NotFound) {
@@ -401,7 +401,7 @@ impl Files {
                         reason(error)
                     );
                 }
-                self.told = true;
+                self.error_logged = true;
             }
             Err(_) => {}
         }

@@ -253,7 +253,7 @@ impl Shared {
             dropped: of(&self.dropped),
             connected: self.connected.load(Ordering::Relaxed),
             commands: [of(&self.taken), of(&self.refused)],
-            ..Tally::of(name)
+            ..Tally::empty(name)
         }
     }
 }

@@ -163,10 +163,10 @@ impl<W: Write> Csv<W> {
         let mut csv = Self {
             to,
             rows: Rows::new(measures, units, gestures),
-            tally: Tally::of("csv"),
+            tally: Tally::empty("csv"),
         };
         csv.write_row()?;
-        csv.tally = Tally::of("csv");
+        csv.tally = Tally::empty("csv");
         Ok(csv)
     }
 

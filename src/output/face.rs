@@ -74,15 +74,15 @@ pub(super) struct OneFace {
     user: Option<usize>,
     present: bool,
     /// Whether the user has made room for another.
-    aside: bool,
+    other_is_shown: bool,
 }
 
 impl OneFace {
     pub(super) fn new(units: &[&str], view: &View) -> Self {
-        Self::of(view.channels(units), view)
+        Self::with_channels(view.channels(units), view)
     }
 
-    pub(super) fn of(channels: Box<[Channel]>, view: &View) -> Self {
+    pub(super) fn with_channels(channels: Box<[Channel]>, view: &View) -> Self {
         Self {
             weights: WireWeights::new(channels, view.loss),
             view: view.clone(),
@@ -93,15 +93,15 @@ impl OneFace {
     /// The state to show, with the weights updated; `None` if the report is of a face that this output does not show.
     pub(super) fn follow(&mut self, report: &Report) -> Option<TrackingState> {
         if report.user.is_some() && report.user != self.user {
-            let shown_next = !report.aside && report.state.is_present();
-            if !shown_next || (self.present && !self.aside) {
+            let shown_next = !report.other_is_shown && report.state.is_present();
+            if !shown_next || (self.present && !self.other_is_shown) {
                 return None;
             }
             // The next face: nothing of the one before may fade into it.
             self.user = report.user;
             self.weights.reset();
         }
-        self.aside = report.aside;
+        self.other_is_shown = report.other_is_shown;
         self.present = report.state.is_present() && report.user.is_some();
         self.weights.observe(report);
         let state = report.user.map(|_| report.state);

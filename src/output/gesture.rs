@@ -29,7 +29,7 @@ const SHARE: f32 = 0.2;
 const SPEECH_S: f64 = 1.2;
 const QUIET_S: f64 = 0.4;
 /// Somebody who speaks still makes a gesture at this multiple of its upper level: a broad smile is no speech.
-const SURE: f32 = 2.0;
+const WHILE_SPEAKING: f32 = 2.0;
 /// Least and greatest upper level.
 pub const LEVELS: [f32; 2] = [0.01, 8.0];
 /// The state of every gesture is repeated at this interval, for receivers that missed a change.
@@ -193,14 +193,14 @@ impl core::fmt::Display for Switch<'_> {
 
 /// One person's state of one gesture.
 #[derive(Clone, Copy, Default)]
-struct Lamp {
+struct Activation {
     is_on: bool,
-    /// Since when the sum is at its level, and when the lamp went off last.
+    /// Since when the sum is at its level, and when it went off last.
     since: Option<Timestamp>,
     off_at: Option<Timestamp>,
 }
 
-impl Lamp {
+impl Activation {
     fn observe(&mut self, gesture: &Gesture, sum: f32, may_start: bool, at: Timestamp) {
         if self.is_on {
             if sum < gesture.off {
@@ -229,7 +229,7 @@ struct Speech {
 }
 
 impl Speech {
-    fn hear(&mut self, opening: f32, at: Timestamp) -> bool {
+    fn update(&mut self, opening: f32, at: Timestamp) -> bool {
         let back = if self.opens {
             self.extreme - opening
         } else {
@@ -252,18 +252,18 @@ impl Speech {
 }
 
 /// A gesture, and who makes it.
-struct Made {
+struct Watched {
     gesture: Gesture,
     /// [`Gesture::indexed`] among the weights.
     sums: Vec<Vec<(usize, f32)>>,
-    lamps: [Lamp; USERS],
+    activations: [Activation; USERS],
     /// What outputs were told last: of each user, and of anybody.
-    told: [bool; USERS + 1],
+    last_sent: [bool; USERS + 1],
 }
 
 /// The gestures of everybody.
 pub struct Gestures {
-    all: Vec<Made>,
+    all: Vec<Watched>,
     /// Weights that open the mouth.
     mouth: Vec<usize>,
     speech: [Speech; USERS],
@@ -276,15 +276,15 @@ impl Gestures {
     /// `units` are the names in the order of the weights. Units that are not measured count as 0.
     pub fn new(all: &[Gesture], units: &[&str]) -> Self {
         let index = |unit: &str| units.iter().position(|name| *name == unit);
-        let made = |gesture: &Gesture| Made {
+        let watched = |gesture: &Gesture| Watched {
             sums: gesture.indexed(units),
             gesture: gesture.clone(),
-            lamps: Default::default(),
-            told: Default::default(),
+            activations: Default::default(),
+            last_sent: Default::default(),
         };
         let most = if ENABLED { GESTURES } else { 0 };
         Self {
-            all: all.iter().take(most).map(made).collect(),
+            all: all.iter().take(most).map(watched).collect(),
             mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
             speech: Default::default(),
             repeated: None,
@@ -311,13 +311,13 @@ impl Gestures {
                     self.follow(slot, report);
                 }
                 let all = self.all.iter().rev();
-                let on = all.map(|made| u32::from(made.lamps[slot].is_on));
+                let on = all.map(|watched| u32::from(watched.activations[slot].is_on));
                 report.gestures = on.fold(0, |bits, on| bits << 1 | on);
             }
         }
         for slot in (0..USERS).filter(|&slot| !seen[slot]) {
-            for made in &mut self.all {
-                made.lamps[slot] = Lamp::default();
+            for watched in &mut self.all {
+                watched.activations[slot] = Activation::default();
             }
         }
     }
@@ -326,28 +326,28 @@ impl Gestures {
         let weight = |&unit: &usize| unit_range(report.weights.get(unit).copied().unwrap_or(0.0));
         let sees = report.state == TrackingState::Tracking;
         let opening = self.mouth.iter().map(weight).sum();
-        let speaks = sees && self.speech[slot].hear(opening, report.at);
-        let [aside, up] = report.sensor_from_face.map_or([0.0; 2], |pose| {
+        let speaks = sees && self.speech[slot].update(opening, report.at);
+        let [sideways, up] = report.sensor_from_face.map_or([0.0; 2], |pose| {
             let (face, sight) = (-face_normal(pose), pose.translation.vector);
             let angles = |v: &Vector| [v.x.atan2(v.z), v.y.atan2(v.x.hypot(v.z))];
             let (face, sight) = (angles(&face), angles(&sight));
             [0, 1].map(|k| (face[k] - sight[k]).abs().to_degrees())
         });
-        for made in &mut self.all {
-            let gesture = &made.gesture;
-            let theirs = gesture.person != Person::Shown || !report.aside;
-            let counts = sees && theirs && aside <= gesture.turned_deg && up <= NODDED_DEG;
+        for watched in &mut self.all {
+            let gesture = &watched.gesture;
+            let theirs = gesture.person != Person::Shown || !report.other_is_shown;
+            let counts = sees && theirs && sideways <= gesture.turned_deg && up <= NODDED_DEG;
             let sum = |terms: &Vec<_>| terms.iter().map(|(unit, sign)| sign * weight(unit)).sum();
-            let least = made.sums.iter().map(sum).fold(f32::MAX, f32::min);
+            let least = watched.sums.iter().map(sum).fold(f32::MAX, f32::min);
             // Less than any level.
             let sum = if counts { least } else { f32::MIN };
-            let may_start = gesture.speaking || !speaks || sum >= SURE * gesture.on;
-            made.lamps[slot].observe(gesture, sum, may_start, report.at);
+            let may_start = gesture.speaking || !speaks || sum >= WHILE_SPEAKING * gesture.on;
+            watched.activations[slot].observe(gesture, sum, may_start, report.at);
         }
     }
 
-    /// Tells `each` output what changed, and from time to time everything.
-    pub fn tell(&mut self, mut each: impl FnMut(&Switch<'_>)) {
+    /// Calls `each` with what has changed since the last call, and from time to time with everything.
+    pub fn for_each_switch(&mut self, mut each: impl FnMut(&Switch<'_>)) {
         if !ENABLED {
             return;
         }
@@ -357,19 +357,19 @@ impl Gestures {
         if again {
             self.repeated = Some(self.at);
         }
-        for (index, made) in self.all.iter_mut().enumerate() {
-            let (gesture, lamps) = (&made.gesture, &made.lamps);
-            for (slot, told) in made.told.iter_mut().enumerate() {
+        for (index, watched) in self.all.iter_mut().enumerate() {
+            let (gesture, activations) = (&watched.gesture, &watched.activations);
+            for (slot, last_sent) in watched.last_sent.iter_mut().enumerate() {
                 // Behind the users, anybody.
                 if (gesture.person == Person::Each) != (slot < USERS) {
                     continue;
                 }
                 let user = Some(slot).filter(|&slot| slot < USERS);
                 let is_on = match user {
-                    Some(user) => lamps[user].is_on,
-                    None => lamps.iter().any(|lamp| lamp.is_on),
+                    Some(user) => activations[user].is_on,
+                    None => activations.iter().any(|one| one.is_on),
                 };
-                let is_new = core::mem::replace(told, is_on) != is_on;
+                let is_new = core::mem::replace(last_sent, is_on) != is_on;
                 if is_new || again {
                     each(&Switch {
                         index,
@@ -385,15 +385,15 @@ impl Gestures {
 
     /// Everything off, as if nobody had ever been there.
     pub fn release(&mut self) {
-        for made in &mut self.all {
-            made.lamps = Default::default();
+        for watched in &mut self.all {
+            watched.activations = Default::default();
         }
         self.speech = Default::default();
     }
 
     /// Moves the levels of a gesture, until the configuration is read again; within what a configuration may say.
     pub fn set_level(&mut self, index: usize, on: f32) {
-        if let Some(Made { gesture, .. }) = self.all.get_mut(index).filter(|_| on > 0.0) {
+        if let Some(Watched { gesture, .. }) = self.all.get_mut(index).filter(|_| on > 0.0) {
             let on = on.clamp(LEVELS[0], LEVELS[1]);
             gesture.off *= on / gesture.on;
             gesture.on = on;
@@ -425,7 +425,7 @@ mod tests {
     /// What outputs are told, repetitions left out: name, user, on or off.
     fn told(gestures: &mut Gestures) -> Vec<(String, Option<usize>, bool)> {
         let mut all = Vec::new();
-        gestures.tell(|switch| {
+        gestures.for_each_switch(|switch| {
             if switch.is_new {
                 let name = switch.gesture.name.clone();
                 all.push((name, switch.user, switch.is_on));
@@ -551,7 +551,10 @@ mod tests {
                     ..now
                 }]),
                 "clock" => gestures.observe(&mut [user(1, 0, &faces)]),
-                "aside" => gestures.observe(&mut [Report { aside: true, ..now }]),
+                "aside" => gestures.observe(&mut [Report {
+                    other_is_shown: true,
+                    ..now
+                }]),
                 _ => gestures.release(),
             }
             assert_eq!(
@@ -579,7 +582,7 @@ mod tests {
         let mut gestures = Gestures::new(&all, &UNITS);
         for ms in [0, 100, 200] {
             let other = Report {
-                aside: true,
+                other_is_shown: true,
                 ..user(2, ms, &smiles)
             };
             gestures.observe(&mut [user(0, ms, &rests), other]);
@@ -638,7 +641,7 @@ mod tests {
         for frame in 0..90_u64 {
             let s = frame as f32 / 30.0;
             let opening = 1.2 + 0.1 * (s * 8.0 * core::f32::consts::PI).sin();
-            assert!(!speech.hear(opening, Timestamp::from_us(frame * 33_333)));
+            assert!(!speech.update(opening, Timestamp::from_us(frame * 33_333)));
         }
     }
 
@@ -682,7 +685,7 @@ mod tests {
         let mut times = Vec::new();
         for ms in (0..5000).step_by(100) {
             gestures.observe(&mut [user(0, ms, &[0.0; 4])]);
-            gestures.tell(|switch| times.push((ms, switch.is_on)));
+            gestures.for_each_switch(|switch| times.push((ms, switch.is_on)));
         }
         assert_eq!(times, [(0, false), (2000, false), (4000, false)]);
     }

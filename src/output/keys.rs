@@ -70,7 +70,7 @@ impl Keys {
             held: [0; KEYS.len()],
             tapped: [false; KEYS.len()],
             is_down: [false; KEYS.len()],
-            tally: Tally::of("keys"),
+            tally: Tally::empty("keys"),
         };
         if let Err(problem) = keys.open() {
             tracing::warn!("{problem} Retrying every {} s", PAUSES[1].as_secs());
@@ -355,7 +355,7 @@ mod tests {
             let mut frame = |gestures: &mut Gestures, reports: &mut [Report<'_>]| {
                 gestures.observe(reports);
                 reports.iter().for_each(|report| keys.send(report).unwrap());
-                gestures.tell(|switch| keys.switch(switch));
+                gestures.for_each_switch(|switch| keys.switch(switch));
             };
             let mut at = Timestamp::from_us(random.u64(..1 << 40));
             for _ in 0..random.usize(1..30) {
@@ -365,7 +365,7 @@ mod tests {
                     user: Some(slot),
                     state,
                     at,
-                    aside: slot > 0,
+                    other_is_shown: slot > 0,
                     weights: &weights[slot..=slot],
                     ..Report::default()
                 };
@@ -386,7 +386,7 @@ mod tests {
                 // The run ends, or reads its configuration again.
                 1 => {
                     gestures.release();
-                    gestures.tell(|switch| keys.switch(switch));
+                    gestures.for_each_switch(|switch| keys.switch(switch));
                     keys.send(&nobody).unwrap();
                 }
                 // It ends by an error.

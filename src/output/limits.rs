@@ -54,7 +54,7 @@ impl<T> Listening<T> {
     ///
     /// # Errors
     /// If it is not an address with a port.
-    pub(super) fn at(address: &str) -> Result<Self, OutputError> {
+    pub(super) fn on(address: &str) -> Result<Self, OutputError> {
         let parsed = address.parse();
         Ok(Self {
             address: parsed.map_err(|_| OutputError::Listen(address.to_owned()))?,

@@ -133,8 +133,8 @@ impl Tally {
         }
     }
 
-    /// Empty.
-    fn of(name: &'static str) -> Self {
+    /// Nothing counted yet.
+    fn empty(name: &'static str) -> Self {
         Self {
             name,
             ..Self::default()

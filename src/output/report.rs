@@ -24,7 +24,7 @@ pub struct Report<'a> {
     /// This user is gone and nobody else is reported for this frame.
     pub alone: bool,
     /// Whether single-person outputs show another user.
-    pub aside: bool,
+    pub other_is_shown: bool,
     /// Confidence of the face, or of the pose if there is no face; 0…1.
     pub confidence: f32,
     /// Whether learning is frozen for this user.

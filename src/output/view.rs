@@ -58,13 +58,13 @@ pub(super) struct Channel {
 }
 
 impl View {
-    fn of(&self, unit: &str) -> Option<&UnitView> {
+    fn changed(&self, unit: &str) -> Option<&UnitView> {
         self.units.iter().find(|view| view.unit == unit)
     }
 
     /// The output name of a unit.
     pub fn name<'a>(&'a self, unit: &'a str) -> &'a str {
-        self.of(unit).map_or(unit, |view| view.name.as_str())
+        self.changed(unit).map_or(unit, |view| view.name.as_str())
     }
 
     /// The output names of units, in their order.
@@ -82,7 +82,7 @@ impl View {
         (0..units.len())
             .map(|i| Channel {
                 source: source(i),
-                gain: self.of(units[i]).map_or(1.0, |view| view.gain),
+                gain: self.changed(units[i]).map_or(1.0, |view| view.gain),
             })
             .collect()
     }

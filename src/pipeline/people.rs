@@ -478,7 +478,7 @@ impl People {
                 });
             }
         }
-        self.choice.look(&there, self.at);
+        self.choice.update(&there, self.at);
     }
 }
 

@@ -88,7 +88,7 @@ impl Pipeline {
                 // Room for all slots and one more.
                 let _ = reports.push(user.report(Report {
                     user: Some(slot),
-                    aside: people.choice.shown().is_some_and(|shown| shown != slot),
+                    other_is_shown: people.choice.shown().is_some_and(|shown| shown != slot),
                     ..nobody
                 }));
             }
@@ -109,7 +109,7 @@ impl Pipeline {
         let reports = self.reports();
         let shown = reports
             .iter()
-            .find(|report| !report.aside && report.state != TrackingState::Absent);
+            .find(|report| !report.other_is_shown && report.state != TrackingState::Absent);
         shown.or(reports.last()).copied().unwrap_or_default()
     }
 

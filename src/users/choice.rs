@@ -65,7 +65,7 @@ impl Choice {
     }
 
     /// Updates the choice with everyone present now.
-    pub fn look(&mut self, there: &[Candidate], at: Timestamp) {
+    pub fn update(&mut self, there: &[Candidate], at: Timestamp) {
         let merit = |one: &Candidate| match self.policy {
             Policy::First => one.since.as_us() as f64 * 1e-6,
             Policy::Nearest => f64::from(one.place.coords.norm()),
@@ -121,7 +121,7 @@ mod tests {
             (Policy::Central, 2),
         ] {
             let mut choice = Choice::new(policy);
-            choice.look(&there, at(40));
+            choice.update(&there, at(40));
             assert_eq!(choice.shown(), Some(slot), "{policy:?}");
         }
     }
@@ -129,19 +129,19 @@ mod tests {
     #[test]
     fn a_better_one_must_stay_better_and_a_lost_one_is_kept_until_another_is_there() {
         let mut choice = Choice::new(Policy::Nearest);
-        choice.look(&[one(0, 0, 0.0, 0.9)], at(0));
+        choice.update(&[one(0, 0, 0.0, 0.9)], at(0));
         let mut shown = Vec::new();
         for ms in (100..1500).step_by(100) {
             // The other leans forward for a moment at 300 ms, and for good from 600 ms.
             let z = if ms == 300 || ms >= 600 { 0.7 } else { 1.0 };
-            choice.look(&[one(0, 0, 0.0, 0.9), one(1, 50, 0.2, z)], at(ms));
+            choice.update(&[one(0, 0, 0.0, 0.9), one(1, 50, 0.2, z)], at(ms));
             shown.push((ms, choice.shown()));
         }
         let first = shown.iter().find(|(_, shown)| *shown == Some(1));
         assert_eq!(first.map(|(ms, _)| *ms), Some(1300));
-        choice.look(&[], at(2000));
+        choice.update(&[], at(2000));
         assert_eq!(choice.shown(), Some(1));
-        choice.look(&[one(3, 2000, 0.0, 1.0)], at(2033));
+        choice.update(&[one(3, 2000, 0.0, 1.0)], at(2033));
         assert_eq!(choice.shown(), Some(3));
     }
 }

@@ -268,7 +268,7 @@ fn people_act_gestures() {
             pipeline.follow(&frame);
             let mut reports = pipeline.reports();
             gestures.observe(&mut reports);
-            let shown: Option<&Report<'_>> = reports.iter().find(|report| !report.aside);
+            let shown: Option<&Report<'_>> = reports.iter().find(|report| !report.other_is_shown);
             csv.send(shown.expect("somebody or nobody")).unwrap();
             writeln!(truth, "{index},{what},{height:.3}").unwrap();
         }

@@ -76,7 +76,7 @@ fn line_and_column(text: &str, at: usize) -> (usize, usize) {
 }
 
 /// Where the value stands that was refused: itself, else its section, else the first gesture, of which some outputs are.
-fn place(document: &DeTable<'_>, refused: &Refused) -> usize {
+fn offset_of(document: &DeTable<'_>, refused: &Refused) -> usize {
     let section = |name: &str| document.iter().find(|(key, _)| key.get_ref() == name);
     let Some((name, value)) = section(refused.section).or_else(|| section(GESTURE)) else {
         return 0;
@@ -161,7 +161,7 @@ impl Settings {
         settings.hand_on_units();
         match refused(&settings) {
             Some(refused) => {
-                let (line, column) = line_and_column(text, place(document.get_ref(), &refused));
+                let (line, column) = line_and_column(text, offset_of(document.get_ref(), &refused));
                 let (path, problem) = (path.display(), refused.problem);
                 Err(SettingsError(format!("{path}:{line}:{column}: {problem}")))
             }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, poll};
 
-use super::packet::{self, LONGEST, Nonsense, Told};
+use super::packet::{self, FromBroker, LONGEST, NotMqtt};
 use super::stream::Stream;
 use super::talk::Talk;
 use super::watch::{Change, Draft, Watch};
@@ -99,7 +99,7 @@ fn rest(pause: Duration, watch: &mut Watch, shared: &Shared, bell: &mut Bell) ->
         let mut asked = [PollFd::new(bell.fd(), PollFlags::POLLIN)];
         let _ = poll(&mut asked, left.max(1));
         bell.answer();
-        watch.look(shared);
+        watch.update(shared);
     }
     shared.stop.load(Ordering::Relaxed)
 }
@@ -143,8 +143,8 @@ impl Connection<'_> {
         while !self.shared.stop.load(Ordering::Relaxed) {
             self.step(bell, heard)?;
         }
-        self.watch.look(self.shared);
-        self.goodbye();
+        self.watch.update(self.shared);
+        self.send_offline();
         Ok(())
     }
 
@@ -158,11 +158,11 @@ impl Connection<'_> {
         ];
         let _ = poll(&mut asked, 500);
         bell.answer();
-        self.watch.look(self.shared);
+        self.watch.update(self.shared);
         self.read(heard)?;
         let now = Instant::now();
         if self.settled {
-            self.speak(now);
+            self.send_due(now);
         }
         if write_queued(&mut self.stream, self.out)? > 0 {
             self.wrote = Instant::now();
@@ -187,9 +187,9 @@ impl Connection<'_> {
             }
             let mut used = 0;
             while let Some((told, more)) =
-                packet::read(&heard[used..self.length]).map_err(|Nonsense| self.nonsense())?
+                packet::read(&heard[used..self.length]).map_err(|NotMqtt| self.not_mqtt())?
             {
-                self.hear(&told)?;
+                self.handle(&told)?;
                 used += more;
             }
             heard.copy_within(used..self.length, 0);
@@ -206,16 +206,16 @@ impl Connection<'_> {
         io::Error::other(why)
     }
 
-    fn nonsense(&self) -> io::Error {
+    fn not_mqtt(&self) -> io::Error {
         self.refused("the reply is not MQTT; is it a broker?")
     }
 
-    fn hear(&mut self, told: &Told) -> io::Result<()> {
+    fn handle(&mut self, told: &FromBroker) -> io::Result<()> {
         self.heard = Instant::now();
         let talk = self.talk;
         let broker = &talk.settings.broker;
         match *told {
-            Told::Connected(0) if !self.settled => {
+            FromBroker::Connected(0) if !self.settled => {
                 self.settled = true;
                 self.shared.connected.store(true, Ordering::Relaxed);
                 tracing::info!("connected to MQTT broker {broker}");
@@ -223,27 +223,27 @@ impl Connection<'_> {
                     packet::subscribe(self.next_number(), topic, self.out);
                 }
             }
-            Told::Connected(code @ 1..) => {
+            FromBroker::Connected(code @ 1..) => {
                 return Err(self.refused(format!(
                     "connection refused with code {code}; are mqtt.user and mqtt.password_file right?"
                 )));
             }
-            Told::Connected(_) => return Err(self.nonsense()),
-            _ if !self.settled => return Err(self.nonsense()),
-            Told::Acknowledged(number) => {
+            FromBroker::Connected(_) => return Err(self.not_mqtt()),
+            _ if !self.settled => return Err(self.not_mqtt()),
+            FromBroker::Acknowledged(number) => {
                 if self.asked.is_some_and(|(_, asked, _)| asked == number) {
                     self.asked = None;
                     count(&self.shared.sent);
                 }
             }
-            Told::Subscribed(code) if code >= 0x80 => {
+            FromBroker::Subscribed(code) if code >= 0x80 => {
                 tracing::warn!(
                     "MQTT broker {broker} refuses the subscription to commands; check the permissions of mqtt.user"
                 );
                 count(&self.shared.refused);
             }
-            Told::Subscribed(_) | Told::Alive => {}
-            Told::Message {
+            FromBroker::Subscribed(_) | FromBroker::Alive => {}
+            FromBroker::Message {
                 topic,
                 payload,
                 retained,
@@ -278,9 +278,9 @@ impl Connection<'_> {
     }
 
     /// Sends what is due.
-    fn speak(&mut self, now: Instant) {
+    fn send_due(&mut self, now: Instant) {
         if self.asked.is_none() {
-            self.tell(now);
+            self.send_acknowledged(now);
         }
         if now >= self.health_due {
             self.health_due = now + Duration::from_secs_f32(self.talk.settings.health_s);
@@ -301,7 +301,7 @@ impl Connection<'_> {
     }
 
     /// The next message that is acknowledged: online, the entities, the number of faces, then what has changed.
-    fn tell(&mut self, now: Instant) {
+    fn send_acknowledged(&mut self, now: Instant) {
         let entities = &self.talk.entities;
         let change = match self.introduced.checked_sub(1) {
             None => {
@@ -349,7 +349,7 @@ impl Connection<'_> {
     }
 
     /// Publishes that everybody and the box are gone, as far as the broker accepts it in a moment.
-    fn goodbye(&mut self) {
+    fn send_offline(&mut self) {
         if !self.settled {
             return;
         }

@@ -59,7 +59,7 @@ pub fn check(settings: &MqttSettings) -> Result<(), OutputError> {
 #[cfg(fuzzing)]
 pub fn fuzz(mut bytes: &[u8]) {
     while let Ok(Some((told, used))) = packet::read(bytes) {
-        if let packet::Told::Message { topic, payload, .. } = told {
+        if let packet::FromBroker::Message { topic, payload, .. } = told {
             assert!(topic.len() + payload.len() < used);
         }
         bytes = &bytes[used..];
@@ -95,7 +95,7 @@ mod tests {
             }
             let mut out = Vec::new();
             while let Ok(Some((told, used))) = packet::read(&bytes) {
-                if let packet::Told::Message {
+                if let packet::FromBroker::Message {
                     topic,
                     payload,
                     number,

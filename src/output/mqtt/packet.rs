@@ -6,7 +6,7 @@ pub(super) const LONGEST: usize = 2048;
 
 /// A packet from the broker.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Told<'a> {
+pub(super) enum FromBroker<'a> {
     /// 0 if the client is accepted.
     Connected(u8),
     /// A message has arrived.
@@ -26,7 +26,7 @@ pub(super) enum Told<'a> {
 
 /// Not MQTT, or longer than any packet we expect.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Nonsense;
+pub(super) struct NotMqtt;
 
 /// A packet of this first byte and what `body` writes.
 fn packet(first: u8, into: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
@@ -119,7 +119,7 @@ pub(super) fn disconnect(into: &mut Vec<u8>) {
 }
 
 /// A length of one to four bytes, and the rest; `None` while incomplete.
-fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, Nonsense> {
+fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, NotMqtt> {
     let mut value = 0;
     for at in 0..4 {
         let Some(&byte) = bytes.get(at) else {
@@ -130,41 +130,41 @@ fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, Nonsense> {
             return Ok(Some((value, &bytes[at + 1..])));
         }
     }
-    Err(Nonsense)
+    Err(NotMqtt)
 }
 
 /// The first packet in `bytes` and its length; `None` while incomplete.
 ///
 /// # Errors
 /// If it is not a packet that a broker sends.
-pub(super) fn read(bytes: &[u8]) -> Result<Option<(Told<'_>, usize)>, Nonsense> {
+pub(super) fn read(bytes: &[u8]) -> Result<Option<(FromBroker<'_>, usize)>, NotMqtt> {
     let Some((&first, rest)) = bytes.split_first() else {
         return Ok(None);
     };
-    // Told at once: who talks something else may never say as much as its second byte promises.
+    // Refused at once: who talks something else may never say as much as its second byte promises.
     if !matches!(first, 0x20 | 0x30..=0x3f | 0x40 | 0x90 | 0xd0) {
-        return Err(Nonsense);
+        return Err(NotMqtt);
     }
     let Some((count, rest)) = length(rest)? else {
         return Ok(None);
     };
     let used = bytes.len() - rest.len() + count;
     if used > LONGEST {
-        return Err(Nonsense);
+        return Err(NotMqtt);
     }
     let body = rest.get(..count);
-    let told = body.map(|body| told(first, body).ok_or(Nonsense));
+    let told = body.map(|body| parse_body(first, body).ok_or(NotMqtt));
     Ok(told.transpose()?.map(|told| (told, used)))
 }
 
 /// What a whole packet says; `None` if nothing that a broker says.
-fn told(first: u8, body: &[u8]) -> Option<Told<'_>> {
+fn parse_body(first: u8, body: &[u8]) -> Option<FromBroker<'_>> {
     let number = |bytes: &[u8]| bytes.first_chunk().map(|two| u16::from_be_bytes(*two));
     Some(match first {
-        0x20 => Told::Connected(*body.get(1)?),
-        0x40 => Told::Acknowledged(number(body)?),
-        0x90 if body.len() >= 3 => Told::Subscribed(*body.last()?),
-        0xd0 if body.is_empty() => Told::Alive,
+        0x20 => FromBroker::Connected(*body.get(1)?),
+        0x40 => FromBroker::Acknowledged(number(body)?),
+        0x90 if body.len() >= 3 => FromBroker::Subscribed(*body.last()?),
+        0xd0 if body.is_empty() => FromBroker::Alive,
         0x30..=0x3f => {
             let length = number(body)?;
             let (topic, rest) = body[2..].split_at_checked(length.into())?;
@@ -174,7 +174,7 @@ fn told(first: u8, body: &[u8]) -> Option<Told<'_>> {
                 1 => (Some(number(rest)?), &rest[2..]),
                 _ => return None,
             };
-            Told::Message {
+            FromBroker::Message {
                 topic,
                 payload,
                 retained: first & 1 == 1,
@@ -202,7 +202,7 @@ mod tests {
         publish("a/b", b"xyz", true, Some(258), &mut bytes);
         assert_eq!(bytes, b"\x33\x0a\0\x03a/b\x01\x02xyz");
         // What a client writes a broker passes on in the same form.
-        let told = Told::Message {
+        let told = FromBroker::Message {
             topic: b"a/b",
             payload: b"xyz",
             retained: true,
@@ -234,7 +234,7 @@ mod tests {
             b"\x30\x02\0\x09",
             b"HTTP/1.1 400 Bad Request",
         ] {
-            assert_eq!(read(bad), Err(Nonsense), "{bad:?}");
+            assert_eq!(read(bad), Err(NotMqtt), "{bad:?}");
         }
         let mut random = fastrand::Rng::with_seed(6);
         for _ in 0..200_000 {

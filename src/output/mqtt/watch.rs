@@ -138,7 +138,7 @@ impl Watch {
     }
 
     /// Processes new reports.
-    pub(super) fn look(&mut self, shared: &Shared) {
+    pub(super) fn update(&mut self, shared: &Shared) {
         shared.take(&mut self.board);
         let shots = self.board.users.iter().chain([&self.board.nobody]);
         let frame = shots.map(|shot| shot.frame).max().unwrap_or(0);

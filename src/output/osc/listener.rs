@@ -22,7 +22,7 @@ const REQUESTS: usize = 16;
 struct Senders(heapless::Vec<(IpAddr, Allowance), SENDERS>);
 
 impl Senders {
-    fn of(&mut self, host: IpAddr, now: Instant) -> &mut Allowance {
+    fn allowance_of(&mut self, host: IpAddr, now: Instant) -> &mut Allowance {
         let known = self.0.iter().position(|sender| sender.0 == host);
         let at = known.unwrap_or_else(|| {
             if self.0.is_full() {
@@ -68,7 +68,7 @@ impl Listener {
         targets: &[String],
         levels: bool,
     ) -> Result<Self, OutputError> {
-        let mut at = Listening::at(address)?;
+        let mut at = Listening::on(address)?;
         at.open(FOR, bind);
         let named = targets
             .iter()
@@ -119,7 +119,7 @@ impl Listener {
             let (now, host) = (Instant::now(), from.ip().to_canonical());
             // One from far away takes no place among the senders.
             let is_heard = is_near(host) || self.named.contains(&host);
-            let allowance = is_heard.then(|| self.senders.of(host, now));
+            let allowance = is_heard.then(|| self.senders.allowance_of(host, now));
             let allowance = allowance.filter(|own| own.is_left(now) && self.all.is_left(now));
             let Some(allowance) = allowance else {
                 self.refused += 1;

@@ -66,7 +66,7 @@ impl Sender {
             sent: self.sent,
             dropped: self.dropped,
             not_numbers,
-            ..Tally::of(name)
+            ..Tally::empty(name)
         }
     }
 }

@@ -38,7 +38,7 @@ impl Encoder {
         let channels = plan.units.iter().map(|&unit| channels[unit]);
         let encoder = Self {
             form,
-            face: OneFace::of(channels.collect(), &settings.view),
+            face: OneFace::with_channels(channels.collect(), &settings.view),
             line: Line::default(),
             count: 0,
             last_ms: 0,

@@ -259,7 +259,7 @@ impl Serial {
     /// If an unknown unit is requested, the names do not fit a line, or no thread can be started. Not if the port is absent.
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
         let (encoder, plan) = Encoder::planned(settings, units)?;
-        tell(settings, units, &plan);
+        log_limits(settings, units, &plan);
         let shared = Arc::<Shared>::default();
         let feeder = Feeder {
             settings: settings.clone(),
@@ -276,7 +276,7 @@ impl Serial {
 }
 
 /// Logs what the line cannot carry.
-fn tell(settings: &Settings, units: &[&str], plan: &Plan) {
+fn log_limits(settings: &Settings, units: &[&str], plan: &Plan) {
     let Settings { port, baud, .. } = settings;
     let left_out = plan.left_out.iter();
     let left_out: Vec<&str> = left_out
@@ -322,7 +322,7 @@ impl Output for Serial {
             dropped: of(&self.shared.dropped),
             connected: self.shared.lock().is_open,
             not_numbers: self.encoder.face.weights.not_numbers,
-            ..Tally::of("serial")
+            ..Tally::empty("serial")
         }
     }
 }

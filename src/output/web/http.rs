@@ -94,7 +94,7 @@ pub(super) enum Sent {
 
 /// The first frame in `bytes`, unmasked, and its length; `None` while incomplete. An invalid or overlong frame closes the
 /// connection.
-pub(super) fn frame(bytes: &[u8]) -> Option<(Sent, usize)> {
+pub(super) fn read_frame(bytes: &[u8]) -> Option<(Sent, usize)> {
     let (&first, &second) = (bytes.first()?, bytes.get(1)?);
     let (length, at) = match second & 0x7f {
         126 => (
@@ -125,7 +125,7 @@ pub(super) fn frame(bytes: &[u8]) -> Option<(Sent, usize)> {
 }
 
 /// Header of a frame that we send, unfragmented and unmasked.
-pub(super) fn header(kind: u8, length: usize, into: &mut Vec<u8>) {
+pub(super) fn write_frame_header(kind: u8, length: usize, into: &mut Vec<u8>) {
     into.push(0x80 | kind);
     if length < 126 {
         into.push(length as u8);
@@ -142,7 +142,7 @@ pub fn fuzz(bytes: &[u8]) {
         let _ = (request.upgrade(), request.header("host"));
     }
     let mut rest = &bytes[..bytes.len().min(REQUEST)];
-    while let Some((_, used)) = frame(rest).filter(|_| !rest.is_empty()) {
+    while let Some((_, used)) = read_frame(rest).filter(|_| !rest.is_empty()) {
         rest = &rest[used..];
     }
 }
@@ -201,15 +201,18 @@ mod tests {
     #[test]
     fn frames_of_pages_are_read_and_others_close() {
         let ping = [0x89, 0x83, 1, 2, 3, 4, b'a' ^ 1, b'b' ^ 2, b'c' ^ 3];
-        let (sent, used) = frame(&ping).unwrap();
+        let (sent, used) = read_frame(&ping).unwrap();
         assert_eq!(
             (sent, used),
             (Sent::Ping(heapless::Vec::from_slice(b"abc").unwrap()), 9)
         );
         for cut in 0..ping.len() {
-            assert_eq!(frame(&ping[..cut]), None);
+            assert_eq!(read_frame(&ping[..cut]), None);
         }
-        assert_eq!(frame(&[0x81, 0x80, 0, 0, 0, 0]), Some((Sent::Other, 6)));
+        assert_eq!(
+            read_frame(&[0x81, 0x80, 0, 0, 0, 0]),
+            Some((Sent::Other, 6))
+        );
         for bad in [
             &[0x81, 0x00][..],
             &[0x88, 0x80, 0, 0, 0, 0],
@@ -219,7 +222,7 @@ mod tests {
             &[0x09, 0x80],
         ] {
             assert_eq!(
-                frame(bad).map(|(sent, _)| sent),
+                read_frame(bad).map(|(sent, _)| sent),
                 Some(Sent::Close),
                 "{bad:?}"
             );
@@ -227,7 +230,7 @@ mod tests {
         let mut random = fastrand::Rng::with_seed(5);
         for _ in 0..100_000 {
             let bytes: Vec<u8> = (0..random.usize(..40)).map(|_| random.u8(..)).collect();
-            if let Some((_, used)) = frame(&bytes) {
+            if let Some((_, used)) = read_frame(&bytes) {
                 assert!(used > 0 && used <= bytes.len());
             }
             let _ = Request::read(&bytes);

@@ -258,7 +258,7 @@ pub fn open(
     units: &[&str],
     gestures: &[Gesture],
 ) -> Result<Front, OutputError> {
-    let at = Listening::at(&settings.listen)?;
+    let at = Listening::on(&settings.listen)?;
     let password = secret(settings)?;
     let name = identity::name(name);
     let page = Page {

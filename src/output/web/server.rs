@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, poll};
 
-use super::http::{REQUEST, Request, Sent, frame, header};
+use super::http::{REQUEST, Request, Sent, read_frame, write_frame_header};
 use crate::base::capacity::WEB_CONNECTIONS as SLOTS;
 use crate::output::Command;
 use crate::output::board::{Bell, Board, Shared, count, write_queued};
@@ -166,7 +166,7 @@ impl Connection {
             self.waiting.extend_from_slice(payload);
             self.waiting.extend_from_slice(b"\n\n");
         } else {
-            header(kind, payload.len(), &mut self.waiting);
+            write_frame_header(kind, payload.len(), &mut self.waiting);
             self.waiting.extend_from_slice(payload);
         }
         self.since = Instant::now();
@@ -177,7 +177,7 @@ impl Connection {
     /// Answers the frames that a page has sent.
     fn read_frames(&mut self) {
         while self.stage == Stage::Page && self.length > 0 {
-            let Some((sent, used)) = frame(&self.heard[..self.length]) else {
+            let Some((sent, used)) = read_frame(&self.heard[..self.length]) else {
                 return;
             };
             self.heard.copy_within(used..self.length, 0);

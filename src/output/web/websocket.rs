@@ -95,7 +95,7 @@ pub fn open(
     units: &[&str],
     gestures: &[&str],
 ) -> Result<Front, OutputError> {
-    let at = Listening::at(&settings.listen)?;
+    let at = Listening::on(&settings.listen)?;
     let key = |name: &str| format!("{}:", Quoted(name));
     let pages = Pages {
         units: units

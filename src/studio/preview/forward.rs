@@ -259,7 +259,7 @@ impl Thread {
             user: sample.user,
             state: state.unwrap_or(TrackingState::Absent),
             alone: sample.user.is_none(),
-            aside,
+            other_is_shown: aside,
             confidence: sample.confidence,
             frozen: sample.frozen,
             sensor_from_face: pose.as_ref(),
