@@ -9,6 +9,7 @@ use crate::output::{self, Output, OutputError, osc};
 use crate::pipeline::Pipeline;
 
 type Opened = Result<Box<dyn Output>, OutputError>;
+type Open = fn(&Settings, &[&str]) -> Opened;
 type Check = fn(&Settings, &[&str]) -> Result<(), OutputError>;
 
 /// One output.
@@ -22,7 +23,7 @@ pub(crate) struct Row {
     pub(crate) targets: fn(&Settings) -> &[String],
     /// Opens it, and whether its settings can be used, without sockets, ports or threads; `None` if this build is without it. The
     /// names are the units', in the order of the weights.
-    built: Option<(fn(&Settings, &[&str]) -> Opened, Check)>,
+    built: Option<(Open, Check)>,
 }
 
 /// A row: `"name" section: enabled, targets => constructor, check;`, the check where there is more to it than the keys' ranges, of the settings `s` and the names of the units; `"wires"` behind
@@ -39,7 +40,7 @@ macro_rules! outputs {
             },
             built: {
                 #[cfg(all($(feature = $feature)?))]
-                let built: Option<(fn(&Settings, &[&str]) -> Opened, Check)> = Some((
+                let built: Option<(Open, Check)> = Some((
                     |$s, $units| {
                         let _ = $units;
                         Ok(Box::new($open))

@@ -23,7 +23,7 @@ pub struct Key<'a> {
 /// Type and range of a key's value, and where it is stored.
 pub enum Kind<'a> {
     /// From the least to the most, and in which unit.
-    Number(Number<'a>, [f32; 2], &'static str),
+    Number(&'a mut dyn Number, [f32; 2], &'static str),
     /// True or false.
     Bool(&'a mut bool),
     /// What it looks like, and whether one does.
@@ -39,31 +39,37 @@ pub enum Kind<'a> {
     Choice(usize, Vec<&'static str>, Box<dyn FnOnce(usize) + 'a>),
 }
 
-/// A number as the stages store it: single precision for images, double for what accumulates over months.
-pub enum Number<'a> {
-    /// A count.
-    Whole(&'a mut u32),
-    /// A quantity.
-    Single(&'a mut f32),
-    /// A quantity that accumulates.
-    Double(&'a mut f64),
-}
+/// A number as the stages store it: whole for counts, single precision for images, double for what accumulates over months.
+/// `{:?}` writes it as TOML: a float always with a decimal point, so that it stays one.
+pub trait Number: core::fmt::Debug {
+    /// Stores a number, which is in the key's range.
+    fn set(&mut self, number: f64);
 
-impl<'a> From<&'a mut u32> for Number<'a> {
-    fn from(value: &'a mut u32) -> Self {
-        Self::Whole(value)
+    /// Whether only whole numbers can be stored.
+    fn is_whole(&self) -> bool {
+        false
     }
 }
 
-impl<'a> From<&'a mut f32> for Number<'a> {
-    fn from(value: &'a mut f32) -> Self {
-        Self::Single(value)
+impl Number for u32 {
+    fn set(&mut self, number: f64) {
+        *self = number as Self;
+    }
+
+    fn is_whole(&self) -> bool {
+        true
     }
 }
 
-impl<'a> From<&'a mut f64> for Number<'a> {
-    fn from(value: &'a mut f64) -> Self {
-        Self::Double(value)
+impl Number for f32 {
+    fn set(&mut self, number: f64) {
+        *self = number as Self;
+    }
+}
+
+impl Number for f64 {
+    fn set(&mut self, number: f64) {
+        *self = number;
     }
 }
 
@@ -115,8 +121,8 @@ pub(crate) use keyed;
 
 impl<'a> Kind<'a> {
     /// A number between limits, in a unit; of a `u32` a whole one.
-    pub fn number(value: impl Into<Number<'a>>, least: f32, most: f32, unit: &'static str) -> Self {
-        Self::Number(value.into(), [least, most], unit)
+    pub fn number(value: &'a mut dyn Number, least: f32, most: f32, unit: &'static str) -> Self {
+        Self::Number(value, [least, most], unit)
     }
 
     /// A time of up to a minute.

@@ -35,6 +35,7 @@ pub(super) fn run(talk: &Talk, mut watch: Watch, shared: &Shared, mut bell: Bell
     let mut out = Vec::with_capacity(WAITING[1]);
     let mut heard = Box::new([0; LONGEST]);
     let mut draft = Draft {
+        base: talk.base.clone(),
         topic: String::with_capacity(256),
         payload: String::with_capacity(4096),
     };
@@ -273,7 +274,7 @@ impl Connection<'_> {
 
     /// Publishes the draft.
     fn publish(&mut self, retain: bool, number: Option<u16>) {
-        let Draft { topic, payload } = &*self.draft;
+        let Draft { topic, payload, .. } = &*self.draft;
         packet::publish(topic, payload.as_bytes(), retain, number, self.out);
     }
 
@@ -284,7 +285,7 @@ impl Connection<'_> {
         }
         if now >= self.health_due {
             self.health_due = now + Duration::from_secs_f32(self.talk.settings.health_s);
-            self.watch.health(self.shared, &self.talk.base, self.draft);
+            self.watch.health(self.shared, self.draft);
             self.publish(true, None);
         }
         let rate_hz = self.talk.settings.rate_hz;
@@ -305,7 +306,7 @@ impl Connection<'_> {
         let entities = &self.talk.entities;
         let change = match self.introduced.checked_sub(1) {
             None => {
-                let presence = self.draft.about(&self.talk.base, format_args!("presence"));
+                let presence = self.draft.about(format_args!("presence"));
                 presence.push_str("online");
                 None
             }
@@ -321,7 +322,7 @@ impl Connection<'_> {
             },
         };
         if let Some(change) = change {
-            self.watch.write(change, &self.talk.base, self.draft);
+            self.watch.write(change, self.draft);
         }
         self.introduced = (self.introduced + 1).min(entities.len() + 2);
         let number = self.next_number();
@@ -341,7 +342,7 @@ impl Connection<'_> {
                 count(&self.shared.dropped);
                 continue;
             }
-            self.watch.weights(slot, &self.talk.base, self.draft);
+            self.watch.weights(slot, self.draft);
             self.publish(false, None);
             count(&self.shared.sent);
         }
@@ -356,11 +357,11 @@ impl Connection<'_> {
         while let Some(change) = self.watch.queue.pop_front()
             && self.out.len() <= WAITING[0]
         {
-            self.watch.write(change, &self.talk.base, self.draft);
+            self.watch.write(change, self.draft);
             let number = self.next_number();
             self.publish(true, Some(number));
         }
-        let presence = self.draft.about(&self.talk.base, format_args!("presence"));
+        let presence = self.draft.about(format_args!("presence"));
         presence.push_str("offline");
         let number = self.next_number();
         self.publish(true, Some(number));

@@ -34,17 +34,19 @@ pub(super) struct Standing {
 
 /// A message being written; both are allocated once.
 pub(super) struct Draft {
+    /// What every topic begins with.
+    pub(super) base: String,
     pub(super) topic: String,
     pub(super) payload: String,
 }
 
 impl Draft {
-    /// Starts anew: the topic below `base`. The payload, to be written.
-    pub(super) fn about(&mut self, base: &str, topic: std::fmt::Arguments) -> &mut String {
+    /// Starts anew with this topic, below the base. The payload, to be written.
+    pub(super) fn about(&mut self, topic: std::fmt::Arguments) -> &mut String {
         self.topic.clear();
         self.payload.clear();
         // A string takes everything.
-        let _ = write!(self.topic, "{base}/{topic}");
+        let _ = write!(self.topic, "{}/{topic}", self.base);
         &mut self.payload
     }
 }
@@ -87,13 +89,13 @@ impl Watch {
     }
 
     /// Writes a change.
-    pub(super) fn write(&self, change: Change, base: &str, draft: &mut Draft) {
+    pub(super) fn write(&self, change: Change, draft: &mut Draft) {
         // A string takes everything.
         let _ = match change {
-            Change::Faces(faces) => write!(draft.about(base, format_args!("faces")), "{faces}"),
+            Change::Faces(faces) => write!(draft.about(format_args!("faces")), "{faces}"),
             Change::Gesture(gesture, is_on) => {
                 let name = &self.gestures[gesture];
-                let payload = draft.about(base, format_args!("gesture/{name}"));
+                let payload = draft.about(format_args!("gesture/{name}"));
                 payload.write_str(if is_on { "ON" } else { "OFF" })
             }
             Change::State(slot, standing) => {
@@ -103,7 +105,7 @@ impl Watch {
                     at_us,
                 } = standing;
                 write!(
-                    draft.about(base, format_args!("{slot}/state")),
+                    draft.about(format_args!("{slot}/state")),
                     "{{\"state\":\"{}\",\"present\":{},\"changes\":{changes},\"time_us\":{at_us}}}",
                     state.name(),
                     state.is_present()
@@ -171,14 +173,14 @@ impl Watch {
     }
 
     /// Writes how the box is.
-    pub(super) fn health(&mut self, shared: &Shared, base: &str, draft: &mut Draft) {
+    pub(super) fn health(&mut self, shared: &Shared, draft: &mut Draft) {
         let now = Instant::now();
         let (frames, since) = self.told;
         let passed_s = (now - since).as_secs_f64().max(1e-3);
         self.told = (self.frame.0, now);
         let latencies = self.board.users.iter().map(|shot| shot.latency_us);
         let _ = write!(
-            draft.about(base, format_args!("health")),
+            draft.about(format_args!("health")),
             "{{\"sensor\":{},\"rate_hz\":{:.1},\"latency_ms\":{:.1},\"faces\":{},\"frames\":{},\"uptime_s\":{:.1},\"dropped\":{}}}",
             now - self.frame.1 < NO_FRAMES && self.frame.0 > 0,
             self.frame.0.saturating_sub(frames) as f64 / passed_s,
@@ -196,9 +198,9 @@ impl Watch {
     }
 
     /// Writes the weights of a user.
-    pub(super) fn weights(&self, slot: usize, base: &str, draft: &mut Draft) {
+    pub(super) fn weights(&self, slot: usize, draft: &mut Draft) {
         let shot = &self.board.users[slot];
-        let payload = draft.about(base, format_args!("{slot}/weights"));
+        let payload = draft.about(format_args!("{slot}/weights"));
         let _ = write!(payload, "{{\"time_us\":{}", shot.at_us);
         for (name, weight) in self.units.iter().zip(&shot.weights) {
             let _ = write!(payload, ",{name}{}", Weight(*weight));

@@ -26,7 +26,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::colour;
-use super::frame::Developed;
+use super::frame::{Developed, Original};
 use super::picture_clock::timestamp_from_ticks;
 use super::registration::Registration;
 use crate::base::bounded_read::{self, reason};
@@ -153,27 +153,21 @@ impl Recording {
         if largest > NO_DEPTH {
             return Err(Damage::Value(largest));
         }
-        let colour = depth.colour.map(|colour| self.index.colour[colour]);
-        let rgb = match colour {
-            Some(colour) => self.read_colour(&colour)?,
-            None => None,
-        };
-        match rgb {
-            Some(rgb) => {
-                colour::luma_from_rgb(rgb, &mut frame.luma);
-                frame.has_colour = true;
-            }
-            None => frame.drop_colour(),
-        }
         if let Some(original) = &mut original {
             original.ticks = depth.ticks.unwrap_or_default();
-            match rgb {
-                Some(rgb) => {
-                    colour::bayer_from_rgb(rgb, &mut original.bayer);
-                    original.colour_ticks = colour.and_then(|it| it.ticks).unwrap_or_default();
-                }
-                None => original.drop_colour(),
+        }
+        let colour = depth.colour.map(|colour| self.index.colour[colour]);
+        let rgb = colour.map(|colour| self.read_colour(&colour)).transpose()?;
+        if let Some(rgb) = rgb.flatten() {
+            colour::luma_from_rgb(rgb, &mut frame.luma);
+            frame.has_colour = true;
+            if let Some(original) = original {
+                colour::bayer_from_rgb(rgb, &mut original.bayer);
+                original.colour_ticks = colour.and_then(|it| it.ticks).unwrap_or_default();
             }
+        } else {
+            frame.drop_colour();
+            original.map(Original::drop_colour);
         }
         frame.index = depth.number as u64;
         frame.at = timestamp_from_ticks(time);
