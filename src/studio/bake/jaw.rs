@@ -12,7 +12,6 @@ use std::collections::BTreeMap;
 use nalgebra::Isometry3;
 
 use super::head::Head;
-use super::laplacian::Operator;
 use super::mesh::Vec3;
 use super::shape::Target;
 use super::sparse::{Factor, Unknowns};
@@ -36,7 +35,6 @@ pub(super) fn opening(head: &Head, lowers: f64, most: f64) -> f64 {
 /// What is solved for all shapes with a jaw.
 pub(super) struct Jaw<'a> {
     head: &'a Head,
-    operator: Operator,
     /// Given shares of what no recipe names.
     given: BTreeMap<u32, f64>,
     system: Option<(Vec<u32>, Unknowns, Factor)>,
@@ -50,7 +48,6 @@ impl<'a> Jaw<'a> {
     pub(super) fn new(head: &'a Head, targets: &[Target]) -> Result<Self, Fault> {
         let mut out = Self {
             head,
-            operator: head.operator.even(),
             given: BTreeMap::new(),
             system: None,
         };
@@ -66,8 +63,8 @@ impl<'a> Jaw<'a> {
         }
         let named: Vec<u32> = first.shares.iter().map(|s| s.0).collect();
         let held = |v: usize| named.contains(&(v as u32)) || out.given.contains_key(&(v as u32));
-        let unknowns = out.operator.unknowns(|v| head.skin[v] && !held(v));
-        let factor = Factor::of(&out.operator.energy, &unknowns, |_| 0.0)?;
+        let unknowns = head.operator.unknowns(|v| head.skin[v] && !held(v));
+        let factor = Factor::of(&head.operator.even(), &unknowns, |_| 0.0)?;
         out.system = Some((named, unknowns, factor));
         Ok(out)
     }

@@ -92,14 +92,9 @@ impl Operator {
         let (mut halves, area) = halves(mesh, skip);
         halves.sort_unstable_by_key(|&(a, b, _)| (a, b));
         let edges: Vec<_> = summed(&halves).collect();
-        let rows = |weight: fn(f64) -> f64| {
-            let entries = edges.iter().flat_map(|&(a, b, w)| {
-                let w = weight(w);
-                [(a, a, w), (b, b, w), (a, b, -w), (b, a, -w)]
-            });
-            Rows::from_triplets(n, entries.collect())
-        };
-        let cotangent = rows(|w| w);
+        let entries = edges.iter();
+        let entries = entries.flat_map(|&(a, b, w)| [(a, a, w), (b, b, w), (a, b, -w), (b, a, -w)]);
+        let cotangent = Rows::from_triplets(n, entries.collect());
         // In units of the mean area, so that numbers stay near 1 in any unit of the mesh.
         let mean = area.iter().sum::<f64>() / n.max(1) as f64;
         let solid = |v: usize| Some(area[v]).filter(|area| *area > 0.0);
@@ -108,7 +103,7 @@ impl Operator {
         let energy = cotangent.squared(&weight);
         let elimination = energy.elimination();
         Self {
-            positive: rows(|w| w.max(LEAST_WEIGHT)).arranged(&elimination),
+            positive: cotangent.positive(LEAST_WEIGHT).arranged(&elimination),
             neutral: (0..n)
                 .map(|v| cotangent.row_times(v, &mesh.positions))
                 .collect(),
@@ -130,16 +125,12 @@ impl Operator {
         }
     }
 
-    /// The same with one stiffness everywhere.
-    pub fn even(&self) -> Self {
+    /// Its energy with one stiffness everywhere.
+    pub fn even(&self) -> Rows {
         let mean = self.area.iter().sum::<f64>() / self.area.len().max(1) as f64;
         let weight = |&area: &f64| if area > 0.0 { mean / area } else { 0.0 };
         let weight: Vec<f64> = self.area.iter().map(weight).collect();
-        Self {
-            energy: self.cotangent.squared(&weight).arranged(&self.elimination),
-            weight,
-            ..self.clone()
-        }
+        self.cotangent.squared(&weight).arranged(&self.elimination)
     }
 
     /// The vertices with area that pass, in the order in which they are eliminated.

@@ -41,7 +41,7 @@ pub(super) fn summed(triplets: &[(u32, u32, f64)]) -> impl Iterator<Item = (u32,
 impl Rows {
     /// Sums triplets (row, column, value) into a matrix of `n` rows.
     pub fn from_triplets(n: usize, mut triplets: Vec<(u32, u32, f64)>) -> Self {
-        triplets.sort_by_key(|&(r, c, _)| (r, c));
+        triplets.sort_by_key(|&(r, c, _)| u64::from(r) << 32 | u64::from(c));
         let mut out = Self {
             starts: vec![0; n + 1],
             ..Self::default()
@@ -74,6 +74,27 @@ impl Rows {
     pub fn row_times(&self, r: usize, field: &[Vec3]) -> Vec3 {
         self.row(r)
             .fold(Vec3::zeros(), |sum, (c, v)| sum + field[c] * v)
+    }
+
+    /// The same with all weights beside the diagonal, which are negative, at least `least` in size, and rows that sum to 0.
+    pub fn positive(&self, least: f64) -> Self {
+        let mut out = self.clone();
+        for (r, ends) in self.starts.windows(2).enumerate() {
+            let range = ends[0] as usize..ends[1] as usize;
+            let (mut sum, mut diagonal) = (0.0, None);
+            for k in range {
+                if self.columns[k] as usize == r {
+                    diagonal = Some(k);
+                } else {
+                    out.values[k] = self.values[k].min(-least);
+                    sum -= out.values[k];
+                }
+            }
+            if let Some(k) = diagonal {
+                out.values[k] = sum;
+            }
+        }
+        out
     }
 
     /// The rows of a symmetric matrix in an order of elimination that leaves few entries in a factor (AMD).
