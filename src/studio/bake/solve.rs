@@ -25,7 +25,6 @@ use nalgebra::{DMatrix, Matrix3xX};
 
 use super::laplacian::Operator;
 use super::mesh::Vec3;
-use super::names::DERIVED;
 use super::sparse::{Factor, Unknowns};
 use crate::studio::fault::Fault;
 
@@ -47,8 +46,9 @@ const FLAT_ROW: f64 = 1e-3;
 pub const REACH: f64 = 0.41;
 /// Radius of the disc around a control on which the field is held, in inner-eye-corner distances.
 pub const DISC: f64 = 0.11;
-/// The AOI ends where the influence falls to this, in inner-eye-corner distances.
-pub const EDGE: f64 = 0.0014;
+/// The AOI ends where the influence falls to this, in inner-eye-corner distances: 0.24 mm. With a fifth of it a head takes a third
+/// more time, and shapes come no nearer to sculpted ones.
+pub const EDGE: f64 = 0.007;
 /// δ reaches 1 at this influence, in inner-eye-corner distances (1/s).
 pub const FULL: f64 = 0.14;
 /// Rounds of Procedure 1 after the first solve.
@@ -67,15 +67,16 @@ pub struct System {
     factor: Factor,
     /// Rows of the operator that see an unknown: all that can change.
     rows: Vec<u32>,
-    /// Unknown vertices that may be pinned, and what a force at each does to every unknown.
+    /// Unknown vertices that may be pinned.
     pins: Vec<u32>,
-    forced: Vec<Vec<[f64; 4]>>,
 }
 
-/// The pinned vertices of one shape: which of those that may be, where they are given, and the forces that take what they do.
+/// The pinned vertices of one shape: their places among the unknowns, what is given there, what a force at each does to every
+/// unknown, four side by side, and the forces that it takes.
 struct Pinned {
-    which: Vec<usize>,
+    places: Vec<usize>,
     given: Matrix3xX<f64>,
+    forced: Vec<Vec<[f64; 4]>>,
     forces: DMatrix<f64>,
 }
 
@@ -108,7 +109,6 @@ impl System {
             unknowns,
             free,
             pins: Vec::new(),
-            forced: Vec::new(),
         })
     }
 
@@ -116,43 +116,36 @@ impl System {
     pub(super) fn with_pins(mut self, pins: impl Iterator<Item = u32>) -> Self {
         for v in pins.filter(|&v| self.unknowns.place(v as usize).is_some()) {
             // On a coarse mesh two may be one.
-            if !self.pins.contains(&v) && self.pins.len() < DERIVED {
+            if !self.pins.contains(&v) {
                 self.pins.push(v);
             }
-        }
-        for some in self.pins.chunks(4) {
-            let mut forced = vec![[0.0; 4]; self.free.len()];
-            for (k, &v) in some.iter().enumerate() {
-                if let Some(at) = self.unknowns.place(v as usize) {
-                    forced[at][k] = 1.0;
-                }
-            }
-            self.factor.solve(&mut forced);
-            self.forced.push(forced);
         }
         self
     }
 
     /// Those that are pinned where `d` has them.
     fn pinned(&self, d: &[Vec3], is_pinned: impl Fn(u32) -> bool) -> Option<Pinned> {
-        let place = |k: usize| self.unknowns.place(self.pins[k] as usize);
-        let which = (0..self.pins.len()).filter(|&k| is_pinned(self.pins[k]) && place(k).is_some());
-        let which: Vec<usize> = which.collect();
-        let size = which.len();
-        if size == 0 {
+        let which = self.pins.iter().copied().filter(|&v| is_pinned(v));
+        let which = which.filter_map(|v| Some((self.unknowns.place(v as usize)?, d[v as usize])));
+        let (places, given): (Vec<usize>, Vec<Vec3>) = which.unzip();
+        if places.is_empty() {
             return None;
         }
-        let forced = |r: usize, c: usize| {
-            let (r, c) = (place(which[r]).unwrap_or(0), which[c]);
-            self.forced[c / 4][r][c % 4]
-        };
-        let forces = DMatrix::from_fn(size, size, forced).try_inverse()?;
-        let given = which.iter().map(|&k| d[self.pins[k] as usize]);
-        let given = Matrix3xX::from_columns(&given.collect::<Vec<Vec3>>());
+        let forced = places.chunks(4).map(|some| {
+            let mut forced = vec![[0.0; 4]; self.free.len()];
+            for (k, &at) in some.iter().enumerate() {
+                forced[at][k] = 1.0;
+            }
+            self.factor.solve(&mut forced);
+            forced
+        });
+        let forced: Vec<_> = forced.collect();
+        let does = |r: usize, c: usize| forced[c / 4][places[r]][c % 4];
         Some(Pinned {
-            which,
-            given,
-            forces,
+            forces: DMatrix::from_fn(places.len(), places.len(), does).try_inverse()?,
+            given: Matrix3xX::from_columns(&given),
+            places,
+            forced,
         })
     }
 
@@ -202,28 +195,19 @@ impl System {
     /// Solves and stores the unknowns; `x` has the right-hand sides in the order of elimination.
     fn place(&self, mut x: Vec<[f64; 4]>, pinned: Option<&Pinned>, d: &mut [Vec3]) {
         self.factor.solve(&mut x);
-        if let Some(Pinned {
-            which,
-            given,
-            forces,
-        }) = pinned
-        {
-            let mut misses = given.clone();
-            for (mut miss, &k) in misses.column_iter_mut().zip(which) {
-                let x = x[self.unknowns.place(self.pins[k] as usize).unwrap_or(0)];
-                miss -= Vec3::new(x[0], x[1], x[2]);
+        if let Some(pinned) = pinned {
+            let mut misses = pinned.given.clone();
+            for (mut miss, &at) in misses.column_iter_mut().zip(&pinned.places) {
+                miss -= Vec3::from_column_slice(&x[at][..3]);
             }
-            let forces = misses * forces;
-            let mut each = [Vec3::zeros(); DERIVED.next_multiple_of(4)];
-            for (force, &k) in forces.column_iter().zip(which) {
-                each[k] = force.into();
-            }
-            for (forced, each) in self.forced.iter().zip(each.as_chunks::<4>().0) {
-                for (x, [a, b, c, d]) in x.iter_mut().zip(forced) {
-                    add(
-                        x,
-                        &(each[0] * *a + each[1] * *b + each[2] * *c + each[3] * *d),
-                    );
+            let forces = misses * &pinned.forces;
+            for (c, forced) in pinned.forced.iter().enumerate() {
+                let force = |k| forces.column_iter().nth(4 * c + k).map(Vec3::from);
+                let each: [Vec3; 4] = std::array::from_fn(|k| force(k).unwrap_or_default());
+                for (x, does) in x.iter_mut().zip(forced) {
+                    for (force, does) in each.iter().zip(does) {
+                        add(x, &(force * *does));
+                    }
                 }
             }
         }
