@@ -22,7 +22,7 @@
 //! influence             how far a point acts
 //! solve, sparse         the deformation, and its linear systems
 //! skin                  one shape's points, its skin, and contacts: lids on eyeballs, lips on lips
-//! relax, surroundings   inverted triangles, found and smoothed away
+//! surroundings          inverted triangles and torn edges
 //! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
 //! targets, morphs       added to the glTF that a head came in; a new one with them; looks: the colours of an OBJ
 //! verdict               what is wrong with a shape, by measures that artists' shapes pass
@@ -59,7 +59,6 @@ pub mod patch;
 mod printed;
 pub mod prior;
 pub mod recipe;
-mod relax;
 pub mod render;
 pub mod report;
 pub mod rig;

@@ -44,7 +44,7 @@ pub struct Figures {
 /// Prepared for one head.
 pub struct Judge<'a> {
     head: &'a Head,
-    around: Surroundings,
+    around: Surroundings<'a>,
 }
 
 impl<'a> Judge<'a> {
@@ -72,13 +72,9 @@ impl<'a> Judge<'a> {
                 out.outside = out.outside.max(length);
             }
         }
-        let all = 0..moved.len() as u32;
-        let changed: Vec<u32> = all.filter(|&v| at(v) != neutral[v as usize]).collect();
-        let some = self.around.seeing(&changed);
-        for flat in self.around.flattened(&at, &some, COLLAPSED) {
-            out.inverted += usize::from(flat.inverted);
-            out.collapsed += usize::from(flat.area < flat.wanted);
-        }
+        let moves = |v: usize| moved[v] != neutral[v];
+        out.inverted = self.around.inverted(moves, &at).count();
+        out.collapsed = self.around.collapsed(moves, &at, COLLAPSED);
         for (side, closes) in ["eyeBlinkLeft", "eyeBlinkRight"].into_iter().enumerate() {
             let Some(ball) = &head.balls[side] else {
                 continue;

@@ -1,8 +1,8 @@
 //! All shapes of a head: influence, skin, what follows the skin.
 //!
-//! What is added to the paper here, shape by shape: contacts ([`super::skin`]), no triangle turned over ([`super::relax`]),
-//! and the parts that are not skin: lower teeth and tongue move rigidly with the jaw, lashes and other loose parts with the
-//! nearest skin, eyeballs turn with the gaze.
+//! What is added to the paper here, shape by shape: contacts ([`super::skin`]), skin as learned where that turns no triangle over
+//! ([`super::surroundings`]), and the parts that are not skin: lower teeth and tongue move rigidly with the jaw, lashes and other
+//! loose parts with the nearest skin, eyeballs turn with the gaze.
 //!
 //! Units: the mesh's. Cost: one factor of the area per shape, and up to two around contacts; shapes run in parallel.
 
@@ -18,7 +18,6 @@ use super::laplacian::Operator;
 use super::mesh::Vec3;
 use super::printed::{self, printed};
 use super::prior::Prior;
-use super::relax::relax;
 use super::shape::{Shape, Target};
 use super::skin::{Contacts, Placing, Solved, goals};
 use super::solve::{DISC, REACH};
@@ -130,7 +129,7 @@ struct Rig<'a> {
     head: &'a Head,
     targets: &'a [Target],
     influence: Vec<Vec<f64>>,
-    around: Surroundings,
+    around: Surroundings<'a>,
     contacts: Contacts<'a>,
     learned: Option<Canonical<'a>>,
     jaw: Jaw<'a>,
@@ -216,7 +215,7 @@ impl<'a> Rig<'a> {
     }
 
     /// The skin with the fewest faults: as learned; where that is at fault, blended into the plain solution around the places,
-    /// ever wider; the plain one; and each of them relaxed only if that makes it no worse.
+    /// ever wider; the plain one.
     fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
         let carried = self.jaw.motion(target);
@@ -234,34 +233,25 @@ impl<'a> Rig<'a> {
         let u = &self.influence[k];
         let system = placing(target).system(u, learned.is_some())?;
         let place = |target, beyond: Option<&[Vec3]>| placing(target).place(u, beyond, &system);
-        let solved = match learned {
-            None => place(target, None)?,
-            Some(learned) => {
-                let first = place(&alone, None)?;
-                let landmarks = head.points[..LANDMARKS].iter();
-                let moved: Vec<Vec3> = landmarks.map(|&v| first.d[v as usize]).collect();
-                place(target, Some(&learned.beyond(head, &moved, &first.d)))?
-            }
+        let Some(learned) = learned else {
+            return place(target, None);
         };
-        if target.exact {
+        let first = place(&alone, None)?;
+        let landmarks = head.points[..LANDMARKS].iter();
+        let moved: Vec<Vec3> = landmarks.map(|&v| first.d[v as usize]).collect();
+        let solved = place(target, Some(&learned.beyond(head, &moved, &first.d)))?;
+        let faults = self.faults(target, base, &solved.d);
+        if target.exact || faults.rank() == (0, 0) {
             return Ok(solved);
         }
         let mut best = Best {
             rig: self,
             target,
             base,
-            faults: self.faults(target, base, &solved.d),
+            faults,
             solved,
         };
-        if learned.is_some() && best.faults.rank() > (0, 0) {
-            best.blend(place(target, None)?);
-        }
-        for spans in [false, true] {
-            if !best.faults.places.is_empty() {
-                let (around, contacts) = (&self.around, &self.contacts);
-                best.take(relax(around, contacts, target, base, &best.solved, spans));
-            }
-        }
+        best.blend(place(target, None)?);
         Ok(best.solved)
     }
 
@@ -270,7 +260,7 @@ impl<'a> Rig<'a> {
         let missed = target.must.iter().filter(|m| m.missed(head, &at).is_some());
         Faults {
             missed: missed.count(),
-            places: self.around.faults(head, d, &at),
+            places: self.around.faults(d, &at),
         }
     }
 }
@@ -286,7 +276,7 @@ impl Best<'_> {
         let others = self.rig.faults(self.target, self.base, &plain);
         let mut own = self.faults.places.clone();
         own.retain(|v| others.places.binary_search(v).is_err());
-        let (whole, contacts) = (self.solved.d.clone(), &self.rig.contacts);
+        let whole = self.solved.d.clone();
         for rings in BLENDED_RINGS.into_iter().filter(|_| !own.is_empty()) {
             let mut d = whole.clone();
             let around = self.rig.head.rings.about(&own, rings);
@@ -296,19 +286,20 @@ impl Best<'_> {
                     d[v] = plain[v] + (whole[v] - plain[v]) * share;
                 }
             }
-            let sunk = contacts.sunk(&d, self.target).into_iter();
-            for (v, moved) in sunk.chain(contacts.crossed(&d, self.base)) {
-                if self.solved.area[v as usize] {
-                    d[v as usize] = moved;
-                }
-            }
             self.take(d);
         }
         self.take_with(others, plain);
     }
 
-    /// Takes another skin if it has fewer faults.
-    fn take(&mut self, d: Vec<Vec3>) {
+    /// Takes another skin, touching nothing, if it has fewer faults.
+    fn take(&mut self, mut d: Vec<Vec3>) {
+        let contacts = &self.rig.contacts;
+        let sunk = contacts.sunk(&d, self.target).into_iter();
+        for (v, moved) in sunk.chain(contacts.crossed(&d, self.base)) {
+            if self.solved.area[v as usize] {
+                d[v as usize] = moved;
+            }
+        }
         let faults = self.rig.faults(self.target, self.base, &d);
         self.take_with(faults, d);
     }

@@ -1,54 +1,40 @@
-//! Inverted triangles, found by looking at each triangle among its neighbours.
+//! Inverted triangles and torn edges, found by looking at each triangle among its neighbours.
 //!
-//! An inverted triangle is one whose normal opposes the mean normal of the triangles up to two rings around it *in the
-//! deformed mesh* (cosine below 0) although it agreed in the neutral (above 0.3). Comparing with the neutral normal
-//! instead would count the honest rolling of lips and lids.
+//! An inverted triangle is one that turns by more than 37 degrees and whose normal opposes the mean normal of the triangles up to
+//! two rings around it *in the deformed mesh* (cosine below 0) although it agreed in the neutral (above 0.3). The neutral normal
+//! alone would count the honest rolling of lips and lids.
 //!
-//! Cost: linear in the triangles looked at; memory: a few numbers per triangle and vertex.
-
-use std::cell::Cell;
+//! Cost: linear in the triangles that move; memory: neighbours of triangles and vertices.
 
 use super::head::Head;
 use super::mesh::{Lists, Rings, Vec3, rings_of};
 
 /// A triangle that agrees less with its surroundings in the neutral (cosine) is not judged.
 const AGREES: f64 = 0.3;
+/// Nor one that turns by less than this (cosine).
+const TURNS: f64 = 0.8;
 
 /// An edge is torn that has grown beyond this many times its length and this part of the eye distance.
 const TORN: [f64; 2] = [5.0, 0.05];
 
-/// The skin's triangles and how they lie in their surroundings in the neutral shape.
-pub struct Surroundings {
+/// The skin's triangles and what surrounds them.
+pub struct Surroundings<'a> {
+    head: &'a Head,
     triangles: Vec<[u32; 3]>,
     /// Neighbours along the triangles' edges: also along those that cut a face.
     rings: Rings,
     /// Triangles at each vertex.
     at: Lists,
-    /// Doubled area and cosine with the surroundings of every triangle.
-    neutral: Vec<(f64, f64)>,
 }
 
-/// A triangle that is inverted or not far from it.
-pub struct Flattened {
-    /// Its vertices.
-    pub corners: [u32; 3],
-    /// Mean normal of its surroundings.
-    pub normal: Vec3,
-    /// Its doubled area.
-    pub area: f64,
-    /// Doubled area that it is to have, seen along that normal.
-    pub wanted: f64,
-    /// It faces away from them.
-    pub inverted: bool,
+/// Normal of a triangle, as long as twice its area.
+fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
+    (b - a).cross(&(c - a))
 }
 
-thread_local! {
-    static KEPT: Cell<[Vec<Vec3>; 3]> = const { Cell::new([const { Vec::new() }; 3]) };
-}
-
-impl Surroundings {
+impl<'a> Surroundings<'a> {
     /// Of one head; films across a slit are left out.
-    pub fn new(head: &Head) -> Self {
+    pub fn new(head: &'a Head) -> Self {
         let mut triangles = Vec::new();
         for f in 0..head.mesh.faces() {
             if !head.film[f] && head.skin[head.mesh.face(f)[0].vertex as usize] {
@@ -61,107 +47,89 @@ impl Surroundings {
         let at = numbered.flat_map(|(t, k)| t.map(|v| [v, k]));
         let edges = triangles.iter();
         let edges = edges.flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-        let mut out = Self {
+        Self {
             at: Lists::new(n, at.collect()),
             rings: rings_of(n, edges),
             triangles,
-            neutral: Vec::new(),
-        };
-        let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
-        let lie = out.lie(&|v| head.mesh.positions[v as usize], &all);
-        out.neutral = lie.into_iter().map(|lie| (lie.0, lie.1)).collect();
-        out
+            head,
+        }
     }
 
-    /// All triangles that see one of the changed vertices in their surroundings, ascending.
-    pub fn seeing(&self, changed: &[u32]) -> Vec<u32> {
-        // A triangle sees the corners of all triangles that touch the ring of one of its corners: three steps.
-        let near = self.rings.about(changed, 2).concat();
-        let mut sees = vec![false; self.triangles.len()];
-        for &k in near.iter().flat_map(|&v| self.at.of(v as usize)) {
-            sees[k as usize] = true;
-        }
-        let all = 0..self.triangles.len() as u32;
-        all.filter(|&k| sees[k as usize]).collect()
+    /// The triangles of which a corner passes.
+    fn some(&self, moves: impl Fn(usize) -> bool) -> impl Iterator<Item = [u32; 3]> {
+        let all = self.triangles.iter().copied();
+        all.filter(move |t| t.iter().any(|&v| moves(v as usize)))
     }
 
-    /// Doubled area, cosine with the mean normal of the surroundings and that normal, for some of the triangles.
-    fn lie(&self, p: &impl Fn(u32) -> Vec3, some: &[u32]) -> Vec<(f64, f64, Vec3)> {
-        let corners = some.iter().flat_map(|&k| self.triangles[k as usize]);
-        let needed = self.rings.about(&corners.collect::<Vec<u32>>(), 1);
-        // Sums of normals around each vertex, and the normal of each triangle, as long as twice its area: kept on each thread, as
-        // most looks are at a few triangles.
-        let [mut one, mut two, mut normal] = KEPT.take();
-        one.resize(one.len().max(self.at.owners()), Vec3::zeros());
-        two.resize(one.len(), Vec3::zeros());
-        normal.resize(normal.len().max(self.triangles.len()), Vec3::zeros());
-        let mut known = vec![false; self.triangles.len()];
-        for v in needed.iter().flatten().map(|&v| v as usize) {
-            let mut sum = Vec3::zeros();
-            for k in self.at.of(v).iter().map(|&k| k as usize) {
-                if !std::mem::replace(&mut known[k], true) {
-                    let [a, b, c] = self.triangles[k].map(p);
-                    normal[k] = (b - a).cross(&(c - a));
-                }
-                sum += normal[k];
-            }
-            one[v] = sum;
-        }
-        for v in needed[0].iter().map(|&v| v as usize) {
-            let ring = self.rings.of(v).iter();
-            two[v] = ring.fold(one[v], |sum, &o| sum + one[o as usize]);
-        }
-        let lie = |&k: &u32| {
-            let n = normal[k as usize];
-            let around = self.triangles[k as usize].iter();
-            let around: Vec3 = around.map(|&v| two[v as usize]).sum();
-            let around = around.try_normalize(0.0).unwrap_or_default();
-            let (area, along) = (n.norm(), n.dot(&around));
-            (area, if area > 0.0 { along / area } else { 0.0 }, around)
+    /// Where a vertex is in the neutral.
+    fn neutral(&self, v: u32) -> Vec3 {
+        self.head.mesh.positions[v as usize]
+    }
+
+    /// Cosine of a triangle's normal with the mean normal of its surroundings.
+    fn agrees(&self, t: [u32; 3], p: &impl Fn(u32) -> Vec3) -> f64 {
+        let one = |v: &u32| -> Vec3 {
+            let around = self.at.of(*v as usize).iter();
+            around
+                .map(|&k| normal(self.triangles[k as usize].map(p)))
+                .sum()
         };
-        let lie = some.iter().map(lie).collect();
-        KEPT.set([one, two, normal]);
-        lie
+        let two = |v: &u32| {
+            let ring = self.rings.of(*v as usize).iter();
+            ring.fold(one(v), |sum, o| sum + one(o))
+        };
+        let around: Vec3 = t.iter().map(two).sum();
+        let cosine = normal(t.map(p)).normalize().dot(&around.normalize());
+        if cosine.is_nan() { 0.0 } else { cosine }
+    }
+
+    /// The triangles that are inverted where vertices are `at`; `moves` says which are elsewhere than in the neutral.
+    pub fn inverted(
+        &self,
+        moves: impl Fn(usize) -> bool,
+        at: &impl Fn(u32) -> Vec3,
+    ) -> impl Iterator<Item = [u32; 3]> {
+        let neutral = |v| self.neutral(v);
+        self.some(moves).filter(move |&t| {
+            let (was, is) = (normal(t.map(neutral)), normal(t.map(at)));
+            let along = was.dot(&is);
+            let turns = along < 0.0
+                || along.powi(2) < TURNS.powi(2) * was.norm_squared() * is.norm_squared();
+            turns && self.agrees(t, at) < 0.0 && self.agrees(t, &neutral) > AGREES
+        })
+    }
+
+    /// The triangles of which is left less than a share of their area.
+    pub fn collapsed(
+        &self,
+        moves: impl Fn(usize) -> bool,
+        at: &impl Fn(u32) -> Vec3,
+        share: f64,
+    ) -> usize {
+        let area = |t: [u32; 3], p: &dyn Fn(u32) -> Vec3| normal(t.map(p)).norm();
+        let some = self.some(moves);
+        some.filter(|&t| area(t, at) < share * area(t, &|v| self.neutral(v)))
+            .count()
     }
 
     /// Vertices of the triangles that a displacement turns over and of the edges that it tears, ascending; `at` is where vertices
     /// are then.
-    pub fn faults(&self, head: &Head, d: &[Vec3], at: &impl Fn(u32) -> Vec3) -> Vec<u32> {
-        let all = 0..d.len() as u32;
-        let changed: Vec<u32> = all.filter(|&v| d[v as usize] != Vec3::zeros()).collect();
-        let some = self.seeing(&changed);
-        let flattened = self.flattened(at, &some, 0.0).into_iter();
-        let mut found: Vec<u32> = flattened.flat_map(|t| t.corners).collect();
-        let spare = TORN[1] * head.eye_distance;
+    pub fn faults(&self, d: &[Vec3], at: &impl Fn(u32) -> Vec3) -> Vec<u32> {
+        let moves = |v: usize| d[v] != Vec3::zeros();
+        let mut found: Vec<u32> = self.inverted(moves, at).flatten().collect();
+        let spare = TORN[1] * self.head.eye_distance;
         let torn = |edge: &[u32; 2]| {
-            let [was, is] = [edge.map(|v| head.mesh.positions[v as usize]), edge.map(at)];
+            let [was, is] = [edge.map(|v| self.neutral(v)), edge.map(at)];
             let [was, is] = [was, is].map(|[a, b]| (a - b).norm_squared());
             // Roots of the few that may be.
             is > TORN[0].powi(2) * was && is.sqrt() > TORN[0] * was.sqrt() + spare
         };
-        let edges = some.iter().map(|&k| self.triangles[k as usize]);
-        let edges = edges.flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let edges = self
+            .some(moves)
+            .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);
         found.extend(edges.filter(torn).flatten());
         found.sort_unstable();
         found.dedup();
         found
-    }
-
-    /// Triangles among some that rise less than `height` of their neutral area towards their surroundings.
-    pub fn flattened(&self, p: &impl Fn(u32) -> Vec3, some: &[u32], height: f64) -> Vec<Flattened> {
-        let lie = some.iter().zip(self.lie(p, some));
-        let flattened = lie.filter_map(|(&k, (area, cosine, normal))| {
-            let (before, agreed) = self.neutral[k as usize];
-            let wanted = height * before;
-            let flat = agreed > AGREES && (cosine < 0.0 || area * cosine < wanted);
-            flat.then_some(Flattened {
-                corners: self.triangles[k as usize],
-                normal,
-                area,
-                wanted,
-                inverted: cosine < 0.0,
-            })
-        });
-        flattened.collect()
     }
 }
