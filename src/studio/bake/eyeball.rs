@@ -116,22 +116,16 @@ impl Ball {
     fn fill(&mut self) {
         for _ in 0..CELLS {
             let before = self.radius.clone();
-            let at = |row: usize, col: usize| {
-                let inside = row < CELLS && col < CELLS;
-                inside
-                    .then(|| before[row * CELLS + col])
-                    .filter(|&r| r > 0.0)
-            };
-            let missing = (0..CELLS * CELLS).filter(|&cell| before[cell] <= 0.0);
-            for cell in missing {
+            for cell in (0..CELLS * CELLS).filter(|&cell| before[cell] <= 0.0) {
                 let (row, col) = (cell / CELLS, cell % CELLS);
                 let beside = [
-                    at(row.wrapping_sub(1), col),
-                    at(row + 1, col),
-                    at(row, col.wrapping_sub(1)),
-                    at(row, col + 1),
+                    (row > 0).then(|| cell - CELLS),
+                    (row + 1 < CELLS).then_some(cell + CELLS),
+                    (col > 0).then(|| cell - 1),
+                    (col + 1 < CELLS).then_some(cell + 1),
                 ];
-                let known: Vec<f64> = beside.into_iter().flatten().collect();
+                let known = beside.into_iter().flatten().map(|o| before[o]);
+                let known: Vec<f64> = known.filter(|&r| r > 0.0).collect();
                 if !known.is_empty() {
                     self.radius[cell] = known.iter().sum::<f64>() / known.len() as f64;
                 }

@@ -37,9 +37,9 @@ const TONGUE: [f64; 2] = [0.38, 0.55];
 /// The tongue's root: this part of its length from the back stays.
 const ROOT: f64 = 0.35;
 
-/// Fills in what is `NaN` among `some` vertices by the harmonic field between what is given there and around them; 0 where
-/// nothing reaches.
-fn harmonic(operator: &Operator, some: &[u32], value: &mut [f64]) {
+/// Shares of `some` vertices by the harmonic field between what is given there (`NaN` is not) and around them; 0 where nothing
+/// reaches.
+fn harmonic(operator: &Operator, some: &[u32], mut value: Vec<f64>) -> Vec<f64> {
     let mut is_free = vec![false; value.len()];
     for &v in some {
         is_free[v as usize] = value[v as usize].is_nan();
@@ -48,14 +48,15 @@ fn harmonic(operator: &Operator, some: &[u32], value: &mut [f64]) {
     for v in value.iter_mut().filter(|v| v.is_nan()) {
         *v = 0.0;
     }
-    let Ok(factor) = Factor::of(&operator.positive, &free, |_| 0.0) else {
-        return;
-    };
-    let mut solved = factor.pulled(|v| [value[v]]);
-    factor.solve(&mut solved);
-    for (&v, &[share]) in free.rows.iter().zip(&solved) {
-        value[v as usize] = share;
+    if let Ok(factor) = Factor::of(&operator.positive, &free, |_| 0.0) {
+        let mut solved = factor.pulled(|v| [value[v]]);
+        factor.solve(&mut solved);
+        for (&v, &[share]) in free.rows.iter().zip(&solved) {
+            value[v as usize] = share;
+        }
     }
+    let share = |&v: &u32| smoothstep(STAYS, GOES, value[v as usize]);
+    some.iter().map(share).collect()
 }
 
 /// The upper and the lower teeth.
@@ -69,16 +70,12 @@ impl Head {
     /// Share of the jaw's motion for each vertex of a large piece of the mouth's inside; `None` if it does not touch both rows
     /// of teeth.
     pub(super) fn jaw_shares(&self, piece: &[u32], teeth: &Teeth) -> Option<Vec<f64>> {
-        let positions = &self.mesh.positions;
         let touch = AT_TOOTH * self.eye_distance;
-        let mut value = vec![f64::NAN; positions.len()];
+        let mut value = vec![f64::NAN; self.mesh.positions.len()];
         let mut touched = [false; 2];
         for &v in piece {
-            let p = &positions[v as usize];
-            let [upper, lower] = teeth.nearest.each_ref().map(|row| {
-                let tooth = row.of(p);
-                tooth.map_or(f64::INFINITY, |t| (positions[t as usize] - p).norm())
-            });
+            let gap = |row| self.gap(row, v).map_or(f64::INFINITY, |gap| gap.0);
+            let [upper, lower] = teeth.nearest.each_ref().map(gap);
             if upper.min(lower) < touch {
                 let row = usize::from(lower < upper);
                 value[v as usize] = row as f64;
@@ -88,9 +85,7 @@ impl Head {
         if touched != [true; 2] {
             return None;
         }
-        harmonic(&self.operator, piece, &mut value);
-        let share = |&v: &u32| smoothstep(STAYS, GOES, value[v as usize]);
-        Some(piece.iter().map(share).collect())
+        Some(harmonic(&self.operator, piece, value))
     }
 
     /// Share of the jaw's motion for each vertex of a large piece that touches no teeth, `wide` in mesh units: of both rows in one,
@@ -114,9 +109,7 @@ impl Head {
                 value[v as usize] = 0.0;
             }
         }
-        harmonic(&self.operator, piece, &mut value);
-        let share = |&v: &u32| smoothstep(STAYS, GOES, value[v as usize]);
-        piece.iter().map(share).collect()
+        harmonic(&self.operator, piece, value)
     }
 
     /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip. `normals` are the mesh's.

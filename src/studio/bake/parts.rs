@@ -323,7 +323,7 @@ impl Head {
     }
 
     /// The nearest of some vertices, and how far it is.
-    fn gap(&self, some: &Nearest, v: u32) -> Option<(f64, u32)> {
+    pub(super) fn gap(&self, some: &Nearest, v: u32) -> Option<(f64, u32)> {
         let p = &self.mesh.positions[v as usize];
         let s = some.of(p)?;
         Some(((self.mesh.positions[s as usize] - p).norm(), s))
