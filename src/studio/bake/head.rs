@@ -95,6 +95,8 @@ pub struct Head {
     pub eye_distance: f64,
     /// Lid opening, left and right, mean of the two lid landmark pairs.
     pub eye_opening: [f64; 2],
+    /// Height of both lids' rims, from where they meet to their edges in front, left and right.
+    pub lid_rim: [f64; 2],
     /// Distance of the mouth corners.
     pub mouth_width: f64,
     /// Inner lip line.
@@ -203,6 +205,7 @@ impl Head {
         if let Some(landmark) = points.iter().position(|&v| !skin[v as usize]) {
             return Err(apart(landmark));
         }
+        let edges = points.clone();
         let [lips, left, right] = seams(&mesh, &rings, &mut points, out, LID_SLACK * eye_distance);
         let film = films(&mesh, &[&lips, &left, &right]);
         let at = |k: usize| mesh.positions[points[k] as usize];
@@ -210,6 +213,9 @@ impl Head {
         let lid_pairs = [[[43, 47], [44, 46]], [[38, 40], [37, 41]]];
         let eye_opening = lid_pairs.map(|[a, b]| 0.5 * (apart(a) + apart(b)));
         let mouth_width = apart([48, 54]);
+        let moved = |k: usize| (mesh.positions[edges[k] as usize] - at(k)).dot(&axes.column(1));
+        let rim = |[a, b]: [usize; 2]| 0.5 * (moved(a) - moved(b));
+        let lid_rim = lid_pairs.map(|[a, b]| (rim(a) + rim(b)).max(0.0));
         let hinge = hinge(at, &axes);
         // Landmarks of lids and lips.
         let soft: Vec<Vec3> = (36..LANDMARKS).map(at).collect();
@@ -234,6 +240,7 @@ impl Head {
             axes,
             eye_distance,
             eye_opening,
+            lid_rim,
             mouth_width,
             lips,
             lids: [left, right],
@@ -290,9 +297,8 @@ impl Head {
         let inner = from(&lips.upper);
         let upper = Nearest::new(positions, &lips.upper);
         let spans = |v: &&u32| {
-            let p = positions[**v as usize];
-            let gap = upper.of(&p).map(|o| (positions[o as usize] - p).norm());
-            let most = INNER * gap.unwrap_or(0.0) + TOUCHING * self.eye_distance;
+            let gap = self.gap(&upper, **v).map_or(0.0, |gap| gap.0);
+            let most = INNER * gap + TOUCHING * self.eye_distance;
             f64::from(inner[**v as usize]) <= most
         };
         let along =

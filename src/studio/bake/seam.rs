@@ -6,6 +6,7 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
 use super::mesh::{Mesh, Rings, Vec3};
+use crate::base::geometry::smoothstep;
 
 /// Upper and lower line of a lid pair or of the lips, both from the subject's right end to the left end, ends included.
 pub struct Seam {
@@ -18,10 +19,9 @@ pub struct Seam {
 impl Seam {
     /// Position of a point across the face, along the line through both ends.
     pub(super) fn across(&self, mesh: &Mesh, p: &Vec3) -> f64 {
-        let ends = [self.upper[0], self.upper[self.upper.len() - 1]];
-        let ends = ends.map(|v| mesh.positions[v as usize]);
-        let line = ends[1] - ends[0];
-        (p - ends[0]).dot(&line) / line.norm_squared()
+        let at = |k: usize| mesh.positions[self.upper[k] as usize];
+        let line = at(self.upper.len() - 1) - at(0);
+        (p - at(0)).dot(&line) / line.norm_squared()
     }
 
     /// Point of one of the two lines at the position `t` across.
@@ -31,8 +31,7 @@ impl Seam {
             let (a, b) = (self.across(mesh, &p(k - 1)), self.across(mesh, &p(k)));
             if t <= b || k + 1 == line.len() {
                 let f = if b > a { (t - a) / (b - a) } else { 1.0 };
-                let f = f.clamp(0.0, 1.0);
-                return p(k - 1) * (1.0 - f) + p(k) * f;
+                return p(k - 1).lerp(&p(k), f.clamp(0.0, 1.0));
             }
         }
         p(0)
@@ -70,6 +69,22 @@ impl Seam {
     pub(super) fn both(&self) -> impl Iterator<Item = u32> + '_ {
         self.upper.iter().chain(&self.lower).copied()
     }
+}
+
+/// The vertices of a line between its ends, each with its share of the way along it: a lid may rise steeply from its corner.
+pub(super) fn along(line: &[u32], at: impl Fn(u32) -> Vec3) -> impl Iterator<Item = (u32, f64)> {
+    let ways = line.windows(2).scan(0.0, |way, ends| {
+        *way += (at(ends[1]) - at(ends[0])).norm();
+        Some((ends[1], *way))
+    });
+    let mut ways: Vec<(u32, f64)> = ways.collect();
+    let whole = ways.pop().map_or(1.0, |last| last.1);
+    ways.into_iter().map(move |(v, way)| (v, way / whole))
+}
+
+/// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 along.
+pub(super) fn near_corner(t: f64) -> f64 {
+    smoothstep(0.0, 0.035, t) * smoothstep(1.0, 0.965, t)
 }
 
 /// Faces whose corners all lie on the two lines of one seam, on both of them.
@@ -280,4 +295,17 @@ fn straight(way: impl Iterator<Item = u32>) -> Vec<u32> {
         path.push(v);
     }
     path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_rises_from_its_corner_is_measured_along() {
+        let places = [[0.0, 0.0], [0.0, 1.0], [2.0, 1.0], [3.0, 1.0]];
+        let at = |v: u32| Vec3::new(places[v as usize][0], places[v as usize][1], 0.0);
+        let shares: Vec<(u32, f64)> = along(&[0, 1, 2, 3], at).collect();
+        assert_eq!(shares, [(1, 0.25), (2, 0.75)]);
+    }
 }
