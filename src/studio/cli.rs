@@ -9,7 +9,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand};
 use super::atomic_write::write_out;
 use super::completions;
 use super::evaluate::head_scenes::{self, wild};
-use super::evaluate::sessions::Sessions;
+use super::evaluate::sessions::{Sessions, Trial};
 use super::evaluate::{landmark_accuracy, paper, table};
 use super::fault::{Fault, USAGE};
 use super::fit::{self, FitArgs};
@@ -348,37 +348,42 @@ fn run_record(args: &record::Args) -> Result<(), Fault> {
 
 fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
-    let data = &words.data.data;
     stopped::tell(Goes::Printed);
-    let sessions = |people: usize, seconds: f64| Sessions {
-        people: words.people.unwrap_or(people),
-        seconds: words.seconds.unwrap_or(seconds),
-        split: words.split,
-        seed: words.seed,
-    };
     let all = usize::MAX;
+    let (people, seconds) = match words {
+        _ if words.landmarks => (all, 5.0),
+        _ if words.paper => (1, 20.0),
+        _ if words.heads => (head_scenes::PEOPLE, head_scenes::SECONDS),
+        _ if words.wild => (all, wild::SECONDS),
+        _ => (all, Sessions::default().seconds),
+    };
+    let trial = Trial {
+        data: &words.data.data,
+        model: &model,
+        settings: &settings,
+        sessions: &Sessions {
+            people: words.people.unwrap_or(people),
+            seconds: words.seconds.unwrap_or(seconds),
+            split: words.split,
+            seed: words.seed,
+        },
+    };
     if words.landmarks {
-        // Five seconds show every condition.
-        let sessions = sessions(all, 5.0);
-        landmark_accuracy::measure(data, &model, &settings, &sessions, &mut say)?;
-    } else if words.paper {
-        let rows = rows(&words.rows, &paper::ROWS)?;
-        paper::play(data, &model, settings, &sessions(1, 20.0), rows, &mut say)?;
-    } else if words.heads {
+        return landmark_accuracy::measure(&trial, &mut say);
+    }
+    if words.paper {
+        return paper::play(&trial, rows(&words.rows, &paper::ROWS)?, &mut say);
+    }
+    if let Some(out) = &words.record {
+        return wild::record(&trial, out);
+    }
+    if words.heads {
         let rows = rows(&words.rows, &head_scenes::ROWS)?;
-        let sessions = sessions(head_scenes::PEOPLE, head_scenes::SECONDS);
-        let table = head_scenes::play(data, &model, &settings, &sessions, rows)?;
-        print!("{table}");
+        print!("{}", head_scenes::play(&trial, rows)?);
     } else if words.wild {
-        let sessions = sessions(all, wild::SECONDS);
-        match &words.record {
-            Some(out) => wild::record(data, &sessions, out)?,
-            None => print!("{}", wild::play(data, &model, &settings, &sessions)?),
-        }
+        print!("{}", wild::play(&trial)?);
     } else {
-        let sessions = sessions(all, Sessions::default().seconds);
-        let table = table::play(data, &model, &settings, &sessions)?;
-        print!("{table}");
+        print!("{}", table::play(&trial)?);
     }
     Ok(())
 }

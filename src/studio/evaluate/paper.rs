@@ -8,15 +8,12 @@
 //!
 //! People are of the test split. Times are of the thread's processor, so that what else the machine does hardly shows.
 
-use std::path::Path;
-
 use super::acted::Acted;
-use super::sessions::{Sessions, held_out};
+use super::sessions::Trial;
 use crate::appliance::settings::Settings;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Rigid, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use crate::expression::units::Units;
-use crate::face_model::FaceModel;
 use crate::pipeline::{Pipeline, PipelineError};
 use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Held, Light, Look, Scene, Simulator, Truth};
@@ -33,24 +30,13 @@ const LEARNS_S: f64 = 4.0;
 /// Frames of a condition from which its mean error is told.
 const ENOUGH: f64 = 20.0;
 
-/// Plays the experiments named in `only`, all if empty; `settings` are the paper's, `say` gets the figures.
+/// Plays the experiments named in `only`, all if empty; the settings are the paper's, `say` gets the figures.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
-pub fn play(
-    data: &Path,
-    model: &FaceModel,
-    settings: Settings,
-    sessions: &Sessions,
-    only: &[String],
-    say: &mut dyn FnMut(&str),
-) -> Result<(), Fault> {
-    let experiments = Experiments {
-        heads: held_out(data, sessions)?,
-        model,
-        settings: [settings, Settings::default()],
-        seconds: sessions.seconds,
-    };
+pub fn play(trial: &Trial, only: &[String], say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
+    let heads = trial.held_out()?;
+    let experiments = Experiments { heads, trial };
     let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
     for name in ROWS.into_iter().filter(|name| wanted(name)) {
         match name {
@@ -64,22 +50,24 @@ pub fn play(
 
 struct Experiments<'a> {
     heads: Vec<PersonHead>,
-    model: &'a FaceModel,
-    /// In the order of [`SYSTEMS`].
-    settings: [Settings; 2],
-    seconds: f64,
+    trial: &'a Trial<'a>,
 }
 
 impl Experiments<'_> {
-    /// Both systems before the same sensor.
-    fn pipelines(&self, simulator: &Simulator) -> Result<Vec<Pipeline>, PipelineError> {
-        let of =
-            |settings: &Settings| Pipeline::new(&settings.stages, simulator.camera(), self.model);
-        self.settings.iter().map(of).collect()
+    /// Both systems before the same sensor, in the order of [`SYSTEMS`].
+    fn pipelines(&self, simulator: &Simulator) -> Result<[Pipeline; 2], PipelineError> {
+        let default = Trial {
+            settings: &Settings::default(),
+            ..*self.trial
+        };
+        Ok([
+            self.trial.pipeline(simulator)?,
+            default.pipeline(simulator)?,
+        ])
     }
 
     fn time(&self, say: &mut dyn FnMut(&str)) -> Result<(), PipelineError> {
-        const SCENES: [(&str, Scene, i64); 3] = [
+        const SCENES: [(&str, Scene, usize); 3] = [
             ("one user", Scene::Acted, 300),
             ("four users", Scene::Four, 150),
             ("users who swap", Scene::Swap, 1000),
@@ -134,7 +122,7 @@ impl Experiments<'_> {
                 let [yaw, pitch] = [yaw, pitch].map(|angle: f32| (angle * share).to_radians());
                 let turn = rotation_from_yaw_pitch_roll(yaw, pitch, 0.0);
                 truth = Rigid::from_parts(nalgebra::Translation3::new(0.0, -0.02, 0.7), turn);
-                simulator.draw_pose(&truth, &[], frame_time(n as i64), &mut frame);
+                simulator.draw_pose(&truth, &[], frame_time(n), &mut frame);
                 for pipeline in &mut pipelines {
                     pipeline.follow(&frame);
                 }
@@ -209,7 +197,7 @@ impl Experiments<'_> {
         let mut pipelines = self.pipelines(&simulator)?;
         let mut frame = Frame::default();
         let units = Units::shipped().columns(true);
-        for n in 0..((LEARNS_S + self.seconds * share) * 30.0) as i64 {
+        for n in 0..((LEARNS_S + self.trial.sessions.seconds * share) * 30.0) as usize {
             let Some(truth) = simulator.draw(frame_time(n), &mut frame) else {
                 continue;
             };

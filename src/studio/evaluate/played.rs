@@ -1,20 +1,17 @@
 //! One person's session: what was found in each frame, and what is true.
 
 use super::acted::Acted;
-use super::sessions::{Sessions, landmark_error, lighting, seed_of};
-use crate::appliance::settings::Settings;
+use super::sessions::{Trial, landmark_error, lighting, seed_of};
 use crate::base::capacity::LEARNT_MEASURES;
 use crate::base::geometry::Rigid;
 use crate::expression::measures::{self, Measure};
-use crate::face_model::FaceModel;
 use crate::face_model::refinement::PUFFS;
 use crate::landmarks::Landmarks;
-use crate::pipeline::{Pipeline, PipelineError};
+use crate::pipeline::PipelineError;
 use crate::sensor::Frame;
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
-use crate::studio::progress::Progress;
 use crate::users::TrackingState;
 
 /// One frame, seen and true.
@@ -47,19 +44,17 @@ pub(super) struct Played {
 /// Plays one person's session through the whole pipeline.
 pub(super) fn play(
     head: PersonHead,
-    model: &FaceModel,
-    settings: &Settings,
-    sessions: &Sessions,
-    progress: &Progress,
+    trial: &Trial,
+    numbers: &mut dyn Iterator<Item = usize>,
 ) -> Result<Played, PipelineError> {
-    let seed = seed_of(sessions.seed, head.person);
+    let seed = seed_of(trial.sessions.seed, head.person);
     let truth = Measured::new(&head.asset);
     let acted = Acted::new(&head.asset);
     let expressions = head.asset.expressions.iter().map(|e| e.name.clone());
     let expressions: Vec<String> = expressions.collect();
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     let mut simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
-    let mut pipeline = Pipeline::new(&settings.stages, simulator.camera(), model)?;
+    let mut pipeline = trial.pipeline(&simulator)?;
     let names = pipeline.unit_names();
     let mut frame = Frame::default();
     let mut played = Played {
@@ -68,12 +63,8 @@ pub(super) fn play(
         expressions,
         ..Played::default()
     };
-    for index in 0..(sessions.seconds * 30.0) as i64 {
-        if index % 30 == 29 {
-            progress.step();
-        }
-        let at = frame_time(index);
-        let Some(shown) = simulator.draw(at, &mut frame) else {
+    for number in numbers {
+        let Some(shown) = simulator.draw(frame_time(number), &mut frame) else {
             continue;
         };
         played.frames += 1;

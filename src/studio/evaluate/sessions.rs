@@ -4,14 +4,19 @@ use std::fmt::{self, Display};
 use std::path::Path;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector4};
+use rayon::prelude::*;
 
+use crate::appliance::settings::Settings;
 use crate::base::capacity::LANDMARKS;
 use crate::base::defaults;
 use crate::base::geometry::{Rigid, Vector};
-use crate::simulator::virtual_head::{Light, Truth};
+use crate::face_model::FaceModel;
+use crate::pipeline::{Pipeline, PipelineError};
+use crate::simulator::virtual_head::{Light, Simulator, Truth};
 use crate::studio::fault::Fault;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
+use crate::studio::progress::Progress;
 use crate::studio::train::evaluate::{differences, mean_percent};
 
 /// No data set has anybody to play.
@@ -64,14 +69,58 @@ impl Display for Spread {
     }
 }
 
-/// The people who play: those of the split, at most so many.
-pub(crate) fn held_out(data: &Path, sessions: &Sessions) -> Result<Vec<PersonHead>, Fault> {
-    let plays = |person| Split::of(person) == sessions.split;
-    let heads = textured_heads(data, plays, sessions.people)?;
-    if heads.is_empty() {
-        return Err(nobody(data));
+/// What is evaluated, and on whom.
+#[derive(Clone, Copy)]
+pub struct Trial<'a> {
+    /// Folder of the data sets.
+    pub data: &'a Path,
+    /// The face model.
+    pub model: &'a FaceModel,
+    /// Those of the pipeline.
+    pub settings: &'a Settings,
+    /// How much is played.
+    pub sessions: &'a Sessions,
+}
+
+impl Trial<'_> {
+    /// The people who play: those of the split, at most so many.
+    pub(super) fn held_out(&self) -> Result<Vec<PersonHead>, Fault> {
+        let plays = |person| Split::of(person) == self.sessions.split;
+        let heads = textured_heads(self.data, plays, self.sessions.people)?;
+        if heads.is_empty() {
+            return Err(nobody(self.data));
+        }
+        Ok(heads)
     }
-    Ok(heads)
+
+    /// The pipeline before a sensor.
+    pub(super) fn pipeline(&self, simulator: &Simulator) -> Result<Pipeline, PipelineError> {
+        Pipeline::new(&self.settings.stages, simulator.camera(), self.model)
+    }
+
+    /// Plays a session with each person, on all threads: `play` gets their place, their head and the numbers of the frames;
+    /// `what` is said of the progress.
+    pub(super) fn each<T: Send, E: Into<Fault>>(
+        &self,
+        what: &str,
+        play: impl Fn(usize, PersonHead, &mut dyn Iterator<Item = usize>) -> Result<T, E> + Sync,
+    ) -> Result<Vec<T>, Fault> {
+        let heads = self.held_out()?;
+        let seconds = self.sessions.seconds;
+        let progress = Progress::new(what, heads.len() * seconds as usize);
+        let heads = heads.into_par_iter().enumerate();
+        let one = |(place, head)| {
+            let numbers = 0..(seconds * 30.0) as usize;
+            // One step of the progress a second.
+            let each_second = |number: &usize| {
+                if number % 30 == 29 {
+                    progress.step();
+                }
+            };
+            play(place, head, &mut numbers.inspect(each_second)).map_err(Into::into)
+        };
+        heads.map(one).collect()
+    }
 }
 
 /// Seed of one person's session, from that of all.

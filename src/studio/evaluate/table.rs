@@ -8,29 +8,49 @@
 //! frame with a face that is reported `warming` or `tracking`.
 
 use std::fmt::{self, Display};
-use std::path::Path;
-
-use rayon::prelude::*;
 
 use super::played::{self, Played, Seen};
-use super::sessions::{Sessions, Spread, held_out, mean, mean_offset, median, pose_errors};
-use crate::appliance::settings::Settings;
+use super::sessions::{Spread, Trial, mean, mean_offset, median, pose_errors};
 use crate::base::geometry::{Rigid, yaw_pitch_roll};
 use crate::expression::measures::Measure;
 use crate::expression::units::Units;
-use crate::face_model::FaceModel;
 use crate::studio::correlation::correlation;
 use crate::studio::fault::Fault;
-use crate::studio::progress::Progress;
 
-/// The person a figure is worst for, and their mean.
-type Worst = (usize, f64);
+/// The number of the person a figure is worst for, and their mean.
+type Worst = Option<(usize, f64)>;
 
 /// ` (person 7 2.10°)` behind a figure; nothing if there is nobody.
-fn worst(worst: Option<Worst>, precision: usize, unit: &str) -> String {
+fn in_parentheses(worst: Worst, precision: usize, unit: &str) -> String {
     worst.map_or_else(String::new, |(person, mean)| {
         format!(" (person {person} {mean:.precision$}{unit})")
     })
+}
+
+/// Values of all people, and the person whose mean is worst.
+pub struct Figure {
+    /// Of all values.
+    pub spread: Spread,
+    worst: Worst,
+}
+
+impl Figure {
+    fn of(played: &[Played], values: impl Fn(&Played) -> Vec<f64>) -> Self {
+        let each: Vec<Vec<f64>> = played.iter().map(values).collect();
+        let means = played.iter().zip(&each);
+        let means = means.map(|(one, values)| (one.person, mean(values)));
+        let known = means.filter(|(_, mean)| !mean.is_nan());
+        Self {
+            worst: known.max_by(|a, b| a.1.total_cmp(&b.1)),
+            spread: Spread::of(each.concat()),
+        }
+    }
+
+    /// The figure and the worst person, with what it is a share `of` behind the unit.
+    fn text(&self, precision: usize, unit: &str, of: &str) -> String {
+        let worst = in_parentheses(self.worst, precision, unit);
+        format!("{:.precision$}{unit}{of}{worst}", self.spread)
+    }
 }
 
 /// How a unit's weight follows the truth.
@@ -63,27 +83,27 @@ pub struct Table {
     pub frames: usize,
     /// Share of them that was tracked.
     pub tracked: f64,
+    /// The person tracked in the least share of their frames, and that share.
+    least_tracked: Worst,
     /// Rotation, degrees, as it is and with one offset per person out.
-    pub rotation_deg: [Spread; 2],
+    pub rotation_deg: [Figure; 2],
     /// Translation, millimetres, likewise.
-    pub translation_mm: [Spread; 2],
+    translation_mm: [Figure; 2],
     /// Rotation, one offset per person out, and all points where the head is turned by 20° to the side or 12° up or down: the
     /// ends of what the paper handles.
-    pub turned: [Spread; 2],
+    turned: [Spread; 2],
     /// All points, percent of the outer-eye distance.
-    pub landmarks: Spread,
+    pub landmarks: Figure,
     /// Points 17–67.
-    pub inner: Spread,
-    /// Whom the rows are worst for: frames lost (share), rotation and translation as above, all points, points 17–67.
-    pub worst: [Option<Worst>; 7],
+    inner: Figure,
     /// Size of the weights while nothing is acted.
-    pub rest: Spread,
+    rest: Spread,
     /// One eye shut, the other open: weight of the shut one, and of the open one.
-    pub winks: [Spread; 2],
+    winks: [Spread; 2],
     /// By unit.
     pub following: Vec<Following>,
     /// Mean weights by acted expression, as a table: what is read of each, and what else with it.
-    pub matrix: String,
+    matrix: String,
 }
 
 /// Truth up to which nothing is acted, from which others are, from which an expression is full, and from which an eye is
@@ -101,18 +121,10 @@ const ALONE: f32 = 0.3;
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
-pub fn play(
-    data: &Path,
-    model: &FaceModel,
-    settings: &Settings,
-    sessions: &Sessions,
-) -> Result<Table, Fault> {
-    let heads = held_out(data, sessions)?;
-    let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
-    let played: Vec<Played> = heads
-        .into_par_iter()
-        .map(|head| played::play(head, model, settings, sessions, &progress))
-        .collect::<Result<_, _>>()?;
+pub fn play(trial: &Trial) -> Result<Table, Fault> {
+    let played = trial.each("evaluate", |_, head, numbers| {
+        played::play(head, trial, numbers)
+    })?;
     Ok(table(&played))
 }
 
@@ -124,67 +136,57 @@ fn frames_seen(played: &[Played]) -> impl Iterator<Item = &Seen> {
 /// The figures of all sessions.
 fn table(played: &[Played]) -> Table {
     let frames: usize = played.iter().map(|one| one.frames).sum();
-    let seen: usize = played.iter().map(|one| one.seen.len()).sum();
-    let all = |value: &dyn Fn(&Seen) -> f64| Spread::of(frames_seen(played).map(value).collect());
-    let ([rotations, translations], turned_deg, people) = poses(played);
-    let turned = frames_seen(played).filter(|seen| is_turned(seen));
-    let turned_points = turned.map(|seen| seen.error[0]).collect();
+    let seen = frames_seen(played).count();
+    // Rotation (0) or translation (1), as it is (0) or with the person's offset out (1).
+    let pose = |axis: usize, out: usize| {
+        Figure::of(played, |one| {
+            let errors = errors_of_pose(one, out == 1);
+            errors.iter().map(|error| error[axis]).collect()
+        })
+    };
+    let points = |some: usize| {
+        Figure::of(played, |one| {
+            one.seen.iter().map(|seen| seen.error[some]).collect()
+        })
+    };
+    let of_turned = played.iter().flat_map(|one| {
+        let errors = one.seen.iter().zip(errors_of_pose(one, true));
+        errors.filter(|(seen, _)| is_turned(seen))
+    });
+    let (turned_deg, turned_points) = of_turned
+        .map(|(seen, [turn, _])| (turn, seen.error[0]))
+        .unzip();
+    let lost = Figure::of(played, |one| {
+        vec![1.0 - one.seen.len() as f64 / one.frames.max(1) as f64]
+    });
     let resting = frames_seen(played).filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
-    let rest = Spread::of(resting.flat_map(|seen| seen.weights.clone()).collect());
+    let rest = resting.flat_map(|seen| seen.weights.clone());
     Table {
         people: played.len(),
         frames,
         tracked: seen as f64 / frames.max(1) as f64,
-        rotation_deg: rotations.map(Spread::of),
-        translation_mm: translations.map(Spread::of),
+        least_tracked: lost.worst.map(|(person, lost)| (person, 1.0 - lost)),
+        rotation_deg: [0, 1].map(|out| pose(0, out)),
+        translation_mm: [0, 1].map(|out| pose(1, out)),
         turned: [turned_deg, turned_points].map(Spread::of),
-        landmarks: all(&|seen: &Seen| seen.error[0]),
-        inner: all(&|seen: &Seen| seen.error[1]),
-        worst: core::array::from_fn(|k| {
-            let means = people.iter().map(|(person, means)| (*person, means[k]));
-            let known = means.filter(|(_, mean)| !mean.is_nan());
-            known.max_by(|a, b| a.1.total_cmp(&b.1))
-        }),
-        rest,
+        landmarks: points(0),
+        inner: points(1),
+        rest: Spread::of(rest.collect()),
         winks: winks(played).map(Spread::of),
         following: following(played),
         matrix: matrix(played),
     }
 }
 
-/// Errors of the pose over all frames, as they are and with one offset per person taken out: rotations, translations, and
-/// the second kind of rotations of heads near an end of their range; means of each person, in the order of [`Table::worst`].
-type Poses = ([[Vec<f64>; 2]; 2], Vec<f64>, Vec<(usize, [f64; 7])>);
-
-fn poses(played: &[Played]) -> Poses {
-    let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
-    let mut turned_deg = Vec::new();
-    let mut people = Vec::new();
-    for one in played {
-        let before = rotations[0].len();
-        let pairs = one.seen.iter().map(|seen| (seen.true_pose, seen.pose));
-        let pairs: Vec<_> = pairs.collect();
-        for (k, offset) in [Rigid::identity(), mean_offset(&pairs)].iter().enumerate() {
-            for [turn, shift] in pose_errors(&pairs, offset) {
-                rotations[k].push(turn);
-                translations[k].push(shift);
-            }
-        }
-        for (seen, turn) in one.seen.iter().zip(&rotations[1][before..]) {
-            turned_deg.extend(is_turned(seen).then_some(turn));
-        }
-        let lost = 1.0 - one.seen.len() as f64 / one.frames.max(1) as f64;
-        let [turned, moved] =
-            [&rotations, &translations].map(|all| all.each_ref().map(|k| mean(&k[before..])));
-        let [points, inner] = [0, 1].map(|k| {
-            let errors: Vec<f64> = one.seen.iter().map(|seen| seen.error[k]).collect();
-            mean(&errors)
-        });
-        let [[turn, turn_rest], [shift, shift_rest]] = [turned, moved];
-        let means = [lost, turn, turn_rest, shift, shift_rest, points, inner];
-        people.push((one.person, means));
-    }
-    ([rotations, translations], turned_deg, people)
+/// Rotation (degrees) and translation (mm) of every frame of a person against the truth, their mean taken out or not.
+fn errors_of_pose(one: &Played, without_offset: bool) -> Vec<[f64; 2]> {
+    let pairs = one.seen.iter().map(|seen| (seen.true_pose, seen.pose));
+    let pairs: Vec<_> = pairs.collect();
+    let offset = match without_offset {
+        true => mean_offset(&pairs),
+        false => Rigid::identity(),
+    };
+    pose_errors(&pairs, &offset)
 }
 
 /// How each unit's weight follows what is acted.
@@ -301,34 +303,32 @@ fn matrix(played: &[Played]) -> String {
 impl Table {
     /// What is measured, its figure and the worst person.
     fn rows(&self) -> [String; 10] {
-        let [lost, turned, turned_rest, moved, moved_rest, points, inner] = self.worst;
-        let lost = lost.map(|(person, lost)| (person, 100.0 * (1.0 - lost)));
-        let [turn, turn_rest] = self.rotation_deg;
-        let [shift, shift_rest] = self.translation_mm;
+        let least = self
+            .least_tracked
+            .map(|(person, share)| (person, 100.0 * share));
+        let [turn, turn_rest] = self.rotation_deg.each_ref().map(|of| of.text(2, "°", ""));
+        let [shift, shift_rest] = self
+            .translation_mm
+            .each_ref()
+            .map(|of| of.text(1, " mm", ""));
         let [end_turn, end_points] = self.turned;
         let [shut, open] = self.winks;
         let out = "… after removing one offset per person";
+        let points = self.landmarks.text(2, " %", " of the outer-eye distance");
+        let inner = self.inner.text(2, " %", "");
         let [yaw, pitch] = TURNED_DEG;
         [
             format!(
                 "tracked | {:.2} % of frames{}",
                 100.0 * self.tracked,
-                worst(lost, 2, " %")
+                in_parentheses(least, 2, " %")
             ),
-            format!("head rotation | {turn:.2}°{}", worst(turned, 2, "°")),
-            format!("{out} | {turn_rest:.2}°{}", worst(turned_rest, 2, "°")),
-            format!("head position | {shift:.1} mm{}", worst(moved, 1, " mm")),
-            format!("{out} | {shift_rest:.1} mm{}", worst(moved_rest, 1, " mm")),
-            format!(
-                "landmarks, all 68 | {:.2} % of the outer-eye distance{}",
-                self.landmarks,
-                worst(points, 2, " %")
-            ),
-            format!(
-                "landmarks without the jaw | {:.2} %{}",
-                self.inner,
-                worst(inner, 2, " %")
-            ),
+            format!("head rotation | {turn}"),
+            format!("{out} | {turn_rest}"),
+            format!("head position | {shift}"),
+            format!("{out} | {shift_rest}"),
+            format!("landmarks, all 68 | {points}"),
+            format!("landmarks without the jaw | {inner}"),
             format!(
                 "head turned by over {yaw}° or nodding by over {pitch}°: rotation after removing the offset, landmarks | {end_turn:.2}°, {end_points:.2} %"
             ),

@@ -1,6 +1,6 @@
 //! Seconds of what `evaluate` plays for minutes, held to its figures. Left out where the data sets are absent.
 
-use super::sessions::Sessions;
+use super::sessions::{Sessions, Trial};
 use super::{head_scenes, landmark_accuracy, table};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
@@ -16,20 +16,30 @@ fn people() -> Option<tempfile::TempDir> {
     data::only([Set::IctFacekit, Set::FacesFrl189])
 }
 
-fn short(people: usize, seconds: f64) -> Sessions {
-    Sessions {
+/// Plays a short trial of the shipped model and settings.
+fn tried<T>(
+    data: &tempfile::TempDir,
+    people: usize,
+    seconds: f64,
+    play: impl FnOnce(&Trial) -> T,
+) -> T {
+    let sessions = Sessions {
         people,
         seconds,
         ..Sessions::default()
-    }
+    };
+    play(&Trial {
+        data: data.path(),
+        model: &FaceModel::shipped(),
+        settings: &Settings::default(),
+        sessions: &sessions,
+    })
 }
 
 #[test]
 fn somebody_who_acts_gives_the_table_they_gave() {
     let Some(data) = people() else { return };
-    let (model, settings) = (FaceModel::shipped(), Settings::default());
-    let table =
-        table::play(data.path(), &model, &settings, &short(1, 20.0)).expect("data are readable");
+    let table = tried(&data, 1, 20.0, table::play).expect("data are readable");
     hold("evaluate/table", &figures(&table.to_string()));
 }
 
@@ -50,9 +60,10 @@ fn landmarks_under_every_condition_err_as_they_did() {
             lines.extend(figures(line));
         }
     };
-    let (model, settings) = (FaceModel::shipped(), Settings::default());
-    landmark_accuracy::measure(data.path(), &model, &settings, &short(2, 2.0), &mut say)
-        .expect("data are readable");
+    tried(&data, 2, 2.0, |trial| {
+        landmark_accuracy::measure(trial, &mut say)
+    })
+    .expect("data are readable");
     hold("evaluate/landmarks", &lines);
 }
 
@@ -62,11 +73,9 @@ fn scenes_of_heads_give_the_rows_they_gave() {
         return;
     };
     let rows = ["acted", "wide", "first", "several", "known", "nobody"];
-    let (model, settings) = (FaceModel::shipped(), Settings::default());
     let rows = rows.map(str::to_owned);
-    let table = head_scenes::play(data.path(), &model, &settings, &short(2, 1.0), &rows)
-        .expect("data are readable");
-    let wild = head_scenes::wild::play(data.path(), &model, &settings, &short(4, 1.0)).unwrap();
+    let table = tried(&data, 2, 1.0, |trial| head_scenes::play(trial, &rows)).unwrap();
+    let wild = tried(&data, 4, 1.0, head_scenes::wild::play).unwrap();
     hold("evaluate/scenes", &figures(&(table + &wild)));
 }
 
@@ -74,7 +83,10 @@ fn scenes_of_heads_give_the_rows_they_gave() {
 fn recorded_wild_sessions_play_and_their_points_lie_where_the_truth_says() {
     let Some(data) = people() else { return };
     let folder = tempfile::tempdir().unwrap();
-    head_scenes::wild::record(data.path(), &short(1, 1.0), folder.path()).unwrap();
+    tried(&data, 1, 1.0, |trial| {
+        head_scenes::wild::record(trial, folder.path())
+    })
+    .unwrap();
     let session = folder.path().join("0");
     let truth = std::fs::read_to_string(session.join("truth.csv")).unwrap();
     let mut rows = truth.lines().skip(1).map(|line| {

@@ -39,7 +39,7 @@ use crate::users::TrackingState;
 /// Seconds after which rest has been learnt.
 const SETTLED_S: f64 = 6.0;
 /// Every so many frames make an example: neighbours say the same.
-const EVERY: i64 = 2;
+const EVERY: usize = 2;
 /// One person of so many wears hair and things: they take four times as long to draw.
 const DRESSED: usize = 5;
 /// One person of so many has the eyes of the photograph, all others drawn ones.
@@ -223,7 +223,7 @@ fn practise(
     let mut pipeline = Pipeline::new(&settings.stages, simulator.camera(), model)?;
     let mut frame = Frame::default();
     let mut examples = Vec::new();
-    for index in 0..(practice.seconds * 30.0) as i64 {
+    for index in 0..(practice.seconds * 30.0) as usize {
         let shown = simulator.draw(frame_time(index), &mut frame);
         pipeline.follow(&frame);
         let state = pipeline.report().state;

@@ -1,14 +1,9 @@
 //! Who plays in the scenes, before which pipeline, and how each scene is played.
 
-use std::path::Path;
-
 use rayon::prelude::*;
 
 use super::measure::Film;
-use crate::appliance::settings::Settings;
 use crate::base::geometry::{Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
-use crate::base::time::Timestamp;
-use crate::face_model::FaceModel;
 use crate::pipeline::{
     FIRST_LOOK, FIRST_LOOK_APART, Pipeline, PipelineError, SECOND_LOOK, SECOND_LOOK_APART,
 };
@@ -17,6 +12,7 @@ use crate::segment::Segmenter;
 use crate::sensor::Frame;
 use crate::sensor::kinect::colour;
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use crate::studio::evaluate::sessions::Trial;
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
 use crate::users::likeness::Likeness;
@@ -27,17 +23,11 @@ const LOOKS: [(usize, f32); 2] = [
     (SECOND_LOOK as usize, SECOND_LOOK_APART),
 ];
 
-pub(super) fn at(frame: usize) -> Timestamp {
-    frame_time(frame as i64)
-}
-
 /// Who plays, and before which pipeline.
 pub(super) struct Cast<'a> {
     pub(super) heads: Vec<PersonHead>,
-    pub(super) model: &'a FaceModel,
-    pub(super) settings: &'a Settings,
+    pub(super) trial: &'a Trial<'a>,
     pub(super) frames: usize,
-    pub(super) seed: u64,
 }
 
 impl Cast<'_> {
@@ -52,11 +42,12 @@ impl Cast<'_> {
 
     pub(super) fn simulator(&self, scene: Scene, k: usize) -> Simulator {
         let others = [1, 2].map(|next| self.asset(k + next));
-        Simulator::new(self.asset(k), scene, self.seed ^ (k as u64 + 1) << 8).joined_by(others)
-    }
-
-    pub(super) fn pipeline(&self, simulator: &Simulator) -> Result<Pipeline, PipelineError> {
-        Pipeline::new(&self.settings.stages, simulator.camera(), self.model)
+        Simulator::new(
+            self.asset(k),
+            scene,
+            self.trial.sessions.seed ^ (k as u64 + 1) << 8,
+        )
+        .joined_by(others)
     }
 
     /// What `draw` draws of a scene, frame by frame.
@@ -66,7 +57,7 @@ impl Cast<'_> {
         frames: usize,
         mut draw: impl FnMut(&mut Simulator, usize, &mut Frame),
     ) -> Result<Film, PipelineError> {
-        let mut pipeline = self.pipeline(&simulator)?;
+        let mut pipeline = self.trial.pipeline(&simulator)?;
         let (mut frame, mut film) = (Frame::default(), Film::default());
         for n in 0..frames {
             draw(&mut simulator, n, &mut frame);
@@ -88,7 +79,7 @@ impl Cast<'_> {
     pub(super) fn films(&self, scene: Scene, frames: usize) -> Result<Vec<Film>, PipelineError> {
         self.each(|k| {
             self.filmed(self.simulator(scene, k), frames, |simulator, n, frame| {
-                simulator.draw(at(n), frame);
+                simulator.draw(frame_time(n), frame);
             })
         })
     }
@@ -99,15 +90,15 @@ impl Cast<'_> {
         let simulator = self.simulator(Scene::Acted, k);
         self.filmed(simulator, self.frames, |simulator, n, frame| {
             let mut weights = vec![0.0f32; asset.expressions.len()];
-            let t = (at(n).as_us() as f64 * 1e-6) as f32;
-            let pose = Scene::Acted.play(self.seed + k as u64, t, |name, weight| {
+            let t = (frame_time(n).as_us() as f64 * 1e-6) as f32;
+            let pose = Scene::Acted.play(self.trial.sessions.seed + k as u64, t, |name, weight| {
                 if let Some(slot) = asset.expression(name) {
                     weights[slot] = weights[slot].max(weight);
                 }
             });
             let mut pose = pose.expect("somebody acts");
             pose.translation.vector.z = 0.85 + (pose.translation.vector.z - 0.8) * 1.75;
-            simulator.draw_pose(&pose, &weights, at(n), frame);
+            simulator.draw_pose(&pose, &weights, frame_time(n), frame);
         })
     }
 
@@ -115,8 +106,11 @@ impl Cast<'_> {
     /// frontal pose taken out.
     pub(super) fn first_poses(&self, k: usize) -> Result<Vec<f64>, PipelineError> {
         let mut simulator = self.simulator(Scene::Still, k);
-        let mut tracker = PoseTracker::new(self.settings.stages.pose, &self.model.standard_head)?;
-        let mut segmenter = Segmenter::new(self.settings.stages.segment);
+        let mut tracker = PoseTracker::new(
+            self.trial.settings.stages.pose,
+            &self.trial.model.standard_head,
+        )?;
+        let mut segmenter = Segmenter::new(self.trial.settings.stages.segment);
         let mut frame = Frame::default();
         let (mut turns, mut frontal) = (Vec::new(), None);
         for yaw in [-60.0f32, -30.0, 0.0, 30.0, 60.0] {
@@ -127,9 +121,9 @@ impl Cast<'_> {
                 tracker.reset();
                 let mut found = None;
                 for n in 0..2 {
-                    simulator.draw_pose(&truth, &[], at(n), &mut frame);
+                    simulator.draw_pose(&truth, &[], frame_time(n), &mut frame);
                     let cloud = segmenter.segment(&frame, simulator.camera());
-                    found = cloud.and_then(|cloud| tracker.track(cloud, at(n)));
+                    found = cloud.and_then(|cloud| tracker.track(cloud, frame_time(n)));
                 }
                 let off = found.map(|found| turn.inverse() * found.sensor_from_head.rotation);
                 if yaw == 0.0 && pitch == 0.0 {
@@ -146,15 +140,15 @@ impl Cast<'_> {
 
     /// Whether a head is known again in another session, and how many others are taken for it.
     pub(super) fn known_again(&self) -> Result<String, PipelineError> {
-        let judge = self.pipeline(&self.simulator(Scene::Acted, 0))?;
+        let judge = self.trial.pipeline(&self.simulator(Scene::Acted, 0))?;
         let session =
             |k: usize, seed: u64, frames: &[usize]| -> Result<Vec<Likeness>, PipelineError> {
                 let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);
-                let mut pipeline = self.pipeline(&simulator)?;
+                let mut pipeline = self.trial.pipeline(&simulator)?;
                 let (mut frame, mut seen) = (Frame::default(), Vec::new());
                 // From the midst of a movement.
                 for n in 0..*frames.last().unwrap_or(&0) {
-                    simulator.draw(at(100 + n), &mut frame);
+                    simulator.draw(frame_time(100 + n), &mut frame);
                     pipeline.follow(&frame);
                     if frames.contains(&(n + 1)) {
                         seen.push(pipeline.likeness(0));
@@ -162,9 +156,9 @@ impl Cast<'_> {
                 }
                 Ok(seen)
             };
-        let learned = self.each(|k| Ok(session(k, self.seed, &[90])?.remove(0)))?;
+        let learned = self.each(|k| Ok(session(k, self.trial.sessions.seed, &[90])?.remove(0)))?;
         let frames = LOOKS.map(|(frames, _)| frames);
-        let looks = self.each(|k| session(k, self.seed + 99, &frames))?;
+        let looks = self.each(|k| session(k, self.trial.sessions.seed + 99, &frames))?;
         let text = LOOKS.iter().enumerate().map(|(look, &(frames, most))| {
             let (mut same, mut other) = ([0; 2], [0; 2]);
             for (k, seen) in looks.iter().enumerate() {
@@ -184,13 +178,17 @@ impl Cast<'_> {
     }
 
     /// Frames with a face among real ones without.
-    pub(super) fn real_faces(&self, data: &Path) -> Result<Option<[usize; 2]>, PipelineError> {
+    pub(super) fn real_faces(&self) -> Result<Option<[usize; 2]>, PipelineError> {
         let camera = crate::sensor::kinect::geometry::nominal();
-        let mut pipeline = Pipeline::new(&self.settings.stages, &camera, self.model)?;
+        let mut pipeline = Pipeline::new(&self.trial.settings.stages, &camera, self.trial.model)?;
         let mut frame = Frame::default();
         let (mut faces, mut count) = (0, 0);
         for name in ["five_people", "desk_000", "desk_001"] {
-            let picture = |kind: &str| data.join(format!("kinect_v1_pcl/{name}_{kind}.png"));
+            let picture = |kind: &str| {
+                self.trial
+                    .data
+                    .join(format!("kinect_v1_pcl/{name}_{kind}.png"))
+            };
             let [Ok(depth), Ok(rgb)] = ["depth", "rgb"].map(|kind| image::open(picture(kind)))
             else {
                 return Ok(None);
@@ -205,7 +203,7 @@ impl Cast<'_> {
             }
             colour::luma_from_rgb(&rgb.into_rgb8(), &mut frame.luma);
             for _ in 0..15 {
-                (frame.index, frame.at) = (count as u64, at(count));
+                (frame.index, frame.at) = (count as u64, frame_time(count));
                 pipeline.follow(&frame);
                 count += 1;
                 let reports = pipeline.reports();

@@ -3,12 +3,13 @@
 //! Errors are mean absolute ones over the mouth's units, from the frame in which the hand touches the face to the one in which it leaves.
 //! Holding is what was last reported while the hand was still below the chin.
 
-use super::cast::{Cast, at};
+use super::cast::Cast;
 use crate::expression::units::Units;
 use crate::pipeline::PipelineError;
 use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Held, Look, Scene, Simulator};
 use crate::studio::evaluate::acted::Acted;
+use crate::studio::frame_time::frame_time;
 
 /// Way of the hand from its place, up to which it covers the mouth, and beyond which the face is free, metres.
 const COVERS_M: f32 = 0.02;
@@ -34,13 +35,13 @@ pub(super) struct Errors {
 /// One person's film.
 pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
     let look = Look {
-        seed: cast.seed ^ k as u64,
+        seed: cast.trial.sessions.seed ^ k as u64,
         held: Held::Mouth,
         ..Look::demonstration()
     };
-    let seed = cast.seed ^ (k as u64 + 1) << 8;
+    let seed = cast.trial.sessions.seed ^ (k as u64 + 1) << 8;
     let mut simulator = Simulator::new(cast.asset(k), Scene::Acted, seed).dressed([look]);
-    let mut pipeline = cast.pipeline(&simulator)?;
+    let mut pipeline = cast.trial.pipeline(&simulator)?;
     let acted = Acted::new(simulator.asset());
     let units = Units::shipped();
     let of_mouth = units.of_mouth();
@@ -51,7 +52,7 @@ pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
     let (mut held, mut now) = (vec![0.0f32; names.len()], vec![0.0f32; names.len()]);
     for n in 0..cast.frames {
         let t = n as f32 / 30.0;
-        let Some(truth) = simulator.draw(at(n), &mut frame) else {
+        let Some(truth) = simulator.draw(frame_time(n), &mut frame) else {
             continue;
         };
         pipeline.follow(&frame);

@@ -19,11 +19,8 @@ mod measure;
 pub mod wild;
 
 use std::fmt::Write as _;
-use std::path::Path;
 
-use super::sessions::{Sessions, held_out};
-use crate::appliance::settings::Settings;
-use crate::face_model::FaceModel;
+use super::sessions::Trial;
 use crate::simulator::virtual_head::Scene;
 use crate::studio::fault::Fault;
 use crate::users::TrackingState;
@@ -76,20 +73,11 @@ fn uncovered(film: &Film) -> (usize, String) {
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
-pub fn play(
-    data: &Path,
-    model: &FaceModel,
-    settings: &Settings,
-    sessions: &Sessions,
-    only: &[String],
-) -> Result<String, Fault> {
-    let heads = held_out(data, sessions)?;
+pub fn play(trial: &Trial, only: &[String]) -> Result<String, Fault> {
     let cast = Cast {
-        heads,
-        model,
-        settings,
-        frames: (sessions.seconds * 30.0) as usize,
-        seed: sessions.seed,
+        heads: trial.held_out()?,
+        trial,
+        frames: (trial.sessions.seconds * 30.0) as usize,
     };
     let mut rows = Table("| scene | bar | figure |\n| --- | --- | --- |\n".to_owned());
     let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
@@ -112,7 +100,7 @@ pub fn play(
             ),
             "still" => jitter_and_lag(&cast, &mut rows)?,
             "first" => first_poses(&cast, &mut rows)?,
-            "several" => several_people(&cast, sessions.seconds, &mut rows)?,
+            "several" => several_people(&cast, trial.sessions.seconds, &mut rows)?,
             "known" => rows.add(
                 "people who left, re-identified by the head",
                 "right",
@@ -124,7 +112,7 @@ pub fn play(
                 "half",
                 covered::figure(&cast.each(|k| covered::play(&cast, k))?),
             ),
-            _ => nobody(&cast, data, &mut rows)?,
+            _ => nobody(&cast, &mut rows)?,
         }
     }
     Ok(rows.0)
@@ -217,7 +205,7 @@ fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     Ok(())
 }
 
-fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), Fault> {
+fn nobody(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let mut ghosts = Vec::new();
     for (name, scene) in [
         ("empty", Scene::Empty),
@@ -231,7 +219,7 @@ fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), Fault> {
         let faces = frames + films.iter().map(|film| film.ghosts).sum::<usize>();
         ghosts.push(format!("{name} {faces} of {}", 90 * films.len()));
     }
-    ghosts.push(match cast.real_faces(data)? {
+    ghosts.push(match cast.real_faces()? {
         Some([faces, count]) => format!("kinect_v1_pcl {faces} of {count}"),
         None => "kinect_v1_pcl is not there".to_owned(),
     });

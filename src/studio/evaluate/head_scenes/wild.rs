@@ -9,26 +9,19 @@
 use std::fmt::{self, Display, Write as _};
 use std::path::Path;
 
-use rayon::prelude::*;
-
-use super::cast::at;
 use super::measure::{Film, pose_spreads};
-use crate::appliance::settings::Settings;
 use crate::base::capacity::LANDMARKS;
-use crate::face_model::FaceModel;
-use crate::pipeline::Pipeline;
+use crate::pipeline::PipelineError;
 use crate::sensor::Frame;
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::sensor::kinect::recording::Recorder;
 use crate::simulator::simulated::Simulated;
 use crate::simulator::virtual_head::{Light, Look, Scene, Sensor, Simulator};
 use crate::studio::atomic_write::write_out;
-use crate::studio::evaluate::sessions::{
-    Sessions, Spread, held_out, landmark_error, lighting, seed_of,
-};
+use crate::studio::evaluate::sessions::{Spread, Trial, landmark_error, lighting, seed_of};
 use crate::studio::fault::Fault;
+use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
-use crate::studio::progress::Progress;
 
 /// Length of a session without `--seconds`.
 pub const SECONDS: f64 = 20.0;
@@ -114,22 +107,17 @@ fn simulator(head: PersonHead, number: usize, seed: u64) -> (Simulator, String) 
 }
 
 fn play_one(
-    head: PersonHead,
+    trial: &Trial,
     number: usize,
-    model: &FaceModel,
-    settings: &Settings,
-    sessions: &Sessions,
-    progress: &Progress,
-) -> Result<Row, Fault> {
-    let (mut simulator, who) = simulator(head, number, sessions.seed);
-    let mut pipeline = Pipeline::new(&settings.stages, simulator.camera(), model)?;
+    head: PersonHead,
+    frames: &mut dyn Iterator<Item = usize>,
+) -> Result<Row, PipelineError> {
+    let (mut simulator, who) = simulator(head, number, trial.sessions.seed);
+    let mut pipeline = trial.pipeline(&simulator)?;
     let (mut frame, mut film) = (Frame::default(), Film::default());
     let mut landmarks = Vec::new();
-    for n in 0..(sessions.seconds * 30.0) as usize {
-        if n % 30 == 29 {
-            progress.step();
-        }
-        let Some(truth) = simulator.draw(at(n), &mut frame) else {
+    for n in frames {
+        let Some(truth) = simulator.draw(frame_time(n), &mut frame) else {
             continue;
         };
         pipeline.follow(&frame);
@@ -159,13 +147,11 @@ fn play_one(
 /// Records one person's session into a folder, with `truth.csv`: where the colour picture shows the 68 points, pixels, and the
 /// weights acted.
 fn record_one(
-    head: PersonHead,
-    number: usize,
-    sessions: &Sessions,
     out: &Path,
-    progress: &Progress,
+    simulator: Simulator,
+    frames: &mut dyn Iterator<Item = usize>,
 ) -> Result<(), Fault> {
-    let mut sensor = Simulated::from(simulator(head, number, sessions.seed).0);
+    let mut sensor = Simulated::from(simulator);
     let mut recorder = Recorder::create(out, sensor.registration(), 0.0)?;
     let mut truths = String::from("frame");
     for i in 0..LANDMARKS {
@@ -175,10 +161,7 @@ fn record_one(
         let _ = write!(truths, ",{}", expression.name);
     }
     let mut frame = KinectFrame::default();
-    for n in 0..(sessions.seconds * 30.0) as usize {
-        if n % 30 == 29 {
-            progress.step();
-        }
+    for n in frames {
         sensor.next_frame(&mut frame);
         recorder.write(&frame)?;
         if let Some(truth) = sensor.truth() {
@@ -198,38 +181,23 @@ fn record_one(
 ///
 /// # Errors
 /// If the data sets cannot be read or a folder holds a recording or cannot be written.
-pub fn record(data: &Path, sessions: &Sessions, out: &Path) -> Result<(), Fault> {
-    let heads = held_out(data, sessions)?;
-    let progress = Progress::new("record", heads.len() * sessions.seconds as usize);
-    let heads = heads.into_par_iter().enumerate();
-    heads.try_for_each(|(number, head)| {
-        record_one(
-            head,
-            number,
-            sessions,
-            &out.join(number.to_string()),
-            &progress,
-        )
-    })
+pub fn record(trial: &Trial, out: &Path) -> Result<(), Fault> {
+    let done = trial.each("record", |number, head, frames| {
+        let (simulator, _) = simulator(head, number, trial.sessions.seed);
+        record_one(&out.join(number.to_string()), simulator, frames)
+    });
+    done.map(drop)
 }
 
 /// Plays the sessions and makes the table.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
-pub fn play(
-    data: &Path,
-    model: &FaceModel,
-    settings: &Settings,
-    sessions: &Sessions,
-) -> Result<String, Fault> {
-    let heads = held_out(data, sessions)?;
-    let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
-    let heads = heads.into_par_iter().enumerate();
-    let rows =
-        heads.map(|(number, head)| play_one(head, number, model, settings, sessions, &progress));
-    let rows: Vec<Row> = rows.collect::<Result<_, _>>()?;
-    Ok(table(&rows))
+pub fn play(trial: &Trial) -> Result<String, Fault> {
+    let play = |number, head, frames: &mut dyn Iterator<Item = usize>| {
+        play_one(trial, number, head, frames)
+    };
+    Ok(table(&trial.each("evaluate", play)?))
 }
 
 impl Display for Row {

@@ -1,24 +1,21 @@
 //! Held-out people before the simulated sensor, fitted under every condition of the table.
 
-use std::path::Path;
 use std::time::Instant;
 
 use super::covers::{COVERED, cover};
 use super::tallies::{Condition, Seen, Share};
-use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::frames::SensorFromHead;
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
 use crate::base::time::Timestamp;
-use crate::face_model::{FaceModel, scheme};
+use crate::face_model::scheme;
 use crate::landmarks::{LandmarkFitter, Landmarks, Scratch, Settings as FitSettings};
 use crate::pipeline::PipelineError;
 use crate::pose::{HeadPose, PoseTracker};
 use crate::segment::Segmenter;
 use crate::sensor::Frame;
-use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::{Light, Scene, Simulator, Truth};
-use crate::studio::evaluate::sessions::{Sessions, held_out, lighting, seed_of};
+use crate::studio::evaluate::sessions::{Trial, lighting, seed_of};
 use crate::studio::fault::Fault;
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
@@ -28,21 +25,15 @@ use crate::studio::train::evaluate::{
 };
 
 /// Every so many frames a cold and a wrong start are tried too, and the lamp is moved.
-const SPARSE: i64 = 5;
+const SPARSE: usize = 5;
 /// Every so many frames the whole face is hidden for the last so many of them.
-const HIDE: [i64; 2] = [30, 8];
+const HIDE: [usize; 2] = [30, 8];
 
 /// Plays all people.
-pub(super) fn play(
-    data: &Path,
-    model: &FaceModel,
-    settings: &Settings,
-    sessions: &Sessions,
-) -> Result<Seen, Fault> {
-    let heads = held_out(data, sessions)?;
-    let play = |head| Player::new(head, model, settings, sessions).map(Player::play);
+pub(super) fn play(trial: &Trial) -> Result<Seen, Fault> {
+    let play = |head| Player::new(head, trial).map(Player::play);
     let mut all = Seen::default();
-    for one in Progress::each("evaluate", heads, play) {
+    for one in Progress::each("evaluate", trial.held_out()?, play) {
         all.merge(one?);
     }
     Ok(all)
@@ -50,24 +41,21 @@ pub(super) fn play(
 
 /// One person's sessions.
 struct Player<'a> {
+    trial: &'a Trial<'a>,
     person: usize,
-    seconds: f64,
     simulator: Simulator,
     light: Light,
     exposure: f32,
     frame: Frame,
-    camera: Camera,
     segmenter: Segmenter,
     pose: PoseTracker,
-    model: &'a FaceModel,
-    fit_settings: FitSettings,
     random: fastrand::Rng,
     seen: Seen,
 }
 
 /// What a session of acts goes through: a fitter for each way to disturb the picture.
 struct Play {
-    index: i64,
+    index: usize,
     tracked: LandmarkFitter,
     dim: LandmarkFitter,
     covered: LandmarkFitter,
@@ -93,52 +81,41 @@ struct Moment {
 }
 
 impl<'a> Player<'a> {
-    fn new(
-        head: PersonHead,
-        model: &'a FaceModel,
-        settings: &Settings,
-        sessions: &Sessions,
-    ) -> Result<Self, PipelineError> {
-        let seed = seed_of(sessions.seed, head.person);
+    fn new(head: PersonHead, trial: &'a Trial) -> Result<Self, PipelineError> {
+        let seed = seed_of(trial.sessions.seed, head.person);
         let mut random = fastrand::Rng::with_seed(seed);
         let (light, exposure) = lighting(&mut random);
-        let simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
+        let stages = &trial.settings.stages;
         Ok(Self {
+            trial,
             person: head.person,
-            seconds: sessions.seconds,
+            simulator: Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure),
             light,
             exposure,
             frame: Frame::default(),
-            camera: simulator.camera().clone(),
-            segmenter: Segmenter::new(settings.stages.segment),
-            pose: PoseTracker::new(settings.stages.pose, &model.standard_head)?,
-            model,
+            segmenter: Segmenter::new(stages.segment),
+            pose: PoseTracker::new(stages.pose, &trial.model.standard_head)?,
+            random,
             seen: Seen {
                 people: 1,
+                least: stages.landmarks.cascade.min_confidence,
                 ..Seen::default()
             },
-            fit_settings: settings.stages.landmarks.cascade,
-            simulator,
-            random,
         })
     }
 
-    /// Who believes as the appliance does.
-    fn sceptic(&self) -> LandmarkFitter {
-        LandmarkFitter::new(self.fit_settings, self.model)
-    }
-
-    /// Who tells everything, believed or not.
-    fn fitter(&self) -> LandmarkFitter {
+    /// A fitter that believes a face from this confidence on.
+    fn fitter(&self, min_confidence: f32) -> LandmarkFitter {
         let settings = FitSettings {
-            min_confidence: 0.0,
-            ..self.fit_settings
+            min_confidence,
+            ..self.trial.settings.stages.landmarks.cascade
         };
-        LandmarkFitter::new(settings, self.model)
+        LandmarkFitter::new(settings, self.trial.model)
     }
 
     fn find(&mut self, at: Timestamp) -> Option<HeadPose> {
-        let cloud = self.segmenter.segment(&self.frame, &self.camera)?;
+        let camera = self.simulator.camera();
+        let cloud = self.segmenter.segment(&self.frame, camera)?;
         self.pose.track(cloud, at)
     }
 
@@ -155,12 +132,16 @@ impl<'a> Player<'a> {
         now: &Moment,
     ) -> Option<&'f Landmarks> {
         let (depth, scratch) = (&self.frame.depth, &mut Scratch::default());
-        by.fit(scratch, luma, depth, &self.camera, &now.pose, now.at)
+        let camera = self.simulator.camera();
+        by.fit(scratch, luma, depth, camera, &now.pose, now.at)
     }
 
-    fn judge(&mut self, fit: &Landmarks, truth: &Truth) -> f64 {
-        let least = self.fit_settings.min_confidence;
-        self.seen.judge(fit, truth, &[false; LANDMARKS], least)
+    /// Takes in what was found under a condition, if anything was; its error.
+    fn note(&mut self, condition: Condition, fit: Option<&Landmarks>, truth: &Truth) -> f64 {
+        let Some(fit) = fit else { return f64::NAN };
+        let error = self.seen.judge(fit, truth, &[false; LANDMARKS]);
+        self.seen.add(condition, error);
+        error
     }
 
     fn play(mut self) -> Seen {
@@ -173,20 +154,20 @@ impl<'a> Player<'a> {
     fn acted(&mut self) {
         let mut play = Play {
             index: 0,
-            tracked: self.fitter(),
-            dim: self.fitter(),
-            covered: self.fitter(),
-            lamp: self.fitter(),
-            once: self.fitter(),
-            sceptic: self.sceptic(),
+            tracked: self.fitter(0.0),
+            dim: self.fitter(0.0),
+            covered: self.fitter(0.0),
+            lamp: self.fitter(0.0),
+            once: self.fitter(0.0),
+            sceptic: self.fitter(self.seen.least),
             waited: None,
             changed: vec![0; PIXELS].try_into().expect("PIXELS long"),
             found: Vec::new(),
             centre: 0,
         };
         // Every person in other acts.
-        let first = 90 + (self.person as i64 * 151) % 1200;
-        for index in 0..(self.seconds * 30.0) as i64 {
+        let first = 90 + (self.person * 151) % 1200;
+        for index in 0..(self.trial.sessions.seconds * 30.0) as usize {
             play.index = index;
             let at = frame_time(first + index);
             let Some(truth) = self.simulator.draw(at, &mut self.frame) else {
@@ -218,12 +199,9 @@ impl<'a> Player<'a> {
         let fit = self.fit(&mut play.tracked, now);
         let took = began.elapsed().as_secs_f64() * 1e3;
         self.seen.add(Condition::Time, took);
-        let Some(fit) = fit else { return f64::NAN };
-        let here = self.judge(fit, &now.truth);
-        self.seen.add(Condition::Tracked, here);
-        let d = differences(&fit.pixels, &now.truth.landmarks_px);
-        play.found.push(d);
-        here
+        let found = fit.map(|fit| differences(&fit.pixels, &now.truth.landmarks_px));
+        play.found.extend(found);
+        self.note(Condition::Tracked, fit, &now.truth)
     }
 
     /// A quarter of the light.
@@ -231,10 +209,8 @@ impl<'a> Player<'a> {
         for (to, from) in play.changed.iter_mut().zip(self.frame.luma.iter()) {
             *to = from / 4;
         }
-        if let Some(fit) = self.fit_in(&play.changed, &mut play.dim, now) {
-            let error = self.judge(fit, &now.truth);
-            self.seen.add(Condition::Dim, error);
-        }
+        let fit = self.fit_in(&play.changed, &mut play.dim, now);
+        self.note(Condition::Dim, fit, &now.truth);
     }
 
     /// A fifth of the points covered.
@@ -248,8 +224,7 @@ impl<'a> Player<'a> {
         let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
             return;
         };
-        let least = self.fit_settings.min_confidence;
-        self.seen.judge(fit, truth, &hidden, least);
+        self.seen.judge(fit, truth, &hidden);
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
         let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
@@ -287,10 +262,8 @@ impl<'a> Player<'a> {
     /// A cold start, from the pose that was found and from one that is wrong.
     fn cold_start(&mut self, play: &mut Play, now: &Moment) {
         play.once.reset();
-        if let Some(fit) = self.fit(&mut play.once, now) {
-            let error = self.judge(fit, &now.truth);
-            self.seen.add(Condition::Cold, error);
-        }
+        let fit = self.fit(&mut play.once, now);
+        self.note(Condition::Cold, fit, &now.truth);
         play.once.reset();
         let wrong = Moment {
             pose: self.astray(&now.pose),
@@ -298,7 +271,7 @@ impl<'a> Player<'a> {
             ..*now
         };
         if let Some(fit) = self.fit(&mut play.once, &wrong) {
-            self.judge(fit, &now.truth);
+            self.seen.judge(fit, &now.truth, &[false; LANDMARKS]);
         }
     }
 
@@ -314,11 +287,11 @@ impl<'a> Player<'a> {
         self.simulator.set_light(moved, self.exposure);
         self.simulator.draw(now.at, &mut self.frame);
         self.simulator.set_light(self.light, self.exposure);
-        if let Some(fit) = self.fit(&mut play.lamp, now) {
-            let error = self.judge(fit, &now.truth);
-            self.seen.add(Condition::Lamp, error);
+        let fit = self.fit(&mut play.lamp, now);
+        if fit.is_some() {
             self.seen.add(Condition::SameAsLamp, here);
         }
+        self.note(Condition::Lamp, fit, &now.truth);
     }
 
     /// A pose that is wrong by up to a head's width.
@@ -336,12 +309,12 @@ impl<'a> Player<'a> {
 
     /// Wide turns with two expressions a second, each up and down.
     fn beyond(&mut self) {
-        let mut fitter = self.fitter();
+        let mut fitter = self.fitter(0.0);
         self.pose.reset();
         let count = self.simulator.asset().expressions.len();
         let mut weights = vec![0.0; count];
         let mut chosen = [0; 2];
-        for index in 0..(self.seconds * 18.0) as i64 {
+        for index in 0..(self.trial.sessions.seconds * 18.0) as usize {
             let at = frame_time(3000 + index);
             let t = index as f32 / 30.0;
             if index % 30 == 0 {
@@ -358,12 +331,8 @@ impl<'a> Player<'a> {
                 continue;
             };
             let wide = yaw.abs() > 25.0 || pitch.abs() > 15.0;
-            if let Some(fit) = self.fit(&mut fitter, &now)
-                && wide
-            {
-                let error = self.judge(fit, &now.truth);
-                self.seen.add(Condition::Beyond, error);
-            }
+            let fit = self.fit(&mut fitter, &now).filter(|_| wide);
+            self.note(Condition::Beyond, fit, &now.truth);
         }
     }
 
@@ -376,7 +345,7 @@ impl<'a> Player<'a> {
 
     /// A face that does not move: what its points do all the same.
     fn still(&mut self) {
-        let mut fitter = self.fitter();
+        let mut fitter = self.fitter(0.0);
         self.pose.reset();
         let weights = vec![0.0; self.simulator.asset().expressions.len()];
         let turn = rotation_from_yaw_pitch_roll(0.1, 0.05, 0.02);

@@ -18,11 +18,7 @@ mod drawn;
 mod stills;
 mod tallies;
 
-use std::path::Path;
-
-use crate::appliance::settings::Settings;
-use crate::face_model::FaceModel;
-use crate::studio::evaluate::sessions::Sessions;
+use crate::studio::evaluate::sessions::Trial;
 use crate::studio::fault::Fault;
 use tallies::Condition::*;
 use tallies::{Row, Seen, Share};
@@ -31,20 +27,14 @@ use tallies::{Row, Seen, Share};
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
-pub fn measure(
-    data: &Path,
-    model: &FaceModel,
-    settings: &Settings,
-    sessions: &Sessions,
-    say: &mut dyn FnMut(&str),
-) -> Result<(), Fault> {
-    let seen = drawn::play(data, model, settings, sessions)?;
+pub fn measure(trial: &Trial, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
+    let seen = drawn::play(trial)?;
     say(&format!(
         "{} people never trained on; errors are mean / 95th percentile, % of the outer-eye distance",
         seen.people
     ));
     say("| what | figure | bar |\n| --- | --- | --- |");
-    let stills = stills::rows(data, model, sessions.split)?;
+    let stills = stills::rows(trial)?;
     for (what, figure, bar) in rows(&seen).into_iter().chain(stills) {
         say(&format!("| {what} | {figure} | {bar} |"));
     }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::tallies::Row;
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
-use crate::studio::evaluate::sessions::{Spread, median};
+use crate::studio::evaluate::sessions::{Spread, Trial, median};
 use crate::studio::fault::Fault;
 use crate::studio::fit::still::{FaceBox, StillFitter, disturbed_box};
 use crate::studio::people_split::Split;
@@ -69,7 +69,8 @@ fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Vec<f64>; 2] {
 }
 
 /// The rows of the table; data sets that are not there are left out.
-pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<Row>, Fault> {
+pub(super) fn rows(trial: &Trial) -> Result<Vec<Row>, Fault> {
+    let (data, model, split) = (trial.data, trial.model, trial.sessions.split);
     let mut rows = Vec::new();
     if let Ok(entries) = read_folder(&data.join("faces_frl189")) {
         let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();

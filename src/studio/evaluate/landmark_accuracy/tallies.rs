@@ -58,6 +58,8 @@ pub(super) enum Share {
 #[derive(Default)]
 pub(super) struct Seen {
     pub(super) people: usize,
+    /// Confidence from which a face is believed.
+    pub(super) least: f32,
     pub(super) faces: Calibration,
     pub(super) points: Calibration,
     pub(super) errors: BTreeMap<Condition, Vec<f64>>,
@@ -76,14 +78,12 @@ impl Seen {
         *all += 1;
     }
 
-    /// Takes in what a fit said and how far off it was, which it returns; `least` is the confidence from which a face is
-    /// believed.
+    /// Takes in what a fit said and how far off it was, which it returns.
     pub(super) fn judge(
         &mut self,
         fit: &Landmarks,
         truth: &Truth,
         covered: &[bool; LANDMARKS],
-        least: f32,
     ) -> f64 {
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let error = f64::from(mean_percent(&d));
@@ -93,9 +93,9 @@ impl Seen {
             self.points.add(fit.point_confidence[i], good);
         }
         if error <= 5.0 {
-            self.count(Share::Lost, fit.confidence < least);
+            self.count(Share::Lost, fit.confidence < self.least);
         } else if error > 10.0 {
-            self.count(Share::Kept, fit.confidence >= least);
+            self.count(Share::Kept, fit.confidence >= self.least);
         }
         error
     }
