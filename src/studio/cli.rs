@@ -17,10 +17,9 @@ use super::heads::average::make_simulated_head;
 use super::heads::{default_head, hero};
 use super::inspect::inspect;
 use super::people_split::{Data, Split};
-use super::stopped::{self, Goes};
 use super::train::{self, TrainArgs};
 use super::units::readings;
-use super::{animate, bake, nrsfm, place, preview, record};
+use super::{animate, bake, nrsfm, place, preview, record, stopped};
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
 use crate::appliance::source;
@@ -83,7 +82,7 @@ enum Command {
     Bake(bake::command::Request),
     /// Serve a web page for dragging the 68 landmarks into place on a neutral head, with a preview of the shapes
     #[command(after_help = "Example: mien-studio place --mesh head.obj --out head68.txt")]
-    Place(Place),
+    Place(place::Args),
     /// Write a coloured head to experiment with, and its landmarks in a .txt beside it: baked with 67 shapes and a
     /// neck that stays still (.glb), or neutral with its materials (.obj)
     #[command(after_help = "Example: mien-studio head --out head.obj")]
@@ -206,22 +205,6 @@ struct Units {
     out: Option<PathBuf>,
 }
 
-#[derive(Args)]
-struct Place {
-    /// Neutral head, as for bake
-    #[arg(long)]
-    mesh: PathBuf,
-    /// Initial points: a file of 68 vertex numbers, as for bake, or auto to find them in a rendering of the mesh
-    #[arg(long, default_value = "auto")]
-    landmarks: PathBuf,
-    /// File that Save writes, for bake --landmarks [default: beside the mesh, NAME.landmarks.txt]
-    #[arg(long)]
-    out: Option<PathBuf>,
-    /// Port of the page, on this machine only; 0 takes a free one
-    #[arg(long, default_value_t = place::PORT)]
-    port: u16,
-}
-
 fn service_fault(failure: service::Failure) -> Fault {
     Fault::with_code(failure.to_string(), failure.exit_code())
 }
@@ -274,11 +257,11 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     };
     match line.command {
         Command::Train(args) => {
-            stopped::tell(Goes::File(args.out.clone()));
+            stopped::report_what_is_kept(Some(args.out.clone()));
             train::run(&args, &mut say)
         }
         Command::Fit(args) => {
-            stopped::tell(Goes::File(args.out.clone()));
+            stopped::report_what_is_kept(Some(args.out.clone()));
             fit::fit(&args, &mut say)
         }
         Command::Inspect(Inspect { path, out, setup }) => {
@@ -297,13 +280,11 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         Command::Evaluate(words) => run_evaluate(&words),
         Command::Units(words) => run_units(words),
         Command::Nrsfm(args) => {
-            stopped::tell(Goes::File(args.out.clone()));
+            stopped::report_what_is_kept(Some(args.out.clone()));
             nrsfm::run(&args)
         }
         Command::Bake(request) => bake::command::run(&request).map(drop),
-        Command::Place(args) => {
-            place::run(&args.mesh, &args.landmarks, args.out, args.port, &mut say)
-        }
+        Command::Place(args) => place::run(args, &mut say),
         Command::Head {
             out,
             make,
@@ -348,7 +329,7 @@ fn run_record(args: &record::Args) -> Result<(), Fault> {
 
 fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
-    stopped::tell(Goes::Printed);
+    stopped::report_what_is_kept(None);
     let all = usize::MAX;
     let (people, seconds) = match words {
         _ if words.landmarks => (all, 5.0),
@@ -401,7 +382,7 @@ fn rows<'a>(rows: &'a [String], names: &[&str]) -> Result<&'a [String], Fault> {
 
 fn run_units(words: Units) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
-    stopped::tell(words.out.clone().map_or(Goes::Printed, Goes::File));
+    stopped::report_what_is_kept(words.out.clone());
     let mut progress = |line: &str| eprintln!("{line}");
     let data = &words.data.data;
     let text = readings::learn(data, &model, &settings, &words.practice, &mut progress)?;

@@ -3,6 +3,8 @@
 //! No quotes: none of the tables has commas or line ends in a cell. What a missing column or a damaged cell means is for
 //! the reader of each table to say.
 
+use crate::base::capacity::LANDMARKS;
+
 /// Cells of a line, trimmed.
 pub fn cells(line: &str) -> Vec<&str> {
     line.split(',').map(str::trim).collect()
@@ -42,6 +44,28 @@ impl<'a> Table<'a> {
     /// Where a column stands in a row.
     pub fn find(&self, column: &str) -> Option<usize> {
         self.columns.iter().position(|name| *name == column)
+    }
+
+    /// Where several columns stand in a row, if all of them are there.
+    pub fn find_all<N: AsRef<str>>(
+        &self,
+        columns: impl IntoIterator<Item = N>,
+    ) -> Option<Vec<usize>> {
+        let found = columns.into_iter().map(|name| self.find(name.as_ref()));
+        found.collect()
+    }
+
+    /// Where x and y of the 68 points stand in a row, if all of them are there.
+    pub fn find_points(&self) -> Option<Vec<usize>> {
+        self.find_all((0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]))
+    }
+
+    /// Columns whose names begin so: the rest of the name, and where they stand.
+    pub fn beginning_with(&self, prefix: &str) -> Vec<(&'a str, usize)> {
+        let columns = self.columns.iter().zip(0..);
+        columns
+            .filter_map(|(name, at)| Some((name.strip_prefix(prefix)?, at)))
+            .collect()
     }
 
     /// The lines below the header.

@@ -3,7 +3,7 @@
 use std::fs::metadata;
 use std::io::{IsTerminal, Write};
 use std::os::unix::fs::MetadataExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
@@ -13,48 +13,33 @@ use signal_hook::flag;
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::emulate_default_handler;
 
-/// Where a command's result goes.
-pub enum Goes {
-    /// To standard output, when all is done.
-    Printed,
-    /// Into this file, whole or not at all.
-    File(PathBuf),
-}
-
 /// A file's number and its last change: another after it was replaced.
 type Version = Option<(u64, SystemTime)>;
 
-impl Goes {
-    fn version(&self) -> Version {
-        let Self::File(path) = self else { return None };
-        let file = metadata(path).ok()?;
-        Some((file.ino(), file.modified().ok()?))
-    }
-
-    /// What is kept of it now, if it was of this version when the work began.
-    fn kept(&self, before: Version) -> String {
-        let Self::File(path) = self else {
-            return "nothing was written".into();
-        };
-        let path = path.display();
-        match before {
-            _ if self.version() != before => {
-                format!("{path} was written, but the remaining steps were not run")
-            }
-            Some(_) => format!("{path} was not changed"),
-            None => format!("{path} was not written"),
-        }
-    }
+fn version(path: &Path) -> Version {
+    let file = metadata(path).ok()?;
+    Some((file.ino(), file.modified().ok()?))
 }
 
-/// From now on Ctrl-C and SIGTERM say what is kept of the result before they end the program.
-pub fn tell(result: Goes) {
+/// What is kept of a file now that was of this version when the work began.
+fn kept(path: &Path, before: Version) -> String {
+    let what = match before {
+        _ if version(path) != before => "was written, but the remaining steps were not run",
+        Some(_) => "was not changed",
+        None => "was not written",
+    };
+    format!("{} {what}", path.display())
+}
+
+/// From now on Ctrl-C and SIGTERM say what is kept of the result before they end the program: of the file into which it is
+/// written whole or not at all; `None` if it is printed when all is done.
+pub fn report_what_is_kept(result: Option<PathBuf>) {
     // Without it a signal ends the program as well, only in silence.
     let _ = listen(result);
 }
 
-fn listen(result: Goes) -> std::io::Result<()> {
-    let before = result.version();
+fn listen(result: Option<PathBuf>) -> std::io::Result<()> {
+    let result = result.map(|path| (version(&path), path));
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
     let wait = move || {
         let Some(signal) = signals.forever().next() else {
@@ -63,7 +48,9 @@ fn listen(result: Goes) -> std::io::Result<()> {
         let mut stderr = std::io::stderr();
         // A bar may stand in the line.
         let begin = if stderr.is_terminal() { "\n" } else { "" };
-        let line = format!("{begin}mien-studio: stopped; {}\n", result.kept(before));
+        let kept = result.map(|(before, path)| kept(&path, before));
+        let kept = kept.unwrap_or_else(|| "nothing was written".into());
+        let line = format!("{begin}mien-studio: stopped; {kept}\n");
         let _ = stderr.write_all(line.as_bytes());
         let _ = emulate_default_handler(signal);
     };
@@ -86,21 +73,20 @@ pub fn flag_on_signals() -> Arc<AtomicBool> {
 
 #[cfg(test)]
 mod tests {
-    use super::Goes;
+    use super::{kept, version};
     use crate::studio::atomic_write;
 
     #[test]
     fn what_is_kept_is_what_changed_since_the_work_began() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("face.model");
-        let result = Goes::File(path.clone());
-        let none = result.version();
-        assert!(result.kept(none).ends_with("face.model was not written"));
+        let none = version(&path);
+        assert!(kept(&path, none).ends_with("face.model was not written"));
         atomic_write::write(&path, "first").unwrap();
-        assert!(result.kept(none).contains("face.model was written, but"));
-        let first = result.version();
-        assert!(result.kept(first).ends_with("face.model was not changed"));
+        assert!(kept(&path, none).contains("face.model was written, but"));
+        let first = version(&path);
+        assert!(kept(&path, first).ends_with("face.model was not changed"));
         atomic_write::write(&path, "other").unwrap();
-        assert!(result.kept(first).contains("face.model was written, but"));
+        assert!(kept(&path, first).contains("face.model was written, but"));
     }
 }

@@ -95,8 +95,7 @@ impl Columns {
             let mut found = names.iter().map(columns);
             found.find(|found| !found.is_empty()).unwrap_or_default()
         };
-        let pose = ["qx", "qy", "qz", "qw"].iter();
-        let pose: Option<Vec<usize>> = pose.map(|name| table.find(name)).collect();
+        let pose = table.find_all(["qx", "qy", "qz", "qw"]);
         Some(Self {
             time: table.find("time_us")?,
             slot: table.find("user")?,

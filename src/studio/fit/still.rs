@@ -205,7 +205,7 @@ impl<'a> StillFitter<'a> {
             width: face_box.width * scale,
             height: face_box.height * scale,
         };
-        let mut face = self.fit(&grey.picture(), &small, roll);
+        let mut face = self.fit(&(&grey).into(), &small, roll);
         for p in face.points.iter_mut().flatten() {
             *p = (*p + 0.5) / scale - 0.5;
         }

@@ -78,13 +78,13 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     let renderer = Renderer::new(data.path(), |person| person == 32, 1).expect("data are readable");
     let all = renderer.samples(0..4, 9);
     let one = renderer.samples(2..3, 9);
-    assert_eq!(all[2].grey.luma, one[0].grey.luma);
-    assert_ne!(all[2].grey.luma, renderer.samples(2..3, 10)[0].grey.luma);
+    assert_eq!(all[2].grey, one[0].grey);
+    assert_ne!(all[2].grey, renderer.samples(2..3, 10)[0].grey);
     // Hats, hair, beards, glasses and hands: the shipped model learned from such pictures.
     let samples = renderer.samples(0..40, 9);
     let grey = samples
         .iter()
-        .flat_map(|sample| cells::<16, 16>(&sample.grey.luma, sample.grey.width));
+        .flat_map(|sample| cells::<16, 16>(&sample.grey, sample.grey.width() as usize));
     hold_every("heads/training_pictures", &grey.collect::<Vec<_>>());
     let camera = crate::sensor::kinect::geometry::nominal();
     for sample in &all {

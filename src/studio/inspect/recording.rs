@@ -11,7 +11,7 @@ use image::RgbImage;
 use super::album::{Album, Shown};
 use super::canvas;
 use super::depth_colours::DepthColours;
-use super::run::weight_groups;
+use super::run::{plot, weight_groups};
 use crate::appliance::settings::Settings;
 use crate::appliance::source::Source;
 use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
@@ -22,7 +22,7 @@ use crate::segment::{HeadCloud, PixelRect, Segmenter};
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
-use crate::studio::chart::{self, Curve, Plot};
+use crate::studio::chart::{self, Plot};
 use crate::studio::fault::Fault;
 use crate::studio::picture_files::jpeg;
 use crate::users::TrackingState;
@@ -84,35 +84,6 @@ const WEIGHTS: usize = STATES + USERS;
 
 /// Values of the curves at a frame.
 type Values = Vec<Option<f64>>;
-
-/// What its curves are called.
-fn name_of(curve: usize, units: &[&str]) -> String {
-    match curve {
-        0..STATES => CURVES[curve].to_owned(),
-        STATES..WEIGHTS => format!("person {}", curve - STATES + 1),
-        _ => format!("w_{}", units[curve - WEIGHTS]),
-    }
-}
-
-/// A plot of those of its curves that have any value.
-fn plot(
-    all: &[(f64, Values)],
-    units: &[&str],
-    (title, curves, at_least): (String, Vec<usize>, Option<(f64, f64)>),
-) -> Plot {
-    let is_known = |&k: &usize| all.iter().any(|(_, values)| values[k].is_some());
-    let curve = |k: usize| Curve {
-        name: name_of(k, units),
-        values: all.iter().map(|(_, values)| values[k]).collect(),
-    };
-    Plot {
-        title,
-        x: all.iter().map(|(seconds, _)| *seconds).collect(),
-        x_name: "s".into(),
-        curves: curves.into_iter().filter(is_known).map(curve).collect(),
-        at_least,
-    }
-}
 
 /// The colour a head is drawn in.
 fn colour_of(state: TrackingState) -> [u8; 3] {
@@ -366,16 +337,28 @@ pub(super) fn inspect(
     counts.tell(&mut album, recording.skipped(), duration);
     let played = format!("{} of {}", album.frames.len(), counts.frames);
     album.fact("frames in this page", played);
-    let units = pipeline.unit_names();
-    let fixed = PLOTS.map(|(title, curves, least)| (title.to_owned(), curves.collect(), least));
-    let of_weights = weight_groups(&units).into_iter();
-    let of_weights = of_weights.map(|(title, places)| {
-        let curves = places.into_iter().map(|k| WEIGHTS + k).collect();
-        (title, curves, Some((0.0, 1.0)))
-    });
-    let plots = of_weights.chain(fixed).map(|of| plot(&all, &units, of));
-    album.plots = plots.filter(|plot| !plot.curves.is_empty()).collect();
+    album.plots = plots(&all, &pipeline.unit_names());
     Ok(album)
+}
+
+/// Plots of those curves that have any value.
+fn plots(all: &[(f64, Values)], units: &[&str]) -> Vec<Plot> {
+    let mut names = CURVES.map(str::to_owned).to_vec();
+    names.extend((1..=USERS).map(|user| format!("person {user}")));
+    names.extend(units.iter().map(|unit| format!("w_{unit}")));
+    let mut groups = weight_groups(&names);
+    groups.extend(PLOTS.map(|(title, curves, least)| (title.to_owned(), curves.collect(), least)));
+    let is_known = |k: usize| all.iter().any(|(_, values)| values[k].is_some());
+    for (_, curves, _) in &mut groups {
+        curves.retain(|&k| is_known(k));
+    }
+    groups.retain(|(_, curves, _)| !curves.is_empty());
+    let places = all.iter().map(|(seconds, values)| (*seconds, &values[..]));
+    let places: Vec<_> = places.collect();
+    groups
+        .into_iter()
+        .map(|group| plot(&names, &places, group))
+        .collect()
 }
 
 /// Title, curves and least span of a plot.

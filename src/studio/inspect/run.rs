@@ -6,7 +6,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::album::Album;
-use crate::base::capacity::LANDMARKS;
 use crate::studio::chart::{Curve, Plot};
 use crate::studio::csv;
 use crate::studio::fault::Fault;
@@ -18,13 +17,13 @@ struct Row {
     cells: Vec<Option<f64>>,
 }
 
-struct Table {
-    header: Vec<String>,
+struct Table<'a> {
+    csv: csv::Table<'a>,
     rows: Vec<Row>,
 }
 
-impl Table {
-    fn read(text: &str) -> Result<Self, Fault> {
+impl<'a> Table<'a> {
+    fn read(text: &'a str) -> Result<Self, Fault> {
         let run = csv::Table::new(text);
         let needed = |name| {
             run.find(name).ok_or_else(|| {
@@ -36,7 +35,7 @@ impl Table {
         needed("frame")?;
         let time = needed("time_us")?;
         let (user, state) = (run.find("user"), run.find("state"));
-        let header: Vec<String> = run.columns.iter().map(ToString::to_string).collect();
+        let header = &run.columns;
         let mut rows = Vec::new();
         for csv::Row { line, cells, .. } in run.rows() {
             if cells.len() != header.len() {
@@ -71,44 +70,28 @@ impl Table {
             let none = "a header but no rows; run longer with `mien run --csv`";
             return Err(Fault::new(none));
         }
-        Ok(Self { header, rows })
+        Ok(Self { csv: run, rows })
     }
 
-    /// Columns whose names begin so.
-    fn columns(&self, with: &str) -> impl Iterator<Item = usize> {
-        (0..self.header.len()).filter(move |&k| self.header[k].starts_with(with))
-    }
-}
-
-/// Faces in the page at most.
-const FACES: usize = 2000;
-
-impl Table {
     /// The faces of rows that have all points: seconds, user, points.
     fn faces(&self) -> Vec<(f64, usize, Vec<i32>)> {
-        let column = |name: String| self.header.iter().position(|one| *one == name);
-        let names = (0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]);
-        let Some(columns) = names.map(column).collect::<Option<Vec<usize>>>() else {
+        let Some(columns) = self.csv.find_points() else {
             return Vec::new();
         };
         let face = |row: &Row| {
-            let points = columns
-                .iter()
-                .map(|&k| row.cells[k].map(|at| at.round() as i32));
-            Some((
-                row.seconds,
-                row.user.unwrap_or(0),
-                points.collect::<Option<_>>()?,
-            ))
+            let rounded = |&k: &usize| row.cells[k].map(|at| at.round() as i32);
+            let points: Option<_> = columns.iter().map(rounded).collect();
+            Some((row.seconds, row.user.unwrap_or(0), points?))
         };
         let every = self.rows.len().div_ceil(FACES).max(1);
         self.rows.iter().step_by(every).filter_map(face).collect()
     }
 }
 
+/// Faces in the page at most.
+const FACES: usize = 2000;
 /// Least span of a plot.
 type Least = Option<(f64, f64)>;
-
 const SHARE: Least = Some((0.0, 1.0));
 
 /// Heading, columns and least span of the first plots.
@@ -140,85 +123,83 @@ const WEIGHTS: [(&str, &str); 8] = [
     ("jaw", "AU26 AU29 AU30L AU30R"),
 ];
 
-/// Headings of the plots of units, and which of the units are in each.
-pub(super) fn weight_groups(units: &[&str]) -> Vec<(String, Vec<usize>)> {
-    let find = |name| units.iter().position(|unit| *unit == name);
-    let groups = WEIGHTS.iter().map(|(of, names)| {
-        let places: Vec<usize> = names.split(' ').filter_map(find).collect();
-        (format!("Weights: {of}"), places)
+/// Heading, columns, least span.
+pub(super) type Group = (String, Vec<usize>, Least);
+
+/// The plots of the units' weights, which are the columns whose names begin with `w_`.
+pub(super) fn weight_groups(columns: &[impl AsRef<str>]) -> Vec<Group> {
+    let unit = |k: usize| columns[k].as_ref().strip_prefix("w_");
+    let mut left: Vec<usize> = (0..columns.len()).filter(|&k| unit(k).is_some()).collect();
+    let find = |name| left.iter().copied().find(|&k| unit(k) == Some(name));
+    let groups = WEIGHTS.map(|(of, names)| {
+        let columns: Vec<usize> = names.split(' ').filter_map(find).collect();
+        (format!("Weights: {of}"), columns, SHARE)
     });
-    let mut groups: Vec<_> = groups.collect();
-    let is_shown = |k: &usize| groups.iter().any(|(_, places)| places.contains(k));
-    let others: Vec<usize> = (0..units.len()).filter(|k| !is_shown(k)).collect();
-    let others = others
-        .chunks(6)
-        .map(|some| ("Weights: others".to_owned(), some.to_vec()));
-    groups.extend(others.collect::<Vec<_>>());
-    groups.retain(|(_, places)| !places.is_empty());
+    let mut groups = Vec::from(groups);
+    left.retain(|k| !groups.iter().any(|(_, columns, _)| columns.contains(k)));
+    let others = left.chunks(6).map(<[usize]>::to_vec);
+    groups.extend(others.map(|some| ("Weights: others".to_owned(), some, SHARE)));
+    groups.retain(|(_, columns, _)| !columns.is_empty());
     groups
 }
 
-/// Heading, columns, least span.
-type Group = (String, Vec<usize>, Least);
-
 /// Groups of columns that share a plot.
-fn groups(table: &Table) -> Vec<Group> {
-    let find = |names: &str, prefix: &str| {
-        let columns = names.split(' ').map(|name| format!("{prefix}{name}"));
-        let at = |name: String| table.header.iter().position(|one| *one == name);
-        columns.filter_map(at).collect::<Vec<usize>>()
-    };
-    let first = PLOTS.map(|(title, names, least)| (title.to_owned(), find(names, ""), least));
-    let columns: Vec<usize> = table.columns("w_").collect();
-    let units: Vec<&str> = columns.iter().map(|&k| &table.header[k][2..]).collect();
-    let weights = weight_groups(&units).into_iter();
-    let weights = weights.map(|(title, places)| {
-        (
-            title,
-            places.into_iter().map(|k| columns[k]).collect(),
-            SHARE,
-        )
-    });
-    let mut groups: Vec<Group> = weights.chain(first).collect();
+fn groups(csv: &csv::Table) -> Vec<Group> {
+    let mut groups = weight_groups(&csv.columns);
+    groups.extend(PLOTS.map(|(title, names, least)| {
+        let columns = names.split(' ').filter_map(|name| csv.find(name));
+        (title.to_owned(), columns.collect(), least)
+    }));
     let mut measures: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-    for k in table.columns("m_") {
-        let stem = table.header[k].trim_end_matches("_L");
-        let stem = stem.trim_end_matches("_R");
+    for (name, k) in csv.beginning_with("m_") {
+        let stem = name.trim_end_matches("_L").trim_end_matches("_R");
         measures.entry(stem).or_default().push(k);
     }
     for (stem, columns) in measures {
-        groups.push((format!("Measure {stem}"), columns, None));
+        groups.push((format!("Measure m_{stem}"), columns, None));
     }
     groups.retain(|group| !group.1.is_empty());
     groups
+}
+
+/// A plot over time: `places` are seconds with the values of all columns, none where there is a gap.
+pub(super) fn plot(
+    names: &[impl AsRef<str>],
+    places: &[(f64, &[Option<f64>])],
+    (title, columns, at_least): Group,
+) -> Plot {
+    let curve = |k: usize| Curve {
+        name: names[k].as_ref().to_owned(),
+        values: places.iter().map(|place| *place.1.get(k)?).collect(),
+    };
+    Plot {
+        title,
+        x: places.iter().map(|place| place.0).collect(),
+        x_name: "s".into(),
+        curves: columns.into_iter().map(curve).collect(),
+        at_least,
+    }
 }
 
 /// Rows of one user further apart than this are not joined, seconds.
 const AWAY_S: f64 = 0.25;
 
 /// Plots of one user's rows, whose headings end with `suffix`.
-fn plots<'a>(table: &'a Table, rows: &[&'a Row], suffix: &str) -> Vec<Plot> {
+fn plots(csv: &csv::Table, rows: &[&Row], suffix: &str) -> Vec<Plot> {
     // Where the person was away the curves have a gap: a place without values.
-    let mut places: Vec<(f64, Option<&Row>)> = Vec::new();
+    let mut places: Vec<(f64, &[Option<f64>])> = Vec::new();
     for &row in rows {
         let before = places.last().map_or(row.seconds, |last| last.0);
         if row.seconds - before > AWAY_S {
-            places.push((0.5 * (before + row.seconds), None));
+            places.push((0.5 * (before + row.seconds), &[]));
         }
-        places.push((row.seconds, Some(row)));
+        places.push((row.seconds, &row.cells));
     }
-    let curve = |k: usize| Curve {
-        name: table.header[k].clone(),
-        values: places.iter().map(|place| place.1?.cells[k]).collect(),
-    };
-    let plot = |(title, columns, at_least): Group| Plot {
-        title: title + suffix,
-        x: places.iter().map(|place| place.0).collect(),
-        x_name: "s".into(),
-        curves: columns.into_iter().map(curve).collect(),
-        at_least,
-    };
-    groups(table).into_iter().map(plot).collect()
+    let groups = groups(csv).into_iter();
+    let groups = groups.map(|(title, columns, least)| (title + suffix, columns, least));
+    groups
+        .map(|group| plot(&csv.columns, &places, group))
+        .collect()
 }
 
 /// What a column's values of one user cover; `None` without any.
@@ -263,10 +244,11 @@ pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Fault> {
             Some(user) if users.len() > 1 => format!(" (person {})", user + 1),
             _ => String::new(),
         };
-        album.plots.extend(plots(&table, &rows, &suffix));
-        for k in table.columns("m_").chain(table.columns("w_")) {
+        album.plots.extend(plots(&table.csv, &rows, &suffix));
+        let tabled = ["m_", "w_"].map(|prefix| table.csv.beginning_with(prefix));
+        for (_, k) in tabled.concat() {
             if let Some(covered) = covered(&rows, k) {
-                let name = format!("{}{suffix}", table.header[k]);
+                let name = format!("{}{suffix}", table.csv.columns[k]);
                 album.table.push([&[name], &covered[..]].concat());
             }
         }

@@ -35,6 +35,23 @@ use surface::{Ray, Surface};
 /// Port of the page.
 pub const PORT: u16 = 9181;
 
+/// Whose points to place, and where to save them.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Neutral head, as for bake
+    #[arg(long)]
+    mesh: PathBuf,
+    /// Initial points: a file of 68 vertex numbers, as for bake, or auto to find them in a rendering of the mesh
+    #[arg(long, default_value = "auto")]
+    landmarks: PathBuf,
+    /// File that Save writes, for bake --landmarks [default: beside the mesh, NAME.landmarks.txt]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Port of the page, on this machine only; 0 takes a free one
+    #[arg(long, default_value_t = PORT)]
+    port: u16,
+}
+
 /// The files of the page that are not the preview's.
 const PAGE: [(&str, &str); 3] = [
     ("/", include_str!("page/index.html")),
@@ -311,15 +328,9 @@ impl Site for Place {
 ///
 /// # Errors
 /// If the head or its points cannot be read, or the port is taken.
-pub fn run(
-    mesh: &Path,
-    landmarks: &Path,
-    out: Option<PathBuf>,
-    port: u16,
-    say: &mut dyn FnMut(&str),
-) -> Result<(), Fault> {
-    let place = Arc::new(Place::new(mesh, landmarks, out)?);
-    let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+pub fn run(args: Args, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
+    let place = Arc::new(Place::new(&args.mesh, &args.landmarks, args.out)?);
+    let address = SocketAddr::from((Ipv4Addr::LOCALHOST, args.port));
     let (listener, page) = http::listen(address)?;
     let (name, out) = (&place.name, place.out.display());
     say(&format!(

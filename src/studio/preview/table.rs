@@ -8,7 +8,7 @@ use std::path::Path;
 
 use super::hub::Hub;
 use super::sample::Sample;
-use crate::base::capacity::{LANDMARKS, USERS};
+use crate::base::capacity::USERS;
 use crate::studio::csv;
 use crate::studio::fault::Fault;
 use crate::studio::text_files::decoded;
@@ -64,6 +64,10 @@ pub fn play(mut table: Columns, mut reader: Box<dyn BufRead + Send>, hub: &Hub) 
     }
 }
 
+/// Columns of the pose, and of the head's box.
+const POSE: [&str; 7] = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"];
+const HEAD_BOX: [&str; 4] = ["head_x0", "head_y0", "head_x1", "head_y1"];
+
 /// Where things stand in a row.
 pub struct Columns {
     cells: usize,
@@ -84,32 +88,22 @@ impl Columns {
     /// Finds the columns in the first line; `None` if those that are needed are missing.
     pub fn new(header: &str) -> Option<Self> {
         let table = csv::Table::new(header);
-        let find = |name: &str| table.find(name);
-        let units = table.columns.iter().enumerate();
-        let units: Vec<(String, usize)> = units
-            .filter_map(|(at, name)| Some((name.strip_prefix("w_")?.to_owned(), at)))
-            .collect();
-        let (Some(time), Some(user), false) = (find("time_us"), find("user"), units.is_empty())
-        else {
+        let units = table.beginning_with("w_");
+        if units.is_empty() {
             return None;
-        };
-        let all = |names: &[String]| {
-            let found: Option<Vec<_>> = names.iter().map(|name| find(name)).collect();
-            found.unwrap_or_default()
-        };
-        let pose = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"].map(str::to_owned);
-        let points = (0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]);
+        }
+        let own = |(name, at): (&str, usize)| (name.to_owned(), at);
         Some(Self {
             cells: table.columns.len(),
-            time,
-            user,
-            frame: find("frame"),
-            state: find("state"),
-            confidence: find("confidence"),
-            pose: all(&pose),
-            points: all(&points.collect::<Vec<_>>()),
-            head_box: all(&["head_x0", "head_y0", "head_x1", "head_y1"].map(str::to_owned)),
-            units,
+            time: table.find("time_us")?,
+            user: table.find("user")?,
+            frame: table.find("frame"),
+            state: table.find("state"),
+            confidence: table.find("confidence"),
+            pose: table.find_all(POSE).unwrap_or_default(),
+            points: table.find_points().unwrap_or_default(),
+            head_box: table.find_all(HEAD_BOX).unwrap_or_default(),
+            units: units.into_iter().map(own).collect(),
             rows: 0,
         })
     }
@@ -130,11 +124,8 @@ impl Columns {
             "" => Some(f32::NAN),
             cell => cell.parse::<f32>().ok().filter(|value| value.is_finite()),
         };
-        let several = |columns: &[usize]| {
-            columns
-                .iter()
-                .map(|&at| number(at))
-                .collect::<Option<Vec<f32>>>()
+        let several = |columns: &[usize]| -> Option<Vec<f32>> {
+            columns.iter().map(|&at| number(at)).collect()
         };
         let micros: u64 = cells[self.time].parse().ok()?;
         let user = match cells[self.user] {
@@ -143,7 +134,10 @@ impl Columns {
         };
         let state = match self.state.map(|at| cells[at]) {
             None => u8::from(user.is_some()) * TrackingState::Tracking.code(),
-            Some(word) => state(word)?,
+            Some(word) => {
+                let mut known = TrackingState::ALL.iter();
+                known.find(|state| state.name() == word)?.code()
+            }
         };
         let columns: Vec<usize> = self.units.iter().map(|unit| unit.1).collect();
         let mut weights = several(&columns)?;
@@ -151,8 +145,8 @@ impl Columns {
             // No weights are not weights of 0.
             weights.clear();
         }
-        for weight in &mut weights {
-            *weight = if weight.is_nan() { 0.0 } else { *weight };
+        for weight in weights.iter_mut().filter(|weight| weight.is_nan()) {
+            *weight = 0.0;
         }
         // All of a group of columns, if each has a number.
         let whole = |columns: &[usize]| {
@@ -178,13 +172,6 @@ impl Columns {
             ..Sample::default()
         })
     }
-}
-
-fn state(word: &str) -> Option<u8> {
-    TrackingState::ALL
-        .iter()
-        .find(|state| state.name() == word)
-        .map(|state| state.code())
 }
 
 #[cfg(test)]

@@ -6,6 +6,9 @@
 
 use std::path::{Path, PathBuf};
 
+use image::GrayImage;
+use image::imageops::{FilterType, resize};
+
 use crate::base::bounded_read;
 use crate::base::capacity::LANDMARKS;
 use crate::landmarks::window::Picture;
@@ -49,24 +52,13 @@ pub struct Entry {
     pub points: Option<[[f32; 2]; LANDMARKS]>,
 }
 
-/// A grey picture.
-#[derive(Clone, Debug)]
-pub struct GreyPicture {
-    /// Luma, row by row.
-    pub luma: Vec<u8>,
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-}
-
-impl GreyPicture {
-    /// To sample from.
-    pub fn picture(&self) -> Picture<'_> {
-        Picture {
-            luma: &self.luma,
-            width: self.width,
-            height: self.height,
+/// A loaded picture, to sample from.
+impl<'a> From<&'a GrayImage> for Picture<'a> {
+    fn from(grey: &'a GrayImage) -> Self {
+        Self {
+            luma: grey,
+            width: grey.width() as usize,
+            height: grey.height() as usize,
         }
     }
 }
@@ -75,7 +67,7 @@ impl GreyPicture {
 ///
 /// # Errors
 /// If it does not decode.
-pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, Fault> {
+pub fn load_grey(path: &Path, scale: f32) -> Result<GrayImage, Fault> {
     let refuse = Fault::cannot("decode", path, "; expected a PNG, JPEG or PGM picture");
     let bytes = bounded_read::regular(path, text_files::MOST).map_err(unreadable(path))?;
     let mut grey = image::load_from_memory(&bytes).map_err(refuse)?.to_luma8();
@@ -87,15 +79,10 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, Fault> {
         )));
     }
     if scale < 0.99 {
-        let width = (grey.width() as f32 * scale).round().max(2.0) as u32;
-        let height = (grey.height() as f32 * scale).round().max(2.0) as u32;
-        grey = image::imageops::resize(&grey, width, height, image::imageops::FilterType::Triangle);
+        let [width, height] = [width, height].map(|side| (side as f32 * scale).round().max(2.0));
+        grey = resize(&grey, width as u32, height as u32, FilterType::Triangle);
     }
-    Ok(GreyPicture {
-        width: grey.width() as usize,
-        height: grey.height() as usize,
-        luma: grey.into_raw(),
-    })
+    Ok(grey)
 }
 
 /// Points are never farther from a picture's corner, pixels.

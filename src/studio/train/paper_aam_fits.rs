@@ -46,7 +46,7 @@ pub(super) fn told(head: &[Point; LANDMARKS]) -> [f32; TOLD.len()] {
 pub(super) fn cut(picture: &TruePicture, view: &View) -> (Vec<f32>, Shape2, View) {
     let placement = Placement::of_view(view);
     let mut window = vec![0.0; WINDOW * WINDOW];
-    placement.resample(&picture.grey.picture(), &Region::WHOLE, &mut window);
+    placement.resample(&(&picture.grey).into(), &Region::WHOLE, &mut window);
     let points = picture.points.map(|p| placement.window_pixel(p));
     (window, points, placement.start)
 }

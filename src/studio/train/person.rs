@@ -7,7 +7,8 @@
 //! Who goes through all expressions in the recording, turning the head a little, teaches most: what was not shown is not in
 //! the bases. Limits: what the default pipeline gets wrong is learnt.
 
-use super::dataset::GreyPicture;
+use image::GrayImage;
+
 use super::paper_aam::{TRACK_FRAMES, person_block};
 use super::paper_aam_fits::{Known, Seen, told};
 use super::render::TrainingSample;
@@ -85,11 +86,8 @@ fn taught(
     shape: &ShapeModel,
 ) -> Option<Seen> {
     let sample = TrainingSample {
-        grey: GreyPicture {
-            luma: frame.luma.to_vec(),
-            width: WIDTH,
-            height: HEIGHT,
-        },
+        grey: GrayImage::from_raw(WIDTH as u32, HEIGHT as u32, frame.luma.to_vec())
+            .expect("a byte a pixel"),
         origin: [0.0; 2],
         points: points.pixels,
         head: points.head,

@@ -15,11 +15,11 @@ use std::ops::Range;
 use std::path::Path;
 
 use fastrand::Rng;
+use image::GrayImage;
 use nalgebra::{Translation3, Vector3};
 use rayon::prelude::*;
 
 use super::acting::expression;
-use super::dataset::GreyPicture;
 use super::grey_picture::{Picture, Points};
 use super::photograph::{backdrop, develop, grey_of, mix_skins};
 use super::random::{either, normal};
@@ -40,7 +40,7 @@ use crate::studio::progress::Progress;
 /// One picture with its truth.
 pub struct TrainingSample {
     /// The crop.
-    pub grey: GreyPicture,
+    pub grey: GrayImage,
     /// Colour pixel of the crop's first pixel: crop pixel + origin = `Camera::colour_pixel` of the point.
     pub origin: [f32; 2],
     /// The 68 points, crop pixels.
@@ -170,11 +170,7 @@ impl Renderer {
         let spare = &mut scratch.spare;
         let luma = develop(&mut rng, width, height, &mut scratch.grey, spare);
         TrainingSample {
-            grey: GreyPicture {
-                luma,
-                width,
-                height,
-            },
+            grey: GrayImage::from_raw(width as u32, height as u32, luma).expect("a byte a pixel"),
             origin,
             points,
             head: points_head,

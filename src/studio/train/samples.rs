@@ -3,6 +3,8 @@
 //! A start is what the depth pose would say, disturbed; the head window is cut there, exactly as the appliance cuts it. Then
 //! the window is changed in light, sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
 
+use image::GrayImage;
+use image::imageops::flip_horizontal;
 use rayon::prelude::*;
 
 use crate::base::capacity::LANDMARKS;
@@ -12,11 +14,11 @@ use crate::face_model::{MAX_MODES, ShapeModel, scheme};
 use crate::landmarks::cascade::FaceFit;
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
-use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Placement, Region, WINDOW};
+use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Picture, Placement, Region, WINDOW};
 use crate::sensor::camera::Camera;
 use crate::studio::fault::Fault;
 
-use super::dataset::{Entry, GreyPicture, load_grey};
+use super::dataset::{Entry, load_grey};
 use super::points::fit_points;
 use super::render::TrainingSample;
 use super::shape::{Face, Similarity, mirrored};
@@ -30,7 +32,7 @@ const PORTRAIT_SCALE: f32 = 900.0;
 #[derive(Clone)]
 pub struct TruePicture {
     /// The picture.
-    pub grey: GreyPicture,
+    pub grey: GrayImage,
     /// View in picture pixels, and shape.
     pub truth: FaceFit,
     /// The 68 points, picture pixels.
@@ -66,17 +68,16 @@ impl TruePicture {
 
     /// A drawn face: its surroundings cut out upright, with the truth in that cut.
     pub fn drawn(drawn: &TrainingSample, camera: &Camera, shape: &ShapeModel) -> Option<Self> {
-        const MARGIN: usize = 60;
-        const SIDE: usize = WINDOW + 2 * MARGIN;
+        const MARGIN: u32 = 60;
+        const SIDE: u32 = WINDOW as u32 + 2 * MARGIN;
         let placement = Placement::of_pose(camera, &drawn.sensor_from_head)?;
-        let picture = drawn.grey.picture();
+        let picture = Picture::from(&drawn.grey);
         let margin = MARGIN as f32;
-        let grey = |k: usize| {
-            let [x, y] = [k % SIDE, k / SIDE].map(|at| at as f32 - margin);
-            let [x, y] = placement.picture_pixel([x, y]);
-            picture.at(x - drawn.origin[0], y - drawn.origin[1]).round() as u8
-        };
-        let luma = (0..SIDE * SIDE).map(grey).collect();
+        let grey = GrayImage::from_fn(SIDE, SIDE, |x, y| {
+            let [x, y] = placement.picture_pixel([x, y].map(|at| at as f32 - margin));
+            let level = picture.at(x - drawn.origin[0], y - drawn.origin[1]);
+            image::Luma([level.round() as u8])
+        });
         let points = drawn.points.map(|[x, y]| {
             let [x, y] = placement.window_pixel([x + drawn.origin[0], y + drawn.origin[1]]);
             [x + margin, y + margin]
@@ -91,11 +92,7 @@ impl TruePicture {
         let start = placement.start;
         let moved = start.rotation * back.translation * PIXELS_PER_METRE;
         Some(Self {
-            grey: GreyPicture {
-                luma,
-                width: SIDE,
-                height: SIDE,
-            },
+            grey,
             truth: FaceFit {
                 view: View {
                     log_scale: start.log_scale + back.scale.ln(),
@@ -113,12 +110,7 @@ impl TruePicture {
 
     /// The mirror image.
     pub fn mirrored(&self, shape: &ShapeModel) -> Self {
-        let width = self.grey.width;
-        let mut luma = self.grey.luma.clone();
-        for row in luma.chunks_exact_mut(width) {
-            row.reverse();
-        }
-        let flip = |x: f32| (width - 1) as f32 - x;
+        let flip = |x: f32| (self.grey.width() - 1) as f32 - x;
         let mut head = [Point::origin(); LANDMARKS];
         shape.shape(&self.truth.shape, &mut head);
         let face = mirrored(&head);
@@ -126,11 +118,7 @@ impl TruePicture {
         shape.coefficients(&face, &mut coefficients[..shape.modes.len()]);
         let axis = self.truth.view.rotation.scaled_axis();
         Self {
-            grey: GreyPicture {
-                luma,
-                width,
-                height: self.grey.height,
-            },
+            grey: flip_horizontal(&self.grey),
             truth: FaceFit {
                 view: View {
                     rotation: Rotation::from_scaled_axis(Vector::new(axis.x, -axis.y, -axis.z)),
@@ -278,7 +266,7 @@ pub fn sample(
     let mut random = fastrand::Rng::with_seed(seed);
     let view = disturbance.of(&picture.truth.view, &mut random);
     let placement = Placement::of_view(&view);
-    placement.resample(&picture.grey.picture(), &Region::WHOLE, window);
+    placement.resample(&(&picture.grey).into(), &Region::WHOLE, window);
     if spoiled && !picture.drawn {
         spoil(window, &mut random);
     }
@@ -332,11 +320,7 @@ mod tests {
         let mut head = [Point::origin(); LANDMARKS];
         shape.shape(&truth.shape, &mut head);
         let picture = TruePicture {
-            grey: GreyPicture {
-                luma: vec![100; 500 * 500],
-                width: 500,
-                height: 500,
-            },
+            grey: GrayImage::from_pixel(500, 500, image::Luma([100])),
             points: head.map(|p| truth.view.project(&p)),
             truth,
             visible: [true; LANDMARKS],

@@ -161,7 +161,7 @@ impl<'a> Search<'a> {
             });
             let grey = seen.grey();
             let face_box = seen.square(&middle, side);
-            let face = self.fitter.glance(&grey.picture(), &face_box);
+            let face = self.fitter.glance(&(&grey).into(), &face_box);
             let score = face.confidence * self.plausible(&seen, &face.points).0;
             let (middle, side) = seen.unsquare(&face.points);
             found.push(Glance {
@@ -252,7 +252,7 @@ impl<'a> Search<'a> {
         let mut fits: Vec<Fit> = Vec::with_capacity(BOXES.len() * MIDDLES.len());
         for (share, above) in BOXES.iter().flat_map(|&s| MIDDLES.map(|m| (s, m))) {
             let face_box = seen.square(&(middle + Vec3::y() * (above * width)), share * width);
-            let face = self.fitter.fit(&grey.picture(), &face_box, 0.0);
+            let face = self.fitter.fit(&(&grey).into(), &face_box, 0.0);
             let score = face.confidence * self.plausible(&seen, &face.points).0;
             fits.push((score, face.confidence, face.points));
         }

@@ -2,6 +2,7 @@
 //!
 //! Units: the mesh's; pictures in pixels.
 
+use image::GrayImage;
 use nalgebra::Matrix3;
 
 use super::super::looks::Surfaces;
@@ -9,7 +10,6 @@ use super::super::mesh::{Mesh, Rings, Vec3, extent_of};
 use super::super::render::{Canvas, paint};
 use crate::base::capacity::LANDMARKS;
 use crate::studio::fit::still::FaceBox;
-use crate::studio::train::dataset::GreyPicture;
 
 /// Side of the picture, pixels.
 pub(super) const PIXELS: u32 = 360;
@@ -138,13 +138,8 @@ impl Seen {
         self.canvas.screen(&(self.to_view * p))
     }
 
-    pub(super) fn grey(&self) -> GreyPicture {
-        let pixels = self.canvas.image.pixels();
-        GreyPicture {
-            luma: pixels.map(|p| image::Pixel::to_luma(p).0[0]).collect(),
-            width: PIXELS as usize,
-            height: PIXELS as usize,
-        }
+    pub(super) fn grey(&self) -> GrayImage {
+        image::imageops::grayscale(&self.canvas.image)
     }
 
     /// Pixels of a square in the view.

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::tallies::Row;
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
+use crate::landmarks::window::Picture;
 use crate::studio::evaluate::sessions::{Spread, Trial, median};
 use crate::studio::fault::Fault;
 use crate::studio::fit::still::{FaceBox, StillFitter, disturbed_box};
@@ -108,7 +109,7 @@ fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, Fault> {
     let mut steps = Vec::new();
     for path in &paths {
         let grey = load_grey(path, 1.0)?;
-        let picture = grey.picture();
+        let picture = Picture::from(&grey);
         let face = match &last {
             None => fitter.fit(&picture, &TALKING_BOX, 0.0),
             Some((_, view)) => fitter.follow(&picture, view),
