@@ -10,7 +10,6 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
 use serde_json::{Value, json};
 
 use super::hero::{Hero, JOINT, Layer, Look, NECK, turns};
@@ -27,9 +26,6 @@ use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
 use crate::studio::bake::shape::Shape;
 use crate::studio::fault::Fault;
-use crate::studio::picture_files::jpeg;
-
-const JPEG_QUALITY: u8 = 92;
 
 /// Adds a layer as a mesh; of shares of the joints, the head's are [`turns`].
 fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
@@ -70,7 +66,7 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
 fn surface(glb: &mut Glb, look: &Look) -> usize {
     let [r, g, b] = look.colour;
     let mut surface = json!({"metallicFactor": 0.0, "roughnessFactor": look.rough, "baseColorFactor": [r, g, b, 1.0]});
-    if let Some(picture) = &look.picture {
+    if let Some(picture) = look.picture {
         surface["baseColorTexture"] = json!({"index": textured(glb, picture, look.name)});
     }
     let mut material = json!({"name": look.name, "pbrMetallicRoughness": surface});
@@ -81,8 +77,8 @@ fn surface(glb: &mut Glb, look: &Look) -> usize {
 }
 
 /// Adds a picture; returns the number of its texture.
-fn textured(glb: &mut Glb, picture: &RgbImage, name: &str) -> usize {
-    let view = glb.push_view(&jpeg(picture, JPEG_QUALITY), 0);
+fn textured(glb: &mut Glb, jpeg: &[u8], name: &str) -> usize {
+    let view = glb.push_view(jpeg, 0);
     let image = json!({"bufferView": view, "mimeType": "image/jpeg", "name": name});
     let image = push(&mut glb.json["images"], image);
     // Clamped: what lies beyond has the colour of the edge.
@@ -163,10 +159,10 @@ fn materials(hero: &Hero, stem: &str) -> (String, Vec<(String, Vec<u8>)>) {
             look.name,
             4.0 + 160.0 * (1.0 - look.rough).powi(2)
         );
-        if let Some(picture) = &look.picture {
+        if let Some(jpeg) = look.picture {
             let name = format!("{stem}_{}.jpg", look.name);
             let _ = writeln!(text, "map_Kd {name}");
-            pictures.push((name, jpeg(picture, JPEG_QUALITY)));
+            pictures.push((name, jpeg.to_vec()));
         }
     }
     (text, pictures)

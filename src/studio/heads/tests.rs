@@ -28,9 +28,6 @@ fn the_head_that_a_user_meets_first_looks_as_it_did() {
             );
         }
     }
-    for picture in hero.looks.iter().filter_map(|look| look.picture.as_ref()) {
-        lines.extend(coloured::<24, 24>(picture));
-    }
     hold("heads/hero", &lines);
 }
 

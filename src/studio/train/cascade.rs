@@ -11,7 +11,8 @@ use super::ridge::{LinearMap, ridge};
 use super::samples::{Eye, Sample};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{
-    CascadeStage, FEATURES, MAX_MODES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
+    CascadeStage, FEATURES, FaceModel, MAX_MODES, MAX_PARAMETERS, PATCH, ShapeModel,
+    VIEW_PARAMETERS,
 };
 use crate::landmarks::cascade::{FaceFit, Solver, prior_columns, updated};
 use crate::landmarks::view::View;
@@ -148,15 +149,10 @@ pub fn cold_starts(samples: &[Sample]) -> Vec<Progress> {
     samples.iter().enumerate().map(start).collect()
 }
 
-/// Cold and warm stages in the order of the appliance.
-pub fn fit_cold(
-    samples: &[Sample],
-    shape: &ShapeModel,
-    cold: &[CascadeStage],
-    warm: &[CascadeStage],
-) -> Vec<Progress> {
+/// Cold and warm stages of a model in the order of the appliance.
+pub fn fit_cold(samples: &[Sample], model: &FaceModel) -> Vec<Progress> {
     let mut progress = cold_starts(samples);
-    advance(samples, &mut progress, shape, cold);
-    advance(samples, &mut progress, shape, warm);
+    advance(samples, &mut progress, &model.shape, &model.cold);
+    advance(samples, &mut progress, &model.shape, &model.warm);
     progress
 }

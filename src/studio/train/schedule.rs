@@ -245,7 +245,7 @@ fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log:
             continue;
         }
         let samples = disturbed(pictures, 10, &[COLD], false, args.seed + 7);
-        let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
+        let ends = fit_cold(&samples, model);
         let (errors, all) = measured(&samples, &ends, &model.shape);
         let errors = errors.line();
         log(&format!("{name} people, portraits, cold: {errors}"));
@@ -267,7 +267,7 @@ fn write_offsets(
 ) -> Result<PathBuf, Fault> {
     let few = &pictures.train[..pictures.train.len().min(150)];
     let samples = disturbed(few, 4, &[COLD], false, args.seed + 13);
-    let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
+    let ends = fit_cold(&samples, model);
     let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
     let text = crate::studio::fit::emit_offsets(&offsets);
     write_beside(path, text.as_bytes(), false)
@@ -315,19 +315,18 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fa
     let portraits_read = pictures.train.len();
     let [cold, warm] = learn_stages(args, &shape, &mut pictures, log)?;
     let photographs = &pictures.train[..portraits_read];
-    let confidence = learn_confidence(args, photographs, &shape, &cold, &warm)?;
-    log("confidence");
-    let model = FaceModel {
+    let mut model = FaceModel {
         provenance: "shape: ICT FaceKit (MIT); pictures: Face Research Lab London Set and Young Adult White Faces, \
                      DeBruine and Jones 2017 (CC BY 4.0); written by mien-studio train"
             .into(),
         shape,
         cold: cold.into(),
         warm: warm.into(),
-        confidence: confidence.into(),
         standard_head: standard_head::standard_head(ict),
         ..FaceModel::default()
     };
+    model.confidence = learn_confidence(args, photographs, &model)?.into();
+    log("confidence");
     tell_portraits(args, &model, &pictures, log);
     if let Some(path) = &args.offsets {
         let path = write_offsets(args, &model, &pictures, path)?;
@@ -340,11 +339,9 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fa
 fn learn_confidence(
     args: &TrainArgs,
     portraits: &[TruePicture],
-    shape: &ShapeModel,
-    cold: &[CascadeStage],
-    warm: &[CascadeStage],
+    model: &FaceModel,
 ) -> Result<ConfidenceModel, Fault> {
-    let seed = args.seed;
+    let (seed, shape) = (args.seed, &model.shape);
     let mut fresh = args.drawn_faces(args.drawn / 6, seed + 17, shape, |s| args.learns_from(s))?;
     fresh.extend(portraits.iter().take(150).cloned());
     let mut samples = disturbed(&fresh, 2, &STARTS, true, seed + 1);
@@ -352,7 +349,7 @@ fn learn_confidence(
     samples.extend(disturbed(&fresh, 1, &[FAR], true, seed + 1));
     let first_beside = samples.len();
     samples.extend(disturbed(&fresh, 1, &[BESIDE], true, seed + 2));
-    let ends = fit_cold(&samples, shape, cold, warm);
+    let ends = fit_cold(&samples, model);
     // A window beside the face whose face lies outside it.
     let faceless = |k: usize| {
         let [x, y] = samples[k].truth.view.shift;

@@ -54,12 +54,6 @@ fn line(around: f64) -> f64 {
     curve(&points, k as f64 + u).y.to_radians()
 }
 
-/// How far a place lies above the hairline, radians seen from the middle of the skull.
-pub(super) fn above_line(p: &Vec3) -> f64 {
-    let [around, above] = angles(&(p - MIDDLE));
-    above - line(around)
-}
-
 /// Distance of the skin from the middle, by direction.
 struct Skull(Vec<f64>);
 

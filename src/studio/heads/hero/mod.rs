@@ -4,15 +4,14 @@
 //! ```text
 //! make      ICT-FaceKit's neutral mesh ─► config/hero.head
 //! layer     a mesh with colours; look: numbers of what its faces look like
-//! skin      colours of skin, brows and lips as one picture, wrapped around the head
-//! eyes      white, iris and pupil as one picture
+//! skin      colours of skin, brows and lips: one picture, wrapped around the head
+//! eyes      white, iris and pupil: one picture
 //! lashes    blades along the lines of the file
-//! hair      locks over the skull; knows where hair begins
+//! hair      locks over the skull
 //! shirt     a collar above the shoulders
 //! ```
-//! Only the mesh is stored; colours, lashes, hair and shirt are made by rule. Frame: glTF's (x to the head's left, y up, z out
-//! of the face), metres, origin between the inner eye corners. Cost: a third of a second, most of it the picture of the
-//! skin.
+//! The mesh and two pictures are stored; lashes, hair and shirt are made by rule. Frame: glTF's (x to the head's left, y up, z out
+//! of the face), metres, origin between the inner eye corners.
 
 mod eyes;
 mod hair;
@@ -25,7 +24,6 @@ mod shirt;
 mod skin;
 
 use crate::base::geometry::smoothstep;
-use image::RgbImage;
 
 use crate::simulator::virtual_head::{HeadAsset, Part};
 use crate::studio::bake::mesh::Vec3;
@@ -40,8 +38,8 @@ pub struct Look {
     pub rough: f32,
     /// Colour, linear.
     pub colour: [f32; 3],
-    /// Picture that the colour is multiplied with.
-    pub picture: Option<RgbImage>,
+    /// Picture that the colour is multiplied with, a JPEG.
+    pub picture: Option<&'static [u8]>,
     /// Whether it is seen from both sides.
     pub thin: bool,
 }
@@ -100,8 +98,8 @@ impl Hero {
             tint(kind[v], light, &places[v], &normals[v], &marks)
         };
         let uv = |v: usize| match kind[v] {
-            Part::Eye => eyes::place(&places[v]),
-            _ => skin::place(&places[v]),
+            Part::Eye => eyes::place_in_picture(&places[v]),
+            _ => skin::place_in_picture(&places[v]),
         };
         face.tints = (0..places.len()).map(tint).collect();
         face.uv = (0..places.len()).map(uv).collect();
@@ -111,7 +109,7 @@ impl Hero {
         hair::grow(&mut dress, &skull);
         shirt::sew(&mut dress, &face.mesh, &normals, &kind);
         lashes::grow(&mut face, guides);
-        let looks = looks(&marks);
+        let looks = looks();
         for layer in [&mut face, &mut dress] {
             layer.mesh.materials = looks.iter().map(|look| look.name.to_owned()).collect();
         }
@@ -139,7 +137,7 @@ fn look_of(corners: &[u32], part: Part, places: &[Vec3]) -> usize {
     }
 }
 
-fn looks(marks: &[Vec3]) -> Vec<Look> {
+fn looks() -> Vec<Look> {
     let look = |name, rough, rgb: [f32; 3]| Look {
         name,
         rough,
@@ -153,12 +151,12 @@ fn looks(marks: &[Vec3]) -> Vec<Look> {
     };
     let thin = |look| Look { thin: true, ..look };
     vec![
-        pictured("skin", 0.76, skin::paint(marks)),
+        pictured("skin", 0.76, skin::PICTURE),
         look("skin_behind", 0.76, palette::SKIN),
         look("mouth", 0.5, [0.60, 0.29, 0.28]),
         look("gums", 0.4, [0.78, 0.42, 0.41]),
         look("teeth", 0.25, [0.95, 0.93, 0.88]),
-        pictured("eyes", 0.12, eyes::paint()),
+        pictured("eyes", 0.12, eyes::PICTURE),
         look("sockets", 0.7, [0.72, 0.45, 0.40]),
         thin(look("lashes", 0.8, [0.10, 0.065, 0.05])),
         thin(look("hair", 0.72, [1.0; 3])),

@@ -1,7 +1,6 @@
 //! Colours of the hero and how they are put on: sRGB 0…1 unless called linear.
 
 use crate::base::geometry::smoothstep;
-use image::RgbImage;
 
 use crate::studio::bake::mesh::Vec3;
 use crate::studio::srgb;
@@ -10,18 +9,6 @@ use crate::studio::srgb;
 pub(super) const SKIN: [f32; 3] = [0.885, 0.700, 0.605];
 /// Hair in its middle.
 pub(super) const HAIR: [f32; 3] = [0.265, 0.170, 0.120];
-
-/// A square picture of what `colour` gives for each pixel's column and row.
-pub(super) fn picture(side: usize, colour: impl Fn(usize, usize) -> [f32; 3] + Sync) -> RgbImage {
-    use rayon::prelude::*;
-    let byte = |c: f32| (c * 255.0 + 0.5).clamp(0.0, 255.0) as u8;
-    let pixels = (0..side * side).into_par_iter();
-    let pixels: Vec<[u8; 3]> = pixels
-        .map(|k| colour(k % side, k / side).map(byte))
-        .collect();
-    RgbImage::from_raw(side as u32, side as u32, pixels.into_flattened())
-        .expect("three bytes a pixel")
-}
 
 /// sRGB to linear light (IEC 61966-2-1), both 0…1.
 pub(super) fn linear(v: f32) -> f32 {
