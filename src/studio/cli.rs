@@ -198,8 +198,18 @@ struct Units {
     data: Data,
     #[command(flatten)]
     setup: Setup,
-    #[command(flatten)]
-    practice: readings::Practice,
+    /// Number of people who act
+    #[arg(long, default_value_t = 60)]
+    people: usize,
+    /// Seconds per person
+    #[arg(long, default_value_t = 40.0)]
+    seconds: f64,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 41)]
+    seed: u64,
+    /// File of the acted sessions: read if it exists, otherwise written, so that a second run takes seconds
+    #[arg(long)]
+    examples: Option<PathBuf>,
     /// Where to write the tables [default: standard output]
     #[arg(long)]
     out: Option<PathBuf>,
@@ -384,8 +394,18 @@ fn run_units(words: Units) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
     stopped::report_what_is_kept(words.out.clone());
     let mut progress = |line: &str| eprintln!("{line}");
-    let data = &words.data.data;
-    let text = readings::learn(data, &model, &settings, &words.practice, &mut progress)?;
+    let trial = Trial {
+        data: &words.data.data,
+        model: &model,
+        settings: &settings,
+        sessions: &Sessions {
+            people: words.people,
+            seconds: words.seconds,
+            seed: words.seed,
+            ..Sessions::default()
+        },
+    };
+    let text = readings::learn(&trial, words.examples.as_deref(), &mut progress)?;
     match words.out {
         Some(out) => write_out(&out, text)?,
         None => print!("{text}"),

@@ -3,52 +3,23 @@
 //! AU25 parts the lips for any reason, so its truth is the true lip gap relative to that of a fully open jaw. For the others it is
 //! the weight of an expression, or the mean of several.
 
+use std::sync::LazyLock;
+
 use crate::expression::measures::{self, Measure};
 use crate::simulator::virtual_head::{HeadAsset, Truth};
 
-/// Units and the expressions they stand for.
-pub(crate) const UNITS: [(&str, &[&str]); 40] = [
-    ("AU25", &[]),
-    ("AU20", &["mouthStretch_L", "mouthStretch_R"]),
-    ("AU18", &["mouthPucker"]),
-    ("AU30L", &["jawLeft"]),
-    ("AU30R", &["jawRight"]),
-    ("AU29", &["jawForward"]),
-    ("AU22", &["mouthFunnel"]),
-    ("AU28", &["mouthRollLower", "mouthRollUpper"]),
-    ("AU2L", &["browOuterUp_L"]),
-    ("AU4L", &["browDown_L"]),
-    ("AU2R", &["browOuterUp_R"]),
-    ("AU4R", &["browDown_R"]),
-    ("AU5L", &["eyeWide_L"]),
-    ("AU43L", &["eyeBlink_L"]),
-    ("AU5R", &["eyeWide_R"]),
-    ("AU43R", &["eyeBlink_R"]),
-    ("AU9L", &["noseSneer_L"]),
-    ("AU9R", &["noseSneer_R"]),
-    ("AU26", &["jawOpen"]),
-    ("AU17", &["mouthShrugLower"]),
-    ("AU12L", &["mouthSmile_L"]),
-    ("AU12R", &["mouthSmile_R"]),
-    ("AU1L", &["browInnerUp_L"]),
-    ("AU1R", &["browInnerUp_R"]),
-    ("AU10L", &["mouthUpperUp_L"]),
-    ("AU10R", &["mouthUpperUp_R"]),
-    ("AU34L", &["cheekPuff_L"]),
-    ("AU34R", &["cheekPuff_R"]),
-    ("AU6L", &["cheekSquint_L"]),
-    ("AU6R", &["cheekSquint_R"]),
-    ("AU7L", &["eyeSquint_L"]),
-    ("AU7R", &["eyeSquint_R"]),
-    ("AU14L", &["mouthDimple_L"]),
-    ("AU14R", &["mouthDimple_R"]),
-    ("AU15L", &["mouthFrown_L"]),
-    ("AU15R", &["mouthFrown_R"]),
-    ("AU16L", &["mouthLowerDown_L"]),
-    ("AU16R", &["mouthLowerDown_R"]),
-    ("AU24L", &["mouthPress_L"]),
-    ("AU24R", &["mouthPress_R"]),
-];
+/// Number of units that are acted.
+pub(crate) const COUNT: usize = 40;
+
+/// Units and the expressions they stand for, those of a line of `acted.txt`.
+pub(crate) static UNITS: LazyLock<[(&str, Vec<&str>); COUNT]> = LazyLock::new(|| {
+    let lines = include_str!("acted.txt").lines().map(|line| {
+        let mut words = line.split(' ');
+        (words.next().unwrap_or_default(), words.collect())
+    });
+    let lines: Vec<_> = lines.collect();
+    lines.try_into().expect("as many lines as units")
+});
 
 /// Reads the truth of a head.
 pub(crate) struct Acted {

@@ -19,14 +19,6 @@ use crate::studio::people_split::Split;
 use crate::studio::progress::Progress;
 use crate::studio::train::evaluate::{differences, mean_percent};
 
-/// No data set has anybody to play.
-pub(in crate::studio) fn nobody(data: &Path) -> Fault {
-    Fault::new(format!(
-        "no held-out people in {}; expected annotated portraits in faces_frl189",
-        data.display()
-    ))
-}
-
 defaults! {
     /// How much is played.
     pub struct Sessions {
@@ -83,18 +75,32 @@ pub struct Trial<'a> {
 }
 
 impl Trial<'_> {
-    /// The people who play: those of the split, at most so many.
+    /// The people of the split, at most so many.
     pub(super) fn held_out(&self) -> Result<Vec<PersonHead>, Fault> {
-        let plays = |person| Split::of(person) == self.sessions.split;
-        let heads = textured_heads(self.data, plays, self.sessions.people)?;
-        if heads.is_empty() {
-            return Err(nobody(self.data));
+        self.heads(|split| split == self.sessions.split)
+    }
+
+    /// The people of the splits that `keep` accepts, at most so many.
+    pub(in crate::studio) fn heads(
+        &self,
+        keep: impl Fn(Split) -> bool,
+    ) -> Result<Vec<PersonHead>, Fault> {
+        let keep = |person| keep(Split::of(person));
+        let heads = textured_heads(self.data, keep, self.sessions.people)?;
+        match heads.is_empty() {
+            true => Err(Fault::new(format!(
+                "no held-out people in {}; expected annotated portraits in faces_frl189",
+                self.data.display()
+            ))),
+            false => Ok(heads),
         }
-        Ok(heads)
     }
 
     /// The pipeline before a sensor.
-    pub(super) fn pipeline(&self, simulator: &Simulator) -> Result<Pipeline, PipelineError> {
+    pub(in crate::studio) fn pipeline(
+        &self,
+        simulator: &Simulator,
+    ) -> Result<Pipeline, PipelineError> {
         Pipeline::new(&self.settings.stages, simulator.camera(), self.model)
     }
 

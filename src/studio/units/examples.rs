@@ -4,13 +4,13 @@ use super::glance::Glance;
 use crate::base::capacity::INPUTS;
 use crate::expression::readings::{input_name, input_named};
 use crate::studio::bake::names::swapped;
-use crate::studio::evaluate::acted::UNITS;
+use crate::studio::evaluate::acted::{COUNT, UNITS};
 
 /// Departures of all inputs, truth of all units in the order of [`UNITS`], and what the eyes show.
 #[derive(Clone)]
 pub(super) struct Example {
     pub(super) departures: [f64; INPUTS],
-    pub(super) truth: [f64; UNITS.len()],
+    pub(super) truth: [f64; COUNT],
     pub(super) glance: Option<Glance>,
 }
 

@@ -9,7 +9,7 @@
 //! regresses to small readings. Last, cross-talk is removed ([`CROSS_TALK`]). Seeded; eye distances.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -17,21 +17,18 @@ use rayon::prelude::*;
 use super::examples::{self, Example, written};
 use super::gaze;
 use super::glance::{Glance, looks};
-use crate::appliance::settings::Settings;
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS};
 use crate::expression::readings::input_name;
 use crate::expression::{Units, features};
-use crate::face_model::FaceModel;
-use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
 use crate::studio::atomic_write;
 use crate::studio::correlation::correlation;
-use crate::studio::evaluate::acted::{Acted, UNITS};
-use crate::studio::evaluate::sessions::{lighting, median, nobody, seed_of};
+use crate::studio::evaluate::acted::{Acted, COUNT, UNITS};
+use crate::studio::evaluate::sessions::{Trial, lighting, median, seed_of};
 use crate::studio::fault::Fault;
 use crate::studio::frame_time::frame_time;
-use crate::studio::heads::{PersonHead, textured_heads};
+use crate::studio::heads::PersonHead;
 use crate::studio::people_split::Split;
 use crate::studio::progress::Progress;
 use crate::users::TrackingState;
@@ -97,44 +94,22 @@ const CROSS_TALK: [(&str, f64, Others); 12] = [
 /// Truth from which an expression is full.
 const FULLY: f64 = 0.8;
 
-/// What is played.
-#[derive(Clone, Debug, clap::Args)]
-pub struct Practice {
-    /// Number of people who act
-    #[arg(long, default_value_t = 60)]
-    pub people: usize,
-    /// Seconds per person
-    #[arg(long, default_value_t = 40.0)]
-    pub seconds: f64,
-    /// Seed of everything random
-    #[arg(long, default_value_t = 41)]
-    pub seed: u64,
-    /// File of the acted sessions: read if it exists, otherwise written, so that a second run takes seconds
-    #[arg(long)]
-    pub examples: Option<PathBuf>,
-}
-
-/// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`.
+/// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`; what is acted is
+/// `kept` in a file, or read from there if it exists.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
 pub fn learn(
-    data: &Path,
-    model: &FaceModel,
-    settings: &Settings,
-    practice: &Practice,
+    trial: &Trial,
+    kept: Option<&Path>,
     say: &mut dyn FnMut(&str),
 ) -> Result<String, Fault> {
-    let acts = |person| Split::of(person) != Split::Test;
-    let heads = textured_heads(data, acts, practice.people)?;
-    if heads.is_empty() {
-        return Err(nobody(data));
-    }
+    let heads = trial.heads(|split| split != Split::Test)?;
     let priors = feature_priors(&heads);
-    let mut examples = examples(heads, model, settings, practice)?;
+    let mut examples = examples(trial, heads, kept)?;
     let gaze = gaze::learn(&mut examples);
     say(&gaze.say);
-    let smiles = super::smiles::departures(&data.join("faces_frl189"), model)?;
+    let smiles = super::smiles::departures(&trial.data.join("faces_frl189"), trial.model)?;
     let (acted, smiling) = (examples.len(), smiles.len());
     say(&format!("{acted} examples, {smiling} real smiles"));
     let mirrored: Vec<Example> = examples.iter().map(Example::mirrored).collect();
@@ -142,14 +117,14 @@ pub fn learn(
     let smiles = smiles.into_iter().flat_map(|departures| {
         let smile = Example {
             departures,
-            truth: [0.0; UNITS.len()],
+            truth: [0.0; COUNT],
             glance: None,
         };
         [smile.mirrored(), smile]
     });
     let smiles: Vec<Example> = smiles.collect();
     let mut text = priors;
-    let learnt: Vec<_> = (0..UNITS.len())
+    let learnt: Vec<_> = (0..COUNT)
         .into_par_iter()
         .map(|k| regress(&examples, &smiles, k))
         .collect();
@@ -166,27 +141,25 @@ pub fn learn(
     Ok(text)
 }
 
-/// What people act, or what they acted when it was kept.
+/// What people act, or what they acted when it was kept in a file.
 fn examples(
+    trial: &Trial,
     heads: Vec<PersonHead>,
-    model: &FaceModel,
-    settings: &Settings,
-    practice: &Practice,
+    kept: Option<&Path>,
 ) -> Result<Vec<Example>, Fault> {
-    let kept = practice.examples.as_ref().filter(|path| path.is_file());
-    let examples: Vec<Example> = match kept {
-        Some(path) => examples::read(&std::fs::read_to_string(path).map_err(unusable(path))?),
-        None => {
-            let play = |(number, head)| practise(head, number, model, settings, practice);
-            let played = Progress::each("units", heads.into_iter().enumerate().collect(), play);
-            played.into_iter().collect::<Result<Vec<_>, _>>()?.concat()
+    if let Some(path) = kept.filter(|path| path.is_file()) {
+        let text = std::fs::read_to_string(path).map_err(unusable(path))?;
+        let examples = examples::read(&text);
+        if examples.is_empty() {
+            let found = "expected lines written by --examples, found none; give another file";
+            return Err(Fault::within(path)(found));
         }
-    };
-    if let (Some(path), true) = (kept, examples.is_empty()) {
-        let found = "expected lines written by --examples, found none; give another file";
-        return Err(Fault::within(path)(found));
+        return Ok(examples);
     }
-    if let (Some(path), None) = (&practice.examples, kept) {
+    let play = |(number, head)| practise(trial, number, head);
+    let played = Progress::each("units", heads.into_iter().enumerate().collect(), play);
+    let examples = played.into_iter().collect::<Result<Vec<_>, _>>()?.concat();
+    if let Some(path) = kept {
         atomic_write::write(path, written(&examples)).map_err(unusable(path))?;
     }
     Ok(examples)
@@ -197,14 +170,8 @@ fn unusable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
     Fault::cannot("read or write", path, advice)
 }
 
-fn practise(
-    mut head: PersonHead,
-    number: usize,
-    model: &FaceModel,
-    settings: &Settings,
-    practice: &Practice,
-) -> Result<Vec<Example>, Fault> {
-    let seed = seed_of(practice.seed, head.person);
+fn practise(trial: &Trial, number: usize, mut head: PersonHead) -> Result<Vec<Example>, Fault> {
+    let seed = seed_of(trial.sessions.seed, head.person);
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     if number % PHOTOGRAPHED != 1 {
         crate::studio::heads::eyes::paint(&mut head.asset, seed);
@@ -220,10 +187,10 @@ fn practise(
             });
     }
     let look = looks(simulator.asset());
-    let mut pipeline = Pipeline::new(&settings.stages, simulator.camera(), model)?;
+    let mut pipeline = trial.pipeline(&simulator)?;
     let mut frame = Frame::default();
     let mut examples = Vec::new();
-    for index in 0..(practice.seconds * 30.0) as usize {
+    for index in 0..(trial.sessions.seconds * 30.0) as usize {
         let shown = simulator.draw(frame_time(index), &mut frame);
         pipeline.follow(&frame);
         let state = pipeline.report().state;
@@ -415,11 +382,7 @@ fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
             let sided = !side.is_empty() && other.len() > by.len();
             stem(other) == *by && (!sided || other.ends_with(side))
         };
-        let others: Vec<&str> = UNITS
-            .map(|(other, _)| other)
-            .into_iter()
-            .filter(counts)
-            .collect();
+        let others: Vec<&str> = UNITS.iter().map(|unit| unit.0).filter(counts).collect();
         for other in &others {
             let _ = writeln!(
                 text,

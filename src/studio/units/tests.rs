@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 
-use super::readings::{Practice, learn};
+use super::readings::learn;
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Point;
@@ -18,6 +18,7 @@ use crate::landmarks::Landmarks;
 use crate::simulator::virtual_head::Scene;
 use crate::studio::correlation::correlation;
 use crate::studio::data::{Set, folder, only};
+use crate::studio::evaluate::sessions::{Sessions, Trial};
 use crate::studio::golden::{figures, hold};
 use crate::studio::heads::ict::IctHead;
 
@@ -236,18 +237,20 @@ fn a_short_practice_teaches_what_it_taught() {
     let Some(data) = only([Set::IctFacekit, Set::FacesFrl189]) else {
         return;
     };
-    let practice = Practice {
-        people: 2,
-        seconds: 9.0,
-        seed: 41,
-        examples: None,
+    let trial = Trial {
+        data: data.path(),
+        model: &crate::face_model::FaceModel::shipped(),
+        settings: &crate::appliance::settings::Settings::default(),
+        sessions: &Sessions {
+            people: 2,
+            seconds: 9.0,
+            seed: 41,
+            ..Sessions::default()
+        },
     };
     let mut lines = Vec::new();
     let mut say = |line: &str| lines.extend(figures(line));
-    let settings = crate::appliance::settings::Settings::default();
-    let model = crate::face_model::FaceModel::shipped();
-    let text =
-        learn(data.path(), &model, &settings, &practice, &mut say).expect("data are readable");
+    let text = learn(&trial, None, &mut say).expect("data are readable");
     lines.extend(figures(&text));
     hold("units/short", &lines);
 }
