@@ -5,7 +5,6 @@
 use super::layer::Layer;
 use super::look;
 use super::make::{COLUMNS, ROWS};
-use super::palette::{curve, dice};
 use crate::studio::bake::mesh::Vec3;
 
 /// For the upper lid, then the lower: how many, how much of the line each has, width at the root.
@@ -61,4 +60,26 @@ fn blade(face: &mut Layer, card: &[Vec3], [across, long, wide]: [f64; 3], side: 
         }
         face.face(&corners, look::LASHES);
     }
+}
+
+/// A number 0…1 that belongs to `k`.
+fn dice(k: u32) -> f64 {
+    let mut x = k.wrapping_mul(0x9E37_79B9) ^ 0x85EB_CA6B;
+    for shift in [16, 13] {
+        x = (x ^ (x >> shift)).wrapping_mul(0xC2B2_AE35);
+    }
+    f64::from(x ^ (x >> 16)) / f64::from(u32::MAX)
+}
+
+/// A curve through points (Catmull & Rom 1974), `t` from 0 to the last point's number.
+pub(super) fn curve(points: &[Vec3], t: f64) -> Vec3 {
+    let last = points.len() - 1;
+    let k = (t.max(0.0) as usize).min(last.saturating_sub(1));
+    let u = (t - k as f64).clamp(0.0, 1.0);
+    let at = |i: isize| points[(k as isize + i).clamp(0, last as isize) as usize];
+    let [a, b, c, d] = [at(-1), at(0), at(1), at(2)];
+    0.5 * ((2.0 * b)
+        + (c - a) * u
+        + (2.0 * a - 5.0 * b + 4.0 * c - d) * u * u
+        + (3.0 * b - a - 3.0 * c + d) * u * u * u)
 }

@@ -7,28 +7,25 @@
 //! skin      colours of skin, brows and lips: one picture, wrapped around the head
 //! eyes      white, iris and pupil: one picture
 //! lashes    blades along the lines of the file
-//! hair      locks over the skull
-//! shirt     a collar above the shoulders
 //! ```
-//! The mesh and two pictures are stored; lashes, hair and shirt are made by rule. Frame: glTF's (x to the head's left, y up, z out
+//! Hair and shirt, which fit this one head, are `dress.glb`. Frame: glTF's (x to the head's left, y up, z out
 //! of the face), metres, origin between the inner eye corners.
 
 mod eyes;
-mod hair;
 mod lashes;
 mod layer;
 mod look;
 pub mod make;
-mod palette;
-mod shirt;
 mod skin;
 
 use crate::base::geometry::smoothstep;
 
 use crate::simulator::virtual_head::{HeadAsset, Part};
+use crate::studio::bake::glb::Glb;
 use crate::studio::bake::mesh::Vec3;
+use crate::studio::fault::Fault;
+use crate::studio::srgb;
 pub use layer::Layer;
-use palette::linear;
 
 /// What a surface looks like.
 pub struct Look {
@@ -85,11 +82,12 @@ impl Hero {
         let landmarks = asset.landmarks.iter();
         let landmarks: Vec<u64> = landmarks.map(|site| site.vertices[0].into()).collect();
         let marks: Vec<Vec3> = landmarks.iter().map(|&v| places[v as usize]).collect();
-        let (faces, parts) = quads(asset);
+        let triangles = asset.triangles.iter().map(|&[a, c, b]| [a, b, c]);
+        let parts = asset.parts.iter().copied();
         let mut face = Layer::default();
         face.mesh.positions = places.to_vec();
-        for (corners, &part) in faces.iter().zip(&parts) {
-            face.face(corners, look_of(corners, part, places));
+        for (corners, part) in quads(triangles.zip(parts)) {
+            face.face(&corners, look_of(&corners, part, places));
         }
         let kind = kinds(asset, places.len());
         let normals = face.mesh.vertex_normals(places);
@@ -103,11 +101,7 @@ impl Hero {
         };
         face.tints = (0..places.len()).map(tint).collect();
         face.uv = (0..places.len()).map(uv).collect();
-        let mut dress = Layer::default();
-        let skull = (0..places.len()).filter(|&v| kind[v] == Part::Skin);
-        let skull: Vec<Vec3> = skull.map(|v| places[v]).collect();
-        hair::grow(&mut dress, &skull);
-        shirt::sew(&mut dress, &face.mesh, &normals, &kind);
+        let mut dress = dress().expect("the file is compiled in");
         lashes::grow(&mut face, guides);
         let looks = looks();
         for layer in [&mut face, &mut dress] {
@@ -122,11 +116,33 @@ impl Hero {
     }
 }
 
+/// Hair and shirt: places, colours, and the corners of the triangles of each.
+fn dress() -> Result<Layer, Fault> {
+    let glb = Glb::parse(include_bytes!("dress.glb"))?;
+    let [places, tints] = [glb.floats(0, 3)?, glb.floats(1, 3)?];
+    let mut dress = Layer::default();
+    for (place, tint) in places.as_chunks().0.iter().zip(tints.as_chunks().0) {
+        dress.vertex(place.map(f64::from).into(), *tint);
+    }
+    for (accessor, look) in [(2, look::HAIR), (3, look::SHIRT)] {
+        let corners = glb.indices(accessor)?;
+        for (corners, look) in quads(corners.as_chunks().0.iter().map(|t| (*t, look))) {
+            dress.face(&corners, look);
+        }
+    }
+    Ok(dress)
+}
+
+/// sRGB to linear light (IEC 61966-2-1), both 0…1.
+fn linear(v: f32) -> f32 {
+    srgb::linear(f64::from(v)) as f32
+}
+
 /// Look of a face of the file.
 fn look_of(corners: &[u32], part: Part, places: &[Vec3]) -> usize {
     let all = |holds: fn(&Vec3) -> bool| corners.iter().all(|&v| holds(&places[v as usize]));
     match part {
-        Part::Skin if all(shirt::covers) => look::SHIRT,
+        Part::Skin if all(skin::is_under_shirt) => look::SHIRT,
         Part::Skin if all(skin::reaches) => look::SKIN,
         Part::Skin => look::BEHIND,
         Part::MouthSocket => look::MOUTH,
@@ -152,7 +168,7 @@ fn looks() -> Vec<Look> {
     let thin = |look| Look { thin: true, ..look };
     vec![
         pictured("skin", 0.76, skin::PICTURE),
-        look("skin_behind", 0.76, palette::SKIN),
+        look("skin_behind", 0.76, skin::COLOUR),
         look("mouth", 0.5, [0.60, 0.29, 0.28]),
         look("gums", 0.4, [0.78, 0.42, 0.41]),
         look("teeth", 0.25, [0.95, 0.93, 0.88]),
@@ -211,7 +227,7 @@ fn lid(p: &Vec3, marks: &[Vec3]) -> f32 {
             continue;
         }
         for k in 0..=24 {
-            let d = (palette::curve(&points, f64::from(k) / 8.0) - p).norm();
+            let d = (lashes::curve(&points, f64::from(k) / 8.0) - p).norm();
             best = best.max(strength * smoothstep(WIDE_M, 0.0003, d));
         }
     }
@@ -237,24 +253,19 @@ fn kinds(asset: &HeadAsset, count: usize) -> Vec<Part> {
     kind
 }
 
-/// Faces as the source has them: its four-sided ones were cut along their first diagonal. Anticlockwise from outside.
-fn quads(asset: &HeadAsset) -> (Vec<Vec<u32>>, Vec<Part>) {
-    let (mut faces, mut parts) = (Vec::new(), Vec::new());
-    let mut k = 0;
-    while let Some(&[a, c, b]) = asset.triangles.get(k) {
-        let part = asset.parts[k];
-        let next = asset.triangles.get(k + 1).zip(asset.parts.get(k + 1));
-        match next {
-            Some((&[e, d, f], &same)) if e == a && f == c && same == part => {
-                faces.push(vec![a, b, c, d]);
-                k += 2;
+/// Faces as they were before four-sided ones were cut along their first diagonal: both halves follow each other and are of one
+/// kind.
+fn quads<K: PartialEq>(triangles: impl Iterator<Item = ([u32; 3], K)>) -> Vec<(Vec<u32>, K)> {
+    let mut faces: Vec<(Vec<u32>, K)> = Vec::new();
+    for ([a, b, c], kind) in triangles {
+        match faces.last_mut() {
+            Some((face, same))
+                if face.len() == 3 && (face[0], face[2]) == (a, b) && *same == kind =>
+            {
+                face.push(c);
             }
-            _ => {
-                faces.push(vec![a, b, c]);
-                k += 1;
-            }
+            _ => faces.push((vec![a, b, c], kind)),
         }
-        parts.push(part);
     }
-    (faces, parts)
+    faces
 }

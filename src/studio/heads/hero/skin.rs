@@ -3,8 +3,11 @@
 //! A place of the picture is an angle about the axis and a height. What lies behind the ears has no picture; its edges
 //! are plain skin, so that there is no seam.
 
+use crate::base::geometry::smoothstep;
 use crate::studio::bake::mesh::Vec3;
 
+/// Skin without a blush.
+pub(super) const COLOUR: [f32; 3] = [0.885, 0.700, 0.605];
 /// The picture.
 pub(super) const PICTURE: &[u8] = include_bytes!("skin.jpg");
 /// The axis.
@@ -29,4 +32,11 @@ pub(super) fn place_in_picture(p: &Vec3) -> [f32; 2] {
     let u = 0.5 + 0.5 * angle(p) / REACH;
     let v = (HEIGHT_M[1] - p.y) / (HEIGHT_M[1] - HEIGHT_M[0]);
     [u, v].map(|t| t.clamp(0.01, 0.99) as f32)
+}
+
+/// Whether a place is well under the shirt: skin there has its colour, for the edge below.
+pub(super) fn is_under_shirt(p: &Vec3) -> bool {
+    // The collar is lower in front than behind.
+    let collar = -0.134 - 0.020 * smoothstep(-0.160, -0.050, p.z);
+    collar - p.y > 0.012
 }
