@@ -96,34 +96,9 @@ const ACT_S: f32 = 1.8;
 /// Blinks come once in each interval this long, seconds.
 const BLINK_EVERY_S: f32 = 3.4;
 
-/// Acts: expressions and their weights at the height of it, 1 unless said. `_LR` is both sides, `speech` moves the jaw as in
-/// talking.
-const ACTS: [&str; 24] = [
-    "",
-    "mouthSmile_LR",
-    "jawOpen 0.8",
-    "browInnerUp_LR, browOuterUp_LR",
-    "browDown_LR",
-    "speech",
-    "mouthFunnel",
-    "mouthStretch_LR",
-    "eyeBlink_L",
-    "eyeBlink_R",
-    "eyeWide_LR",
-    "noseSneer_LR",
-    "speech",
-    "jawLeft",
-    "jawRight",
-    "jawForward",
-    "mouthPucker",
-    "cheekPuff_LR",
-    "eyeSquint_LR, cheekRaiser_LR 0.7",
-    "mouthShrugLower 0.8, mouthShrugUpper 0.5",
-    "mouthUpperUp_LR 0.7, mouthLowerDown_LR 0.8",
-    "browInnerUp_L 0.9, browOuterUp_L",
-    "mouthSmile_R 0.9",
-    "jawOpen 0.5, mouthSmile_LR 0.6",
-];
+/// Acts, a line each: expressions and their weights at the height of it, 1 unless said. `_LR` is both sides, `speech` moves the
+/// jaw as in talking, `rest` nothing.
+const ACTS: &str = include_str!("acts.txt");
 /// What each mood of [`Scene::Moods`] looks like, as far as the head's expressions go (its mouth corners do not go down).
 #[cfg(feature = "studio")]
 const MOODS: [&str; 4] = [
@@ -347,7 +322,7 @@ fn set_sides(name: &str, [left, right]: [f32; 2], set: &mut impl FnMut(&str, f32
 
 /// Plays an act of a table, but for its speech.
 fn play(act: &str, strength: f32, set: &mut impl FnMut(&str, f32)) {
-    for part in act.split(", ").filter(|part| !part.is_empty()) {
+    for part in act.split(", ").filter(|part| *part != "rest") {
         let (name, weight) = part.split_once(' ').unwrap_or((part, "1"));
         let weight = weight.parse().unwrap_or(1.0) * strength;
         set_sides(name, [weight; 2], set);
@@ -356,7 +331,8 @@ fn play(act: &str, strength: f32, set: &mut impl FnMut(&str, f32)) {
 
 fn act(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     let (slot, within) = ((t / ACT_S) as u64, t % ACT_S);
-    let turn = ACTS.len() as u64 + MIXTURES;
+    let acts = ACTS.lines().count();
+    let turn = acts as u64 + MIXTURES;
     let height = 0.85 + 0.15 * uniform(seed ^ 0x51, slot);
     let mut go = |act: &str, strength: f32| {
         if act == "speech" {
@@ -370,12 +346,13 @@ fn act(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
             play(act, strength, set);
         }
     };
-    let pick = |channel| (uniform(seed ^ channel, slot) * 0.5 + 0.5) * (ACTS.len() as f32 - 0.01);
-    if slot % turn < ACTS.len() as u64 {
-        go(ACTS[(slot % turn) as usize], height * envelope(within));
+    let pick = |channel| (uniform(seed ^ channel, slot) * 0.5 + 0.5) * (acts as f32 - 0.01);
+    let act = |number: usize| ACTS.lines().nth(number).unwrap_or_default();
+    if slot % turn < acts as u64 {
+        go(act((slot % turn) as usize), height * envelope(within));
     } else {
-        go(ACTS[pick(0x52) as usize], height * envelope(within));
-        go(ACTS[pick(0x53) as usize], 0.8 * envelope(within + 0.2));
+        go(act(pick(0x52) as usize), height * envelope(within));
+        go(act(pick(0x53) as usize), 0.8 * envelope(within + 0.2));
     }
     let (blink, since) = ((t / BLINK_EVERY_S) as u64, t % BLINK_EVERY_S);
     let closed = blink_of(since - 1.4 - uniform(seed ^ 0x54, blink));

@@ -6,7 +6,6 @@ use std::sync::mpsc::SyncSender;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use crate::base::capacity::USERS;
 use crate::output::Command;
 use crate::output::osc::packet::{Argument, Packet};
 
@@ -27,13 +26,11 @@ pub enum Obeys {
 
 /// The command that a page names: `what` is `forget`, `neutral` or `freeze`, `on` is for the last.
 pub fn read(what: &str, user: &str, on: &str) -> Option<Command> {
-    let slot = user.parse().ok().filter(|&slot: &usize| slot < USERS)?;
-    match (what, on) {
-        ("forget", _) => Some(Command::Forget(slot)),
-        ("neutral", _) => Some(Command::Neutral(slot)),
-        ("freeze", "0" | "1") => Some(Command::Freeze(slot, on == "1")),
-        _ => None,
-    }
+    let on = match on {
+        "" => None,
+        _ => Some(["0", "1"].iter().position(|word| *word == on)? == 1),
+    };
+    Command::named(what, user.parse().ok()?, on)
 }
 
 impl Obeys {

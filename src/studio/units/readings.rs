@@ -8,8 +8,10 @@
 //! A reading is stretched, by [`MOST`] at most, so that the median of full expressions comes to [`FULL`]: what is hardly seen
 //! regresses to small readings. Last, cross-talk is removed ([`CROSS_TALK`]). Seeded; eye distances.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
+use std::sync::LazyLock;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -56,41 +58,21 @@ const MOST: f64 = 2.0;
 const MOST_OF_LIDS: f64 = 2.4;
 /// A unit that no measure is named after and that comes out with less than this is not seen well enough to be given.
 const LEAST_R: f64 = 0.4;
-/// By how much an input errs beyond what the examples show, in eye distances, for units whose motion is small beside that, or
-/// that one input alone tells of: the others would be read for what they do in this world only (errors in variables).
-const ERRORS: [(&str, f64); 8] = [
-    ("AU1", 0.018),
-    ("AU4", 0.015),
-    ("AU5", 0.018),
-    ("AU10", 0.018),
-    ("AU14", 0.01),
-    ("AU20", 0.015),
-    ("AU25", 0.07),
-    ("AU30", 0.015),
-];
-/// Other units and shares of their readings.
-type Others = &'static [(&'static str, f64)];
-/// Cross-talk: a unit, the factor that makes up for what it loses, and shares of the other units' readings that it loses where
-/// they are above 0. Chosen for the correlations in these examples and in the second simulated world together; people of that world who
-/// had no part in it gain as much.
-const CROSS_TALK: [(&str, f64, Others); 12] = [
-    ("AU1", 1.00, &[("AU25", 0.30)]),
-    ("AU4", 1.00, &[("AU18", 0.40), ("AU34", 0.50)]),
-    ("AU6", 1.30, &[("AU4", 0.78)]),
-    ("AU9", 1.00, &[("AU12", 0.20), ("AU18", 0.50)]),
-    ("AU12", 1.00, &[("AU4", 0.50)]),
-    ("AU15", 1.40, &[("AU20", 0.67), ("AU25", 0.84)]),
-    ("AU17", 1.00, &[("AU12", 0.80)]),
-    ("AU18", 1.00, &[("AU22", 0.20), ("AU25", 0.30)]),
-    (
-        "AU20",
-        1.25,
-        &[("AU14", 0.75), ("AU15", 0.27), ("AU17", 0.38)],
-    ),
-    ("AU22", 1.00, &[("AU12", 0.40)]),
-    ("AU29", 1.00, &[("AU20", 0.32), ("AU28", 0.30)]),
-    ("AU30", 1.00, &[("AU15", 0.29)]),
-];
+/// What `chosen.toml` says.
+#[derive(serde::Deserialize)]
+struct Chosen {
+    errors: BTreeMap<String, f64>,
+    cross_talk: BTreeMap<String, CrossTalk>,
+}
+
+#[derive(serde::Deserialize)]
+struct CrossTalk {
+    factor: f64,
+    loses: BTreeMap<String, f64>,
+}
+
+static CHOSEN: LazyLock<Chosen> =
+    LazyLock::new(|| toml::from_str(include_str!("chosen.toml")).expect("a test reads it"));
 /// Truth from which an expression is full.
 const FULLY: f64 = 0.8;
 
@@ -257,8 +239,7 @@ fn regress(
     let scales: Vec<f64> = kept.iter().map(scale).collect();
     let n = kept.len();
     let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
-    let base = stem(UNITS[unit].0);
-    if let Some((_, error)) = ERRORS.iter().find(|(unit, _)| *unit == base) {
+    if let Some(error) = CHOSEN.errors.get(stem(UNITS[unit].0)) {
         // An error falls on either side of rest.
         let squares = 0.5 * examples.len() as f64 * error.powi(2);
         for (k, scale) in scales.iter().enumerate() {
@@ -367,15 +348,15 @@ fn feature_priors(heads: &[PersonHead]) -> String {
 
 fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
     let _ = write!(text, "\n[[reading]]\nunit = \"{unit}\"\nfrom = [\n");
-    let cross_talk = CROSS_TALK.iter().find(|(of, ..)| *of == stem(unit));
-    let factor = cross_talk.map_or(1.0, |(_, factor, _)| *factor);
+    let cross_talk = CHOSEN.cross_talk.get(stem(unit));
+    let factor = cross_talk.map_or(1.0, |cross_talk| cross_talk.factor);
     for (i, share) in shares.iter().enumerate() {
         if *share != [0.0; 2] {
             let [rise, fall] = share.map(|share| share * factor);
             let _ = writeln!(text, "[\"{}\",{rise:.2},{fall:.2}],", input_name(i));
         }
     }
-    for (by, share) in cross_talk.iter().flat_map(|(.., others)| *others) {
+    for (by, share) in cross_talk.iter().flat_map(|cross_talk| &cross_talk.loses) {
         // Of the same side if both have sides, else all there are.
         let side = &unit[stem(unit).len()..];
         let counts = |other: &&str| {
