@@ -2,14 +2,15 @@
 //! page or one PNG sheet.
 //!
 //! ```text
-//! command ─► what the path is:  recording
-//!                               run, model, mesh, ranges
-//!            each draws on a canvas and fills an album ─► HTML page (page) or PNG sheet
+//! what the path is:  recording
+//!                    run, model, mesh, ranges
+//! each draws on a canvas and fills an album ─► HTML page (page) or PNG sheet
 //! ```
+//! A directory is a recording; a file that starts like a model or like saved people is one; `.csv` is a run, `.obj` and `.glb` a
+//! mesh. The page needs only a browser. Nothing is written unless everything succeeded.
 
 pub mod album;
 pub mod canvas;
-mod command;
 mod depth_colours;
 mod mesh;
 mod model;
@@ -18,6 +19,197 @@ mod ranges;
 mod recording;
 mod run;
 
-pub use command::{album, inspect};
 pub(in crate::studio) use depth_colours::DepthColours;
 pub(in crate::studio) use recording::colour_picture;
+
+use std::path::{Path, PathBuf};
+
+use crate::appliance::settings::Settings;
+use crate::face_model::{FaceModel, file::MAGIC};
+use crate::studio::atomic_write::{write_beside, write_out};
+use crate::studio::fault::Fault;
+use crate::studio::picture_files::png;
+use crate::studio::text_files::{MOST, decoded, name_of};
+use album::Album;
+
+/// Largest table, bytes: an hour of a run, which takes five times as much memory.
+const CSV_MOST: usize = 256 << 20;
+
+/// What can be shown.
+const SHOWN: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh or saved people";
+
+/// Looks at `path` and shows it. `model` and `settings` are for recordings.
+///
+/// # Errors
+/// If it is of an unknown kind, or broken; the text says where and what to do.
+pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Album, Fault> {
+    let advice = format!("; {SHOWN}");
+    let unreadable = Fault::cannot("read", path, &advice);
+    let name = name_of(path);
+    if std::fs::metadata(path).map_err(&unreadable)?.is_dir() {
+        return recording::inspect(&name, path, model, settings);
+    }
+    let bytes = crate::base::bounded_read::read(path, MOST).map_err(&unreadable)?;
+    let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+    of_file(&name, ending.to_str(), &bytes).map_err(Fault::within(path))
+}
+
+fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Fault> {
+    if bytes.starts_with(&MAGIC) || ending == Some("model") {
+        return Ok(model::inspect(name, &FaceModel::read(bytes)?, bytes.len()));
+    }
+    if bytes.starts_with(b"glTF") {
+        return mesh::inspect_glb(name, bytes);
+    }
+    if ending == Some("csv") && bytes.len() > CSV_MOST {
+        let (most, found) = (CSV_MOST >> 20, bytes.len() >> 20);
+        let expected = format!("expected a table of at most {most} MiB, found {found}; cut it");
+        return Err(Fault::new(expected));
+    }
+    let text = decoded(bytes);
+    match ending {
+        Some("csv") => run::inspect(name, &text),
+        Some("obj") => mesh::inspect(name, &text),
+        _ if text.starts_with("mien-people") => ranges::people(name, &text),
+        _ => Err(Fault::new(format!("cannot show this; {SHOWN}"))),
+    }
+}
+
+/// Shows `path` in `out`, by default a page beside where one works, named after it. Returns what was written.
+///
+/// # Errors
+/// As [`album()`], or if the output has another ending than `.html` or `.png` or cannot be written.
+pub fn inspect(
+    path: &Path,
+    out: Option<&Path>,
+    model: &FaceModel,
+    settings: &Settings,
+) -> Result<PathBuf, Fault> {
+    let named = out;
+    let beside = || PathBuf::from(format!("{}.html", name_of(path)));
+    let out = out.map_or_else(beside, PathBuf::from);
+    let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
+    if ending != "html" && ending != "png" {
+        let expected = "expected a name that ends in .html or .png";
+        return Err(Fault::cannot("write", &out, "")(expected));
+    }
+    let album = album(path, model, settings)?;
+    let bytes = match ending == "html" {
+        true => album.html().into_bytes(),
+        false => png(&album.sheet()),
+    };
+    if named.is_none() {
+        return write_beside(&out, &bytes, false);
+    }
+    write_out(&out, bytes)?;
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+
+    use super::*;
+    use crate::appliance::source::Source;
+    use crate::studio::golden::{coloured, hold_every};
+    use crate::studio::record::record;
+
+    #[test]
+    fn a_bad_path_is_one_sentence() {
+        let model = FaceModel::default();
+        let folder = tempfile::tempdir().unwrap();
+        let message = |path: &Path, out: &str| {
+            inspect(
+                path,
+                Some(&folder.path().join(out)),
+                &model,
+                &Settings::default(),
+            )
+            .unwrap_err()
+            .to_string()
+        };
+        assert!(
+            message(Path::new("/nowhere/x.csv"), "a.html")
+                .starts_with("cannot read /nowhere/x.csv")
+        );
+        assert!(message(folder.path(), "a.html").contains("INDEX.txt"));
+        let other = folder.path().join("x.bin");
+        std::fs::write(&other, [0, 255, 3]).unwrap();
+        assert!(message(&other, "a.html").contains("cannot show"));
+        assert!(message(&other, "a.gif").contains(".html or .png"));
+        assert!(!folder.path().join("a.html").exists(), "no partial output");
+    }
+
+    /// Weights of two users, a face model, a recording of two people.
+    #[test]
+    fn what_is_shown_looks_as_it_did() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run.csv");
+        let mut text =
+            "frame,time_us,user,state,confidence,tx_m,qx,w_AU25,w_AU12L,w_AU61,m_lip_gap\n"
+                .to_owned();
+        for n in 0..120 {
+            let t = f64::from(n) / 10.0;
+            let state = ["warming", "tracking", "lost"][n as usize / 15 % 3];
+            let gap = if n % 40 < 30 {
+                format!("{:.3}", 0.5 + 0.4 * t.sin())
+            } else {
+                String::new()
+            };
+            writeln!(
+                text,
+                "{n},{:.0},{},{state},{:.2},{:.3},{:.3},{gap},{:.3},0.2,{:.3}",
+                t * 1e6,
+                n % 2,
+                0.9 - 0.2 * (t * 0.7).cos(),
+                0.05 * t.cos(),
+                0.2 * (t * 0.3).sin(),
+                (0.5 * t).sin().abs(),
+                0.1 + 0.05 * (t * 2.0).sin(),
+            )
+            .unwrap();
+        }
+        std::fs::write(&run, text).unwrap();
+        let recording = folder.path().join("recording");
+        let mut simulated = Source::simulated(Some("two")).unwrap();
+        record(&mut simulated, &recording, 0.5, 0.0, &false.into()).unwrap();
+        let model = FaceModel::shipped();
+        let of_model: &Path = "config/face.model".as_ref();
+        for (name, path) in [
+            ("run", &*run),
+            ("model", of_model),
+            ("recording", &recording),
+        ] {
+            let album = album(path, &model, &Settings::default()).unwrap();
+            hold_every(
+                &format!("inspect/{name}"),
+                &coloured::<40, 60>(&album.sheet()),
+            );
+        }
+    }
+
+    #[test]
+    fn a_run_is_written_in_both_forms() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run.csv");
+        std::fs::write(
+            &run,
+            "frame,time_us,user,state,w_AU25\n0,0,0,tracking,0.5\n1,33333,0,tracking,0.7\n",
+        )
+        .unwrap();
+        for out in ["run.html", "run.png"] {
+            let out = folder.path().join(out);
+            assert_eq!(
+                inspect(
+                    &run,
+                    Some(&out),
+                    &FaceModel::default(),
+                    &Settings::default()
+                )
+                .unwrap(),
+                out
+            );
+            assert!(std::fs::metadata(out).unwrap().len() > 200);
+        }
+    }
+}

@@ -8,8 +8,7 @@ use std::fmt::Write;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::examples::Example;
-use super::glance::Seen;
+use super::examples::{Example, Seen};
 use crate::base::capacity::{LEARNT_MEASURES, LENGTHS};
 use crate::expression::features;
 use crate::landmarks::eyes::CELLS;
@@ -124,8 +123,7 @@ mod tests {
     use crate::base::capacity::INPUTS;
     use crate::base::geometry::Rigid;
     use crate::landmarks::eyes::Eyes;
-    use crate::studio::units::examples;
-    use crate::studio::units::glance::Glance;
+    use crate::studio::units::examples::{self, Glance};
 
     #[test]
     fn a_planted_map_is_learnt_over_people_who_rest_differently_and_blink() {

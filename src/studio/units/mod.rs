@@ -2,13 +2,12 @@
 //! of measures.
 //!
 //! ```text
-//! readings  how each unit is read from all measures together ◄─ examples ◄─ glance
+//! readings  how each unit is read from all measures together ◄─ examples
 //!           gaze: where eyes look, from the same examples; smiles: real ones
 //! ```
 
 mod examples;
 mod gaze;
-mod glance;
 pub mod readings;
 mod smiles;
 #[cfg(test)]

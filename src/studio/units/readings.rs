@@ -16,9 +16,8 @@ use std::sync::LazyLock;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::examples::{self, Example, written};
+use super::examples::{self, Example, Glance, looks, written};
 use super::gaze;
-use super::glance::{Glance, looks};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS};
 use crate::expression::readings::input_name;
 use crate::expression::{Units, features};

@@ -1,7 +1,7 @@
 //! The face model against its bars: one table of landmark errors on people, poses and light it has never seen.
 //!
 //! ```text
-//! drawn    held-out people before the simulated sensor, under every condition; covers: what hides them
+//! drawn    held-out people before the simulated sensor, under every condition
 //! stills   photographs and a video
 //! tallies  errors, and how far confidence is right
 //! ```
@@ -13,7 +13,6 @@
 //! offsets per landmark are measured on the other people. Seeded; the same on any number of threads but for the times.
 //! Choose settings with `--split dev`; the test people are for the table.
 
-mod covers;
 mod drawn;
 mod stills;
 mod tallies;
