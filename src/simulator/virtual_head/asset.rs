@@ -97,7 +97,7 @@ pub struct Texture {
 impl Texture {
     /// Colour at pixel coordinates (pixel centres are integers), bilinear, clamped to the border. Black if empty.
     #[inline]
-    pub fn at(&self, x: f32, y: f32) -> [f32; 3] {
+    pub fn colour_at(&self, x: f32, y: f32) -> [f32; 3] {
         if self.width < 2 || self.height < 2 {
             return [0.0; 3];
         }
@@ -238,8 +238,8 @@ mod tests {
             rgb: vec![0, 0, 0, 100, 0, 0, 0, 50, 0, 100, 50, 200],
         };
         let close = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.6);
-        assert!(close(texture.at(0.5, 0.0), [50.0, 0.0, 0.0]));
-        assert!(close(texture.at(0.5, 0.5), [50.0, 25.0, 50.0]));
-        assert!(close(texture.at(9.0, 9.0), [100.0, 50.0, 200.0]));
+        assert!(close(texture.colour_at(0.5, 0.0), [50.0, 0.0, 0.0]));
+        assert!(close(texture.colour_at(0.5, 0.5), [50.0, 25.0, 50.0]));
+        assert!(close(texture.colour_at(9.0, 9.0), [100.0, 50.0, 200.0]));
     }
 }

@@ -26,7 +26,7 @@ defaults! {
 
 impl Light {
     /// Brightness of a surface with this outward unit normal.
-    pub(super) fn on(&self, normal: &Vector) -> f32 {
+    pub(super) fn brightness_on(&self, normal: &Vector) -> f32 {
         self.ambient + (1.0 - self.ambient) * normal.dot(&self.towards).max(0.0)
     }
 }
@@ -125,7 +125,7 @@ impl HeadPainter {
         sum_normals(triangles, &self.placed, &mut self.normals);
         for (bright, normal) in self.bright.iter_mut().zip(&self.normals) {
             let length = normal.norm_squared().sqrt();
-            *bright = light.on(&(normal / length.max(1e-12)));
+            *bright = light.brightness_on(&(normal / length.max(1e-12)));
         }
     }
 
@@ -176,7 +176,7 @@ impl HeadPainter {
                 if let Some(texture) = photograph {
                     let share = mix(shares, u, v);
                     let [x, y] = [0, 1].map(|k| mix(places.map(|p| p[k]), u, v) * shrink + shift);
-                    let photo = texture.at(x, y);
+                    let photo = texture.colour_at(x, y);
                     for k in 0..3 {
                         colour[k] += share * (photo[k] - colour[k]);
                     }
@@ -263,7 +263,7 @@ impl ShapePainter {
         for triangle in &shape.triangles {
             let [a, b, c] = triangle.map(|k| k as usize);
             let lit = [a, b, c].map(|k| {
-                let bright = light.on(&shape.normals[k]);
+                let bright = light.brightness_on(&shape.normals[k]);
                 [0, 1, 2].map(|ch| shape.colour[k][ch] * bright * light.tint[ch])
             });
             let corners = [a, b, c].map(|k| self.corners[k]);

@@ -117,7 +117,7 @@ impl Simulator {
             seed,
             light,
             exposure: 1.0,
-            reading: DepthReading::of(&camera),
+            reading: DepthReading::from_camera(&camera),
             tiles: Tiles::new(seed),
             hand: ShapePainter::new(Shape::hand([205.0, 160.0, 135.0])),
             sensor: Sensor::default(),
@@ -266,7 +266,7 @@ impl Simulator {
                     person.pose(&pose, &view.rotation);
                 }
                 #[cfg(feature = "studio")]
-                person.reach(t, &view.rotation);
+                person.move_hand(t, &view.rotation);
             }
         }
         for (k, other) in self.bystanders.iter_mut().enumerate() {

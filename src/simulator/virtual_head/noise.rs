@@ -89,7 +89,7 @@ pub(crate) struct DepthReading {
 
 impl DepthReading {
     /// Raw depth is linear in 1/z: the simulator needs no more of the camera's tables.
-    pub(crate) fn of(camera: &Camera) -> Self {
+    pub(crate) fn from_camera(camera: &Camera) -> Self {
         let (near, far) = (0.5, 4.0);
         let (a, b) = (camera.raw_from_m(near), camera.raw_from_m(far));
         let raw_per_inverse = (a - b) / (1.0 / near - 1.0 / far);
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     fn reading() -> DepthReading {
-        DepthReading::of(&crate::sensor::kinect::geometry::nominal())
+        DepthReading::from_camera(&crate::sensor::kinect::geometry::nominal())
     }
 
     fn boxed() -> Box<[u16; PIXELS]> {

@@ -84,9 +84,9 @@ impl Person {
 
     /// Brings the hand to where it is at `t` seconds.
     #[cfg(feature = "studio")]
-    pub(super) fn reach(&mut self, t: f32, tilt: &Rotation) {
+    pub(super) fn move_hand(&mut self, t: f32, tilt: &Rotation) {
         if let Some((held, painter, there)) = &mut self.held {
-            let place = held.at(t);
+            let place = held.position_at(t);
             *there = place.is_some();
             if let Some(place) = place {
                 let turn = self.pose.rotation;

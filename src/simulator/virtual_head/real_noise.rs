@@ -185,14 +185,14 @@ impl Seen<'_> {
         let mut value = self.matched(offset, &mut is_read);
         self.fails_at_a_slope(&mut value, &mut is_read);
         let [dr, dc] = offset;
-        is_read &= self.comes_back(self.stuff[self.near(dr, dc)], value);
+        is_read &= self.comes_back(self.stuff[self.index_near(dr, dc)], value);
         let reading = self.reading;
         let raw = reading.raw_far + reading.raw_per_inverse * value + self.noise();
         let is_read = is_read && (NEAREST_RAW..FARTHEST_RAW).contains(&raw);
         is_read.then_some((raw + 0.5) as u16)
     }
 
-    fn near(&self, rows: isize, columns: isize) -> usize {
+    fn index_near(&self, rows: isize, columns: isize) -> usize {
         let row = self.row.saturating_add_signed(rows).min(HEIGHT - 1);
         let col = self.col.saturating_add_signed(columns).min(WIDTH - 1);
         row * WIDTH + col
@@ -209,7 +209,7 @@ impl Seen<'_> {
     }
 
     fn is_at_rim(&self) -> bool {
-        self.real.rim[self.near(0, 0)]
+        self.real.rim[self.index_near(0, 0)]
     }
 
     /// Raw values between two distances.
@@ -223,7 +223,7 @@ impl Seen<'_> {
             return [0; 2];
         }
         let around = [(0, 0), (0, -3), (0, 3), (-3, 0), (3, 0)];
-        let ragged = around.map(|(dr, dc)| self.stuff[self.near(dr, dc)].answers()[4]);
+        let ragged = around.map(|(dr, dc)| self.stuff[self.index_near(dr, dc)].answers()[4]);
         let reach = ragged.into_iter().fold(0.0, f32::max) * self.strength;
         [0, 1].map(|k| {
             let still = self.still(&self.real.lobes, k + 1);
@@ -234,10 +234,10 @@ impl Seen<'_> {
 
     /// What the window takes in around there: near an edge what most of it shows, everywhere a mean of that.
     fn matched(&self, [dy, dx]: [isize; 2], is_read: &mut bool) -> f32 {
-        let at = self.near(dy, dx);
+        let at = self.index_near(dy, dx);
         let mut value = self.inverse[at];
         *is_read = !self.real.dark[at] && value > 0.0;
-        let around = TAPS.map(|(dr, dc)| self.near(dy + dr, dx + dc));
+        let around = TAPS.map(|(dr, dc)| self.index_near(dy + dr, dx + dc));
         let values = around.map(|at| self.inverse[at]);
         if self.is_at_rim() && self.strength > HALF {
             let mut sorted = values;
@@ -266,11 +266,11 @@ impl Seen<'_> {
 
     /// Readings fail on what is seen at a grazing angle; some beside an edge lie between its sides.
     fn fails_at_a_slope(&self, value: &mut f32, is_read: &mut bool) {
-        let [right, left, below, above] =
-            [(0, 1), (0, -1), (1, 0), (-1, 0)].map(|(dr, dc)| self.inverse[self.near(dr, dc)]);
+        let [right, left, below, above] = [(0, 1), (0, -1), (1, 0), (-1, 0)]
+            .map(|(dr, dc)| self.inverse[self.index_near(dr, dc)]);
         let steep = (right - left).abs().max((below - above).abs());
         let steep = steep * 0.5 * -self.reading.raw_per_inverse;
-        let is_edge = self.real.edge[self.near(0, 0)];
+        let is_edge = self.real.edge[self.index_near(0, 0)];
         if steep > GRAZING_SLOPE && !is_edge {
             let fails = ((steep - GRAZING_SLOPE) / GRAZING_SPAN).min(1.0) * 0.8;
             *is_read &= self.still(&self.real.ranks, 3) > fails;
@@ -309,7 +309,7 @@ mod tests {
     use super::*;
 
     fn reading() -> DepthReading {
-        DepthReading::of(&crate::sensor::kinect::geometry::nominal())
+        DepthReading::from_camera(&crate::sensor::kinect::geometry::nominal())
     }
 
     fn boxed() -> Box<[u16; PIXELS]> {

@@ -172,7 +172,7 @@ const HAND_STAYS_S: [f32; 3] = [0.3, 0.9, 1.8];
 const HAND_MOVES_S: f32 = 0.25;
 
 /// How somebody sits: turning within degrees of yaw and pitch, at a place, swaying by so much; metres.
-type Seat = ([f32; 2], [f32; 3], [f32; 3]);
+type Placement = ([f32; 2], [f32; 3], [f32; 3]);
 
 impl Scene {
     /// As [`Self::play_person`], of the first person.
@@ -191,8 +191,8 @@ impl Scene {
         mut set: impl FnMut(&str, f32),
     ) -> Option<Rigid> {
         let seed = seed ^ (person as u64).wrapping_mul(0xa076_1d64_78bd_642f);
-        let (turned, [x, y, z], sway) = self.seat(person)?;
-        let aside = self.aside(person, t)?;
+        let (turned, [x, y, z], sway) = self.placement(person)?;
+        let aside = self.offset_from_place(person, t)?;
         self.express(seed, t, &mut set);
         let calm = smoothstep(1.0, 3.0, t);
         let walk = |channel, period, range: f32| {
@@ -224,7 +224,7 @@ impl Scene {
         Some(placed(angles, [x + dx + aside, y + dy, z + dz]))
     }
 
-    fn seat(self, person: usize) -> Option<Seat> {
+    fn placement(self, person: usize) -> Option<Placement> {
         Some(match self {
             Self::Empty | Self::Furnished => return None,
             Self::Still => ([0.0; 2], [0.0, -0.02, 0.7], [0.0; 3]),
@@ -258,7 +258,7 @@ impl Scene {
     }
 
     /// How far somebody is beside their seat, metres; `None`: out of the picture.
-    fn aside(self, person: usize, t: f32) -> Option<f32> {
+    fn offset_from_place(self, person: usize, t: f32) -> Option<f32> {
         let phase = t % 20.0;
         let step = |from: f32, to: f32| smoothstep(from, to, phase);
         Some(match self {

@@ -99,7 +99,7 @@ impl Turned {
     }
 
     /// Rotation of the node for a pose (x, y, z, w in the sensor's head frame), and its translation if that changes too.
-    pub(super) fn at(&self, pose: [f32; 4]) -> ([f32; 4], Option<[f32; 3]>) {
+    pub(super) fn posed(&self, pose: [f32; 4]) -> ([f32; 4], Option<[f32; 3]>) {
         let [x, y, z, w] = pose;
         let side = if self.backwards { -1.0 } else { 1.0 };
         let q = Quaternion::new(w, side * x, -y, -side * z);

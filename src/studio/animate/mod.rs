@@ -210,7 +210,7 @@ struct Targets {
 
 impl Targets {
     /// Of a mesh, `recipe` the units of shapes by name; `None` if its targets have no names.
-    fn of(mesh: &Value, recipe: &[(String, String)]) -> Option<Self> {
+    fn read(mesh: &Value, recipe: &[(String, String)]) -> Option<Self> {
         let names = mesh["extras"]["targetNames"]
             .as_array()
             .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array())?;
@@ -266,7 +266,7 @@ fn animated(
     let mut turning: Option<(usize, Vec<Turn>)> = None;
     let mut driven_meshes = Vec::new();
     for (m, mesh) in meshes.iter().enumerate() {
-        let Some(targets) = Targets::of(mesh, &recipe) else {
+        let Some(targets) = Targets::read(mesh, &recipe) else {
             continue;
         };
         total += targets.units.len();
@@ -292,7 +292,7 @@ fn animated(
     }
     if let Some((input, poses)) = turning.filter(|(_, poses)| !poses.is_empty()) {
         for turned in Turned::find(glb, &driven_meshes) {
-            let rows = poses.iter().map(|&pose| turned.at(pose));
+            let rows = poses.iter().map(|&pose| turned.posed(pose));
             let (rotations, places): (Vec<_>, Vec<_>) = rows.unzip();
             let turns = sampler(&mut animation, glb, input, &rotations);
             channel(&mut animation, turns, turned.node, "rotation");

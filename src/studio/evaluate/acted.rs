@@ -47,7 +47,7 @@ impl Acted {
     }
 
     /// Truth of a unit in a frame; none of units this head cannot act.
-    pub(crate) fn of(&self, unit: &str, shown: &Truth) -> Option<f64> {
+    pub(crate) fn truth_of(&self, unit: &str, shown: &Truth) -> Option<f64> {
         let (_, expressions) = self.units.iter().find(|(name, _)| *name == unit)?;
         if expressions.is_empty() {
             let gap = measures::raw(&shown.landmarks_head)[Measure::LipGap as usize];

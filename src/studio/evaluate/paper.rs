@@ -180,7 +180,7 @@ impl Experiments<'_> {
             }
         }
         for bins in [by_light, by_cover, by_yaw, by_pitch] {
-            bins.tell(say);
+            bins.report(say);
         }
         Ok(())
     }
@@ -212,7 +212,7 @@ impl Experiments<'_> {
                 let named = names.iter().zip(report.weights);
                 let errors = units.iter().filter_map(|unit| {
                     let (_, &weight) = named.clone().find(|(name, _)| *name == unit)?;
-                    Some((f64::from(weight) - acted.of(unit, &truth)?).abs())
+                    Some((f64::from(weight) - acted.truth_of(unit, &truth)?).abs())
                 });
                 let count = errors.clone().count().max(1) as f64;
                 each(system, seconds as f32, &truth, errors.sum::<f64>() / count);
@@ -256,7 +256,7 @@ impl Bins {
         *count += 1.0;
     }
 
-    fn tell(&self, say: &mut dyn FnMut(&str)) {
+    fn report(&self, say: &mut dyn FnMut(&str)) {
         for (system, name) in SYSTEMS.iter().enumerate() {
             let means = self.ends.iter().zip(&self.sums).map(|(end, sums)| {
                 let [sum, count] = sums[system];
@@ -275,7 +275,7 @@ impl Bins {
 /// Share of the points that the hand over the mouth covers: those within the outline of its palm and fingers.
 fn covered_share(seconds: f32, truth: &Truth) -> f32 {
     const HALF_M: [f32; 2] = [0.065, 0.040];
-    let Some(place) = Held::Mouth.at(seconds) else {
+    let Some(place) = Held::Mouth.position_at(seconds) else {
         return 0.0;
     };
     let inside = truth.landmarks_head.iter().filter(|p| {

@@ -75,7 +75,10 @@ pub(super) fn play(
         else {
             continue;
         };
-        let truths = played.columns.iter().map(|unit| acted.of(unit, &shown));
+        let truths = played
+            .columns
+            .iter()
+            .map(|unit| acted.truth_of(unit, &shown));
         played.seen.push(Seen {
             pose: *pose,
             true_pose: shown.sensor_from_head,
@@ -83,7 +86,7 @@ pub(super) fn play(
             weights: report.weights.iter().map(|&w| f64::from(w)).collect(),
             acted: truths.map(|truth| truth.unwrap_or(0.0)).collect(),
             expressions: shown.activations.to_vec(),
-            measures: truth.of(landmarks, &shown),
+            measures: truth.seen_and_true(landmarks, &shown),
         });
     }
     Ok(played)
@@ -106,7 +109,7 @@ impl Measured {
     }
 
     /// Each measure, seen and true, both over the true eye distance.
-    fn of(&self, seen: &Landmarks, shown: &Truth) -> [[f64; 2]; LEARNT_MEASURES] {
+    fn seen_and_true(&self, seen: &Landmarks, shown: &Truth) -> [[f64; 2]; LEARNT_MEASURES] {
         let blown = |k: usize| shown.activations.get(k).copied();
         let blown = self.cheeks.map(|k| k.and_then(blown).unwrap_or(0.0));
         let both = [

@@ -44,7 +44,7 @@ pub struct Spread {
 
 impl Spread {
     /// Of these values; not a number if there are none.
-    pub fn of(mut values: Vec<f64>) -> Self {
+    pub fn from_values(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         let p95 = values.get(values.len().saturating_sub(1) * 95 / 100);
         Self {

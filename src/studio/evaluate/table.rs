@@ -35,14 +35,14 @@ pub struct Figure {
 }
 
 impl Figure {
-    fn of(played: &[Played], values: impl Fn(&Played) -> Vec<f64>) -> Self {
+    fn of_people(played: &[Played], values: impl Fn(&Played) -> Vec<f64>) -> Self {
         let each: Vec<Vec<f64>> = played.iter().map(values).collect();
         let means = played.iter().zip(&each);
         let means = means.map(|(one, values)| (one.person, mean(values)));
         let known = means.filter(|(_, mean)| !mean.is_nan());
         Self {
             worst: known.max_by(|a, b| a.1.total_cmp(&b.1)),
-            spread: Spread::of(each.concat()),
+            spread: Spread::from_values(each.concat()),
         }
     }
 
@@ -139,13 +139,13 @@ fn table(played: &[Played]) -> Table {
     let seen = frames_seen(played).count();
     // Rotation (0) or translation (1), as it is (0) or with the person's offset out (1).
     let pose = |axis: usize, out: usize| {
-        Figure::of(played, |one| {
+        Figure::of_people(played, |one| {
             let errors = errors_of_pose(one, out == 1);
             errors.iter().map(|error| error[axis]).collect()
         })
     };
     let points = |some: usize| {
-        Figure::of(played, |one| {
+        Figure::of_people(played, |one| {
             one.seen.iter().map(|seen| seen.error[some]).collect()
         })
     };
@@ -156,7 +156,7 @@ fn table(played: &[Played]) -> Table {
     let (turned_deg, turned_points) = of_turned
         .map(|(seen, [turn, _])| (turn, seen.error[0]))
         .unzip();
-    let lost = Figure::of(played, |one| {
+    let lost = Figure::of_people(played, |one| {
         vec![1.0 - one.seen.len() as f64 / one.frames.max(1) as f64]
     });
     let resting = frames_seen(played).filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
@@ -168,11 +168,11 @@ fn table(played: &[Played]) -> Table {
         least_tracked: lost.worst.map(|(person, lost)| (person, 1.0 - lost)),
         rotation_deg: [0, 1].map(|out| pose(0, out)),
         translation_mm: [0, 1].map(|out| pose(1, out)),
-        turned: [turned_deg, turned_points].map(Spread::of),
+        turned: [turned_deg, turned_points].map(Spread::from_values),
         landmarks: points(0),
         inner: points(1),
-        rest: Spread::of(rest.collect()),
-        winks: winks(played).map(Spread::of),
+        rest: Spread::from_values(rest.collect()),
+        winks: winks(played).map(Spread::from_values),
         following: following(played),
         matrix: matrix(played),
     }
@@ -197,7 +197,9 @@ fn following(played: &[Played]) -> Vec<Following> {
             .collect()
     };
     let columns = played.first().map_or(&[][..], |one| &one.columns);
-    let all = |value: &dyn Fn(&Seen) -> f64| Spread::of(frames_seen(played).map(value).collect());
+    let all = |value: &dyn Fn(&Seen) -> f64| {
+        Spread::from_values(frames_seen(played).map(value).collect())
+    };
     let mut following = Vec::new();
     for (m, row) in Units::shipped().rows.iter().enumerate() {
         let measured = mean(&each(&|seen| seen.measures[m]));
@@ -218,7 +220,7 @@ fn following(played: &[Played]) -> Vec<Following> {
                 correlation: mean(&weights),
                 worst: weights.iter().copied().fold(f64::INFINITY, f64::min),
                 error: all(&|seen| (seen.weights[k] - seen.acted[k]).abs()).mean,
-                quiet: Spread::of(where_so(&|seen| most(seen) < IDLE)).p95,
+                quiet: Spread::from_values(where_so(&|seen| most(seen) < IDLE)).p95,
                 reach: median(&where_so(&|seen| seen.acted[k] > FULL)),
                 foreign: mean(&where_so(&|seen| {
                     seen.acted[k] < IDLE && most(seen) > ACTED

@@ -101,6 +101,6 @@ pub fn make_simulated_head(
     let ict = IctHead::read(&data.join("ict_facekit"))?;
     let plain = plain_head(&ict);
     let head = average(&heads);
-    let small = Reduction::of(&plain).apply(head.as_ref().unwrap_or(&plain));
+    let small = Reduction::new(&plain).apply(head.as_ref().unwrap_or(&plain));
     super::write(&small, out)
 }

@@ -142,7 +142,7 @@ impl<'a> Mesh<'a> {
             let normal = mesh.normal(t);
             let (area, unit) = (normal.norm(), normal.normalize());
             if area > 0.0 {
-                let plane = Vector4::new(unit.x, unit.y, unit.z, -unit.dot(&mesh.place(t[0])));
+                let plane = Vector4::new(unit.x, unit.y, unit.z, -unit.dot(&mesh.position(t[0])));
                 // Weighted by area relative to a square centimetre, so that the sum stays a squared distance.
                 let quadric = plane * plane.transpose() * (area / 1e-5).min(1.0);
                 for v in t {
@@ -210,12 +210,12 @@ impl<'a> Mesh<'a> {
         }
     }
 
-    fn place(&self, v: u32) -> Vector3<f64> {
+    fn position(&self, v: u32) -> Vector3<f64> {
         self.asset.neutral[v as usize].coords.cast()
     }
 
     fn normal(&self, t: [u32; 3]) -> Vector3<f64> {
-        let [a, b, c] = t.map(|v| self.place(v));
+        let [a, b, c] = t.map(|v| self.position(v));
         (b - a).cross(&(c - a))
     }
 
@@ -250,7 +250,7 @@ impl<'a> Mesh<'a> {
                 return f64::INFINITY;
             }
         }
-        let p = self.place(to);
+        let p = self.position(to);
         let q = Vector4::new(p.x, p.y, p.z, 1.0);
         let shape =
             (q.transpose() * (self.quadrics[from as usize] + self.quadrics[to as usize]) * q)[0];
@@ -258,14 +258,14 @@ impl<'a> Mesh<'a> {
             .iter()
             .zip(&self.motion[to as usize]);
         let moves: f64 = moves.map(|(a, b)| f64::from((a - b).norm_squared())).sum();
-        let length = (self.place(from) - p).norm_squared();
+        let length = (self.position(from) - p).norm_squared();
         self.weight[from as usize] * (shape.max(0.0) + 0.03 * moves + 0.004 * length)
     }
 }
 
 impl Reduction {
     /// Chooses the vertices that stay.
-    pub fn of(asset: &HeadAsset) -> Self {
+    pub fn new(asset: &HeadAsset) -> Self {
         let part_at = part_of_each(asset);
         let mut mesh = Mesh::new(asset, &part_at);
         mesh.collapse(&part_at);

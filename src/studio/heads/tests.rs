@@ -62,7 +62,7 @@ fn landmarks_lie_under_their_annotations_and_survive_reduction() {
         * 0.5;
     assert!(corner.norm() < 1e-5);
 
-    let small = reduce::Reduction::of(asset).apply(asset);
+    let small = reduce::Reduction::new(asset).apply(asset);
     assert!(small.neutral.len() * 3 < asset.neutral.len());
     for (a, b) in asset.landmarks.iter().zip(small.landmarks.iter()) {
         assert!((a.on(&asset.neutral) - b.on(&small.neutral)).norm() < 1e-6);

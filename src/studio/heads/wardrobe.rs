@@ -161,7 +161,7 @@ impl Wardrobe {
             }
             let facing = -(turn * normals[v].normalize()).z;
             if !part::NARROW_FACE.contains(&v) || facing < 0.7 {
-                let c = photograph.at(x, y);
+                let c = photograph.colour_at(x, y);
                 let off = (0..3).map(|k| (c[k] - backdrop[k]).powi(2));
                 if off.sum::<f32>().sqrt() < BACKDROP {
                     return SHOWS_BACKDROP;
@@ -204,7 +204,10 @@ impl Wardrobe {
     }
 
     fn colours(&self, share: &[f32], bent: &[[f32; 2]], photograph: &Texture) -> Vec<[f32; 3]> {
-        let known: Vec<[f32; 3]> = bent.iter().map(|&[x, y]| photograph.at(x, y)).collect();
+        let known: Vec<[f32; 3]> = bent
+            .iter()
+            .map(|&[x, y]| photograph.colour_at(x, y))
+            .collect();
         let seen: Vec<usize> = part::NARROW_FACE.filter(|&v| share[v] > 0.9).collect();
         let skin = [0, 1, 2].map(|k| {
             let sum = seen.iter().map(|&v| known[v][k]).fold(0.0, |a, b| a + b);

@@ -175,7 +175,7 @@ impl Counts {
         }
     }
 
-    fn tell(&self, album: &mut Album, skipped: u64, duration: f64) {
+    fn add_facts(&self, album: &mut Album, skipped: u64, duration: f64) {
         let share = |n: usize| {
             let percent = 100.0 * n as f64 / self.frames.max(1) as f64;
             format!("{n} ({percent:.1} %)")
@@ -334,7 +334,7 @@ pub(super) fn inspect(
     let mut album = drawn.album;
     let ends = all.first().zip(all.last());
     let duration = ends.map_or(0.0, |(first, last)| last.0 - first.0);
-    counts.tell(&mut album, recording.skipped(), duration);
+    counts.add_facts(&mut album, recording.skipped(), duration);
     let played = format!("{} of {}", album.frames.len(), counts.frames);
     album.fact("frames in this page", played);
     album.plots = plots(&all, &pipeline.unit_names());

@@ -139,8 +139,8 @@ impl Place {
     }
 
     /// Vertices of the mesh, their places and normals, as the page takes them.
-    fn told(&self, points: &[u64]) -> Value {
-        let all = points.iter().map(|&v| self.surface.at(v));
+    fn points_json(&self, points: &[u64]) -> Value {
+        let all = points.iter().map(|&v| self.surface.position_and_normal(v));
         let rows = all.map(|(p, n)| (<[f64; 3]>::from(p), <[f64; 3]>::from(n)));
         let (places, normals): (Vec<_>, Vec<_>) = rows.unzip();
         json!({"points": points, "places": places, "normals": normals})
@@ -148,7 +148,7 @@ impl Place {
 
     /// What the page knows at its start.
     fn start(&self) -> Value {
-        let mut start = self.told(&self.points);
+        let mut start = self.points_json(&self.points);
         let partners: Vec<usize> = (0..LANDMARKS).map(mirrored).collect();
         start["name"] = json!(self.name);
         start["names"] = json!(&NAMES[..LANDMARKS]);
@@ -228,14 +228,14 @@ impl Place {
                     return Err("expected a ray with a direction".into());
                 }
                 let ray = Ray { from, along };
-                Ok(self.told(&self.surface.moved(&points, k, &ray, mirror)))
+                Ok(self.points_json(&self.surface.moved(&points, k, &ray, mirror)))
             }
             "/step" => {
                 let (k, mirror) = point(asked)?;
                 let both = format!("{},{}", word("sight"), word("towards"));
                 let both = vectors(&both).filter(|both| both.iter().all(|v| v.norm() > 0.0));
                 let both = both.ok_or("expected the lines of sight and of the step")?;
-                Ok(self.told(&self.surface.stepped(&points, k, both, mirror)))
+                Ok(self.points_json(&self.surface.stepped(&points, k, both, mirror)))
             }
             "/bake" => {
                 let set = numbers::<usize>(word("hand")).unwrap_or_default();

@@ -94,7 +94,7 @@ impl Surface {
     }
 
     /// Position and unit normal of a vertex.
-    pub fn at(&self, vertex: u64) -> (Vec3, Vec3) {
+    pub fn position_and_normal(&self, vertex: u64) -> (Vec3, Vec3) {
         let v = vertex as usize;
         (self.positions[v], self.normals[v])
     }
@@ -208,7 +208,7 @@ impl Surface {
         let (sight, towards) = (sight.normalize(), towards.normalize());
         let plane = mirror.then(|| self.plane(points));
         let middle = plane.filter(|_| mirrored(k) == k);
-        let (from, _) = self.at(points[k]);
+        let (from, _) = self.position_and_normal(points[k]);
         self.placed(points, k, &sight, plane, &|p| {
             let off = p - from;
             let (along, far) = (off.dot(&towards), off.norm());

@@ -184,7 +184,7 @@ impl Thread {
         loop {
             while let Ok(order) = orders.try_recv() {
                 self.obey(order);
-                self.tell();
+                self.send_states();
             }
             match passed.recv_timeout(FRAME) {
                 Ok(Passed::Sample(sample)) => self.pass_on(&sample),
@@ -203,7 +203,7 @@ impl Thread {
             self.test();
             if told.elapsed() > Duration::from_secs(1) {
                 told = Instant::now();
-                self.tell();
+                self.send_states();
             }
         }
     }
@@ -302,7 +302,7 @@ impl Thread {
     }
 
     /// Tells pages how the receivers are.
-    fn tell(&self) {
+    fn send_states(&self) {
         let line = |(id, line): (&&'static str, &Line)| {
             let tallies = || line.wires.iter().map(|wire| wire.tally());
             let sent: u64 = tallies().map(|tally| tally.sent).sum();

@@ -165,7 +165,7 @@ impl Receiver {
                 self.sample.state = (0.0..=5.0).contains(state).then_some(*state as u8)?;
                 self.sample.confidence = (confidence / 99.0) as f32;
                 self.sample.weights = weights.iter().map(|w| *w as f32 / self.full).collect();
-                self.tell(hub);
+                self.send_sample(hub);
                 Some(())
             }
             ["AUP", rest @ ..] => {
@@ -198,7 +198,7 @@ impl Receiver {
         self.sample.seconds = self.sample.number as f64 / 30.0;
         (self.sample.state, self.sample.confidence) = (2, f32::NAN);
         self.sample.weights = weights;
-        self.tell(hub);
+        self.send_sample(hub);
         Some(())
     }
 
@@ -224,7 +224,7 @@ impl Receiver {
                 self.sample.user = Some(usize::from(flags >> 4) % USERS);
                 self.sample.confidence = f32::from(*confidence) / 255.0;
                 self.sample.weights = weights.iter().map(|&w| f32::from(w) / 255.0).collect();
-                self.tell(hub);
+                self.send_sample(hub);
                 Some(())
             }
             [2, _, _, _, numbers @ ..] if numbers.len() == 14 => {
@@ -253,7 +253,7 @@ impl Receiver {
         }
     }
 
-    fn tell(&mut self, hub: &Hub) {
+    fn send_sample(&mut self, hub: &Hub) {
         // Until the names come, numbers say nothing.
         if self.units.len() == self.sample.weights.len() {
             hub.sample(&self.sample);

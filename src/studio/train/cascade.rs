@@ -89,7 +89,7 @@ pub fn learn_stage(
             for (p, mut column) in chunk.iter().zip(block.column_iter_mut()) {
                 let sample = &samples[p.sample];
                 let (known, target) = column.as_mut_slice().split_at_mut(inputs);
-                let patches = solver.features(shape, eye.look(sample), &p.fit, cell_px);
+                let patches = solver.features(shape, eye.maps_of(sample), &p.fit, cell_px);
                 known[..FEATURES].copy_from_slice(patches);
                 prior_columns(&p.fit, &p.anchor, &mut columns);
                 for (to, c) in known[FEATURES..].iter_mut().zip(&columns) {
@@ -130,7 +130,7 @@ pub fn advance(
     progress.par_chunks_mut(64).for_each(|chunk| {
         let (mut solver, mut eye) = (Solver::default(), Eye::default());
         for p in chunk {
-            let maps = eye.look(&samples[p.sample]);
+            let maps = eye.maps_of(&samples[p.sample]);
             p.fit = solver.run(stages, shape, maps, &p.fit, &p.anchor);
         }
     });

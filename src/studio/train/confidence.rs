@@ -64,7 +64,7 @@ pub fn learn(
 ) -> ConfidenceModel {
     let (errors, faces) = errors_of(samples, ends, faceless, shape);
     let seen = |(solver, eye): &mut (Solver, Eye), end: &Progress| {
-        let maps = eye.look(&samples[end.sample]);
+        let maps = eye.maps_of(&samples[end.sample]);
         solver.features(shape, maps, &end.fit, cell_px).to_vec()
     };
     let features = ends.par_iter().map_init(Default::default, seen);

@@ -23,7 +23,7 @@ struct Frame {
 }
 
 impl Frame {
-    fn of(points: &Points) -> Self {
+    fn from_points(points: &Points) -> Self {
         let origin = middle(&points[17..27]);
         let [x, y] = [points[8][0] - origin[0], points[8][1] - origin[1]];
         let size = x.hypot(y).max(8.0);
@@ -35,7 +35,7 @@ impl Frame {
             middle: 0.0,
             half: 0.0,
         };
-        frame.local = points.map(|[x, y]| frame.place(x, y));
+        frame.local = points.map(|[x, y]| frame.in_sizes(x, y));
         let [right, left] = [frame.local[0][0], frame.local[16][0]];
         frame.middle = 0.5 * (right + left);
         frame.half = 0.5 * (left - right);
@@ -43,7 +43,7 @@ impl Frame {
     }
 
     /// A picture's place in sizes of the face, across towards point 16 and down.
-    fn place(&self, x: f32, y: f32) -> [f32; 2] {
+    fn in_sizes(&self, x: f32, y: f32) -> [f32; 2] {
         let (x, y) = (x - self.origin[0], y - self.origin[1]);
         let [down_x, down_y] = self.down.map(|d| d / self.size);
         [x * down_y - y * down_x, x * down_x + y * down_y]
@@ -52,7 +52,7 @@ impl Frame {
     /// Paints where `shade` gives a grey for a place in sizes of the face.
     fn paint(&self, picture: &mut Picture, shade: impl Fn(f32, f32) -> Option<f32>) {
         picture.paint(|x, y| {
-            let [u, v] = self.place(x, y);
+            let [u, v] = self.in_sizes(x, y);
             shade(u, v)
         });
     }
@@ -114,7 +114,7 @@ impl Strands {
 
 /// Hair on the head and beside the face, over the ears and some of the cheeks; mostly with a fringe too.
 pub(super) fn mane(rng: &mut Rng, picture: &mut Picture) {
-    let (strands, frame) = (Strands::new(rng), Frame::of(picture.points));
+    let (strands, frame) = (Strands::new(rng), Frame::from_points(picture.points));
     if rng.f32() < 0.85 {
         curtain(rng, &strands, &frame, picture);
     }
@@ -214,7 +214,7 @@ impl Cloth {
 
 /// A cap, a hood, headphones, a scarf or a mask.
 pub(super) fn headwear(rng: &mut Rng, picture: &mut Picture) {
-    let (frame, cloth) = (Frame::of(picture.points), Cloth::new(rng));
+    let (frame, cloth) = (Frame::from_points(picture.points), Cloth::new(rng));
     let put_on = match rng.u8(..8) {
         0 | 1 => cap,
         2 => hood,
@@ -230,7 +230,7 @@ fn cap(rng: &mut Rng, frame: &Frame, cloth: &Cloth, picture: &mut Picture) {
     let (arch, dark) = (0.5 * rng.f32(), 0.9 * rng.f32());
     let low = |u: f32| edge + arch * u * u;
     picture.each(|x, y, grey| {
-        let [u, v] = frame.place(x, y);
+        let [u, v] = frame.in_sizes(x, y);
         let below = v - low(u);
         if (0.0..0.3).contains(&below) {
             *grey *= 1.0 - dark * (1.0 - below / 0.3);

@@ -18,7 +18,7 @@ use crate::studio::train::evaluate::{differences, mean_percent};
 #[derive(Clone)]
 pub(super) struct Known {
     pub(super) picture: TruePicture,
-    pub(super) measures: [f32; TOLD.len()],
+    pub(super) measures: [f32; REPORTED.len()],
 }
 
 /// A frame of a recording that teaches: its surroundings of the face, and its points in colour pixels.
@@ -28,7 +28,7 @@ pub(super) struct Seen {
 }
 
 /// Measures whose correlation is reported.
-pub(super) const TOLD: [Measure; 6] = [
+pub(super) const REPORTED: [Measure; 6] = [
     Measure::LipGap,
     Measure::JawDrop,
     Measure::MouthWidth,
@@ -37,9 +37,9 @@ pub(super) const TOLD: [Measure; 6] = [
     Measure::CornerL,
 ];
 
-pub(super) fn told(head: &[Point; LANDMARKS]) -> [f32; TOLD.len()] {
+pub(super) fn reported(head: &[Point; LANDMARKS]) -> [f32; REPORTED.len()] {
     let raw = measures::raw(head);
-    TOLD.map(|m| raw[m as usize] / raw[Measure::EyeDistance as usize])
+    REPORTED.map(|m| raw[m as usize] / raw[Measure::EyeDistance as usize])
 }
 
 /// Head window of a view of the picture, and the true points there.
@@ -69,7 +69,7 @@ pub(super) fn fits(
         progress.step();
         let picture = &known.picture;
         let mut rng = fastrand::Rng::with_seed(seed ^ (k as u64 + 1).wrapping_mul(0x9e37_79b9));
-        let view = range.of(&picture.truth.view, &mut rng);
+        let view = range.disturbed(&picture.truth.view, &mut rng);
         let (window, points, start) = cut(picture, &view);
         let first = solver.cold(&start);
         let started = first.shape;
@@ -108,8 +108,11 @@ pub(super) fn figures(model: &PaperAam, fits: &[Ended], pictures: &[Known]) -> S
         let failed = errors.iter().filter(|e| **e > 10.0).count() as f32;
         [median, errors.iter().sum::<f32>() / n, 100.0 * failed / n]
     });
-    let found: Vec<_> = fits.iter().map(|e| told(&solver.head(&e.fit))).collect();
-    let correlations = TOLD.iter().enumerate().map(|(m, measure)| {
+    let found: Vec<_> = fits
+        .iter()
+        .map(|e| reported(&solver.head(&e.fit)))
+        .collect();
+    let correlations = REPORTED.iter().enumerate().map(|(m, measure)| {
         let pairs = found.iter().zip(pictures);
         let r = correlation(pairs.map(|(a, b)| [a[m], b.measures[m]]));
         format!(", {} {r:.2}", measure.name())

@@ -22,7 +22,7 @@ pub(super) enum Source {
 }
 
 impl Source {
-    pub(super) fn of(args: &TrainArgs) -> Result<Self, Fault> {
+    pub(super) fn read(args: &TrainArgs) -> Result<Self, Fault> {
         if let Some(path) = &args.paper_of {
             return Ok(Self::Kept(FaceModel::read(&model_bytes(path)?)?.paper_aam));
         }
@@ -68,7 +68,7 @@ pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(),
             let mut next = |frame: &mut Frame| recording.next_frame(frame).unwrap_or(false);
             learn_frames(&mut next, &camera, &model, args.seed, say)?.into()
         }
-        None => Source::of(args)?.section(args, &model.shape, say)?,
+        None => Source::read(args)?.section(args, &model.shape, say)?,
     };
     let grafted = file::with_section(&bytes, *b"PAAM", &block)?;
     write_out(&args.out, &grafted)?;

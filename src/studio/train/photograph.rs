@@ -86,7 +86,7 @@ pub(super) fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Ve
 }
 
 /// Blur, exposure, gamma, noise.
-pub(super) fn develop(
+pub(super) fn photographed(
     rng: &mut Rng,
     width: usize,
     height: usize,

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use super::acting::expression;
 use super::grey_picture::{Picture, Points};
-use super::photograph::{backdrop, develop, grey_of, mix_skins};
+use super::photograph::{backdrop, grey_of, mix_skins, photographed};
 use super::random::{either, normal};
 use super::shape::{mirrored, quadratic};
 use super::worn::wear;
@@ -95,7 +95,7 @@ impl Renderer {
         }
         let ict = IctHead::read(&data.join("ict_facekit"))?;
         let plain = plain_head(&ict);
-        let reduction = Reduction::of(&plain);
+        let reduction = Reduction::new(&plain);
         let first = reduction.apply(&plain);
         for head in &mut heads {
             head.asset = reduction.apply_like(&head.asset, &first);
@@ -168,7 +168,7 @@ impl Renderer {
         };
         wear(&mut rng, &mut picture);
         let spare = &mut scratch.spare;
-        let luma = develop(&mut rng, width, height, &mut scratch.grey, spare);
+        let luma = photographed(&mut rng, width, height, &mut scratch.grey, spare);
         TrainingSample {
             grey: GrayImage::from_raw(width as u32, height as u32, luma).expect("a byte a pixel"),
             origin,

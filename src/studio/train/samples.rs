@@ -85,7 +85,7 @@ impl TruePicture {
         let mean: Face = std::array::from_fn(|i| shape.mean[i]);
         let mut coefficients = [0.0; MAX_MODES];
         let upright = Similarity::between(&drawn.head, &mean);
-        let face = drawn.head.map(|p| upright.of(&p));
+        let face = drawn.head.map(|p| upright.applied(&p));
         shape.coefficients(&face, &mut coefficients[..shape.modes.len()]);
         // What the model's shape must undergo to be the head's.
         let back = Similarity::between(&face, &drawn.head);
@@ -152,7 +152,7 @@ const FACE_WIDTH_M: f32 = 0.145;
 
 impl Disturbance {
     /// A view near the true one.
-    pub fn of(&self, view: &View, random: &mut fastrand::Rng) -> View {
+    pub fn disturbed(&self, view: &View, random: &mut fastrand::Rng) -> View {
         let mut about = |size: f32| size * (2.0 * random.f32() - 1.0);
         let Self([position, angle, scale]) = *self;
         let turn = rotation_from_yaw_pitch_roll(about(angle), about(angle), about(angle));
@@ -191,7 +191,7 @@ defaults! {
 
 impl Eye {
     /// Makes the maps of a sample.
-    pub fn look(&mut self, sample: &Sample) -> &OrientationMaps {
+    pub fn maps_of(&mut self, sample: &Sample) -> &OrientationMaps {
         for (value, grey) in self.window.iter_mut().zip(&sample.window) {
             *value = f32::from(*grey);
         }
@@ -264,7 +264,7 @@ pub fn sample(
     window: &mut [f32],
 ) -> Sample {
     let mut random = fastrand::Rng::with_seed(seed);
-    let view = disturbance.of(&picture.truth.view, &mut random);
+    let view = disturbance.disturbed(&picture.truth.view, &mut random);
     let placement = Placement::of_view(&view);
     placement.resample(&(&picture.grey).into(), &Region::WHOLE, window);
     if spoiled && !picture.drawn {

@@ -278,7 +278,7 @@ fn write_offsets(
 /// # Errors
 /// If the data cannot be read, is too little, or the result cannot be written.
 pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
-    let paper = paper_section::Source::of(args)?;
+    let paper = paper_section::Source::read(args)?;
     let began = Instant::now();
     let log: Log = &mut |what| say(&format!("{:5.0} s {what}", began.elapsed().as_secs_f32()));
     let ict = IctHead::read(&args.data.data.join("ict_facekit"))?;

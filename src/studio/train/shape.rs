@@ -185,7 +185,7 @@ impl Similarity {
     }
 
     /// The point moved.
-    pub fn of(&self, p: &Point) -> Point {
+    pub fn applied(&self, p: &Point) -> Point {
         Point::from(self.rotation * p.coords * self.scale + self.translation)
     }
 }
@@ -212,7 +212,7 @@ pub fn left_over(
 /// The face moved, turned and scaled so that its stable points lie best on those of `target`.
 pub fn aligned(face: &Face, target: &Face) -> Face {
     let similarity = Similarity::between(face, target);
-    face.map(|p| similarity.of(&p))
+    face.map(|p| similarity.applied(&p))
 }
 
 /// Weight of a point's motion in the choice of modes: lids and lips move by a millimetre and mean more than the jaw's

@@ -75,7 +75,7 @@ pub(super) struct Glance {
 
 impl Glance {
     /// A person's eyes at a pose, looking so far to the left and up; `None` without either.
-    pub(super) fn at(
+    pub(super) fn from_frame(
         who: usize,
         eyes: Option<Eyes>,
         pose: Option<&Rigid>,
@@ -124,7 +124,7 @@ pub(super) struct Seen {
 }
 
 /// Reads the true direction of a head's eyes.
-pub(super) fn looks(asset: &HeadAsset) -> impl Fn(&Truth) -> [f64; 2] + use<> {
+pub(super) fn gaze_reader(asset: &HeadAsset) -> impl Fn(&Truth) -> [f64; 2] + use<> {
     let pairs = [
         ["eyeLookOut_L", "eyeLookIn_L"],
         ["eyeLookUp_L", "eyeLookDown_L"],

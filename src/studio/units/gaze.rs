@@ -161,7 +161,7 @@ mod tests {
                 examples.push(Example {
                     departures: [0.0; INPUTS],
                     truth,
-                    glance: Glance::at(who, Some(eyes), Some(&pose), looks),
+                    glance: Glance::from_frame(who, Some(eyes), Some(&pose), looks),
                 });
             }
         }

@@ -16,7 +16,7 @@ use std::sync::LazyLock;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::examples::{self, Example, Glance, looks, written};
+use super::examples::{self, Example, Glance, gaze_reader, written};
 use super::gaze;
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS};
 use crate::expression::readings::input_name;
@@ -167,7 +167,7 @@ fn practise(trial: &Trial, number: usize, mut head: PersonHead) -> Result<Vec<Ex
                 ..Sensor::default()
             });
     }
-    let look = looks(simulator.asset());
+    let look = gaze_reader(simulator.asset());
     let mut pipeline = trial.pipeline(&simulator)?;
     let mut frame = Frame::default();
     let mut examples = Vec::new();
@@ -189,8 +189,8 @@ fn practise(trial: &Trial, number: usize, mut head: PersonHead) -> Result<Vec<Ex
         let eyes = report.landmarks.and_then(|face| face.eyes);
         examples.push(Example {
             departures,
-            glance: Glance::at(number, eyes, report.sensor_from_face, look(&shown)),
-            truth: core::array::from_fn(|k| acted.of(UNITS[k].0, &shown).unwrap_or(0.0)),
+            glance: Glance::from_frame(number, eyes, report.sensor_from_face, look(&shown)),
+            truth: core::array::from_fn(|k| acted.truth_of(UNITS[k].0, &shown).unwrap_or(0.0)),
         });
     }
     Ok(examples)

@@ -27,7 +27,7 @@ const LINE_OVER_EARS: [[f32; 2]; 5] = [
 ];
 
 /// Degrees from the face, 0…180.
-fn aside(phi: f32) -> f32 {
+fn degrees_from_face(phi: f32) -> f32 {
     phi.sin().atan2(phi.cos()).abs().to_degrees()
 }
 
@@ -102,7 +102,7 @@ impl Outfit {
                 let d = super::skull::direction(theta, phi) * 4.0;
                 let clump = grain(d.x * 1.7 + d.z + shift, d.y * 1.7 + d.z * 0.6);
                 let tuft = grain(d.x * 4.3 + d.z * 2.7 - shift, d.y * 4.1 - d.z * 1.9);
-                let edge = along(table, aside(phi)) - receding + 0.006 * tuft;
+                let edge = along(table, degrees_from_face(phi)) - receding + 0.006 * tuft;
                 let within = (edge - foot.y) / 0.006 + 0.5;
                 // Thin at its edge, thickest on top.
                 let body = slope(edge - foot.y, -0.004, 0.03).sqrt();
@@ -137,7 +137,7 @@ impl Outfit {
                 skull.point(theta + long * t, phi + aside, lift * rise + 0.003)
             });
             let end = path[STEPS - 1];
-            if end.y < along(&LINE, aside(phi)) + 0.004 {
+            if end.y < along(&LINE, degrees_from_face(phi)) + 0.004 {
                 let wide = 0.005 + 0.004 * chance(4);
                 self.lock(&path, wide, 0.78 + 0.4 * chance(5), cloth, k as f32 * 3.0);
             }

@@ -120,7 +120,7 @@ impl Outfit {
 
 impl Held {
     /// Where the hand is at `t` seconds: its place in the head frame, and how far up it is; `None`: out of the picture.
-    pub(crate) fn at(self, t: f32) -> Option<Point> {
+    pub(crate) fn position_at(self, t: f32) -> Option<Point> {
         let place = match self {
             Self::None => return None,
             Self::Chin => Point::new(0.0, 0.112, -0.030),

@@ -28,17 +28,17 @@ impl Outfit {
     /// Everything a person of this look wears, for this head.
     pub(crate) fn worn(asset: &super::asset::HeadAsset, look: &Look) -> Self {
         let mut outfit = Self::default();
-        let skull = skull::Skull::of(asset);
+        let skull = skull::Skull::from_asset(asset);
         outfit.torso(look);
         outfit.hair(&skull, look);
         #[cfg(feature = "studio")]
         outfit.things(asset, &skull, look);
-        outfit.round();
+        outfit.round_coordinates();
         outfit
     }
 
     /// Whole tenths of a millimetre, so that the last digit of a sine cannot show in a picture.
-    fn round(&mut self) {
+    fn round_coordinates(&mut self) {
         for knot in &mut self.knots {
             knot.offset = knot.offset.map(|c| (c * 1e4).round() * 1e-4);
             knot.weave = knot.weave.map(|c| (c * 64.0).round() / 64.0);

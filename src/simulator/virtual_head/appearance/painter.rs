@@ -117,7 +117,7 @@ impl OutfitPainter {
             for k in triangle.map(|k| k as usize) {
                 let normal = self.normals[k] / self.normals[k].norm().max(1e-12);
                 let shine = normal.dot(&light.towards).max(0.0).powi(6) * sheen;
-                let bright = light.on(&normal) + shine;
+                let bright = light.brightness_on(&normal) + shine;
                 let colour = self.outfit.knots[k].colour;
                 self.lit[k] = [0, 1, 2].map(|ch| colour[ch] * bright * light.tint[ch]);
             }

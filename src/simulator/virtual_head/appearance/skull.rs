@@ -23,7 +23,7 @@ pub(super) struct Skull {
 }
 
 impl Skull {
-    pub(super) fn of(asset: &HeadAsset) -> Self {
+    pub(super) fn from_asset(asset: &HeadAsset) -> Self {
         let mut radius = vec![0.0f32; (ROWS + 1) * COLUMNS];
         let middle = Point::from(MIDDLE);
         let mut reach = |p: Point| {

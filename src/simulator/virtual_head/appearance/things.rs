@@ -49,7 +49,7 @@ impl Outfit {
         let mut normals = vec![Vector::zeros(); n];
         let triangles = asset.triangles.iter().map(|t| t.map(|k| k as usize));
         sum_normals(triangles, &asset.neutral, &mut normals);
-        let face = Face::of(asset);
+        let face = Face::from_asset(asset);
         let stubble = lift < 0.002;
         let seed = part(look.seed, 3);
         let hair = |v: u32| {
@@ -96,18 +96,18 @@ impl Outfit {
 
     /// Rims around both eyes, a bridge, temples to the ears, glass.
     fn glasses(&mut self, asset: &HeadAsset, look: &Look) {
-        let glasses = Glasses::of(asset, look);
+        let glasses = Glasses::from_asset(asset, look);
         let [right, left] = [36..42, 42..48].map(|eye| {
             let outline = eye.map(|k: usize| asset.landmarks[k].on(&asset.neutral).coords);
             outline.sum::<Vector>() / 6.0
         });
         for eye in [right, left] {
-            let path: Vec<Point> = (0..=24).map(|k| glasses.round(&eye, k, 1.0)).collect();
+            let path: Vec<Point> = (0..=24).map(|k| glasses.rim_point(&eye, k, 1.0)).collect();
             self.rod(&glasses, &path, -Vector::z());
             let glass = Cloth::new(Stuff::Glass, [235.0, 240.0, 245.0], 0.0);
             self.grid([5, 25], false, Stuff::Glass, |row, column| {
                 // Columns run the other way than the angle, so that the glass is seen from before.
-                let p = glasses.round(&eye, 24 - column, 0.02 + 0.24 * row as f32);
+                let p = glasses.rim_point(&eye, 24 - column, 0.02 + 0.24 * row as f32);
                 // Only its glint is seen.
                 let mut knot = glass.knot(p, [0.0; 2], 0.10);
                 knot.weave = [p.x * 60.0 + 9.0, p.y * 90.0];
@@ -344,7 +344,7 @@ struct Face {
 }
 
 impl Face {
-    fn of(asset: &HeadAsset) -> Self {
+    fn from_asset(asset: &HeadAsset) -> Self {
         let at = |k: usize| asset.landmarks[k].on(&asset.neutral);
         let (left, right, upper, lower) = (at(48), at(54), at(51), at(57));
         let middle = nalgebra::center(&left, &right);
@@ -381,7 +381,7 @@ struct Glasses {
 }
 
 impl Glasses {
-    fn of(asset: &HeadAsset, look: &Look) -> Self {
+    fn from_asset(asset: &HeadAsset, look: &Look) -> Self {
         let colour = if share(look.seed, 40) < 0.6 {
             [32.0, 28.0, 27.0]
         } else {
@@ -402,7 +402,7 @@ impl Glasses {
     }
 
     /// A place on a rim, or on a share of the way to it: between an ellipse and a box.
-    fn round(&self, eye: &Vector, k: usize, share: f32) -> Point {
+    fn rim_point(&self, eye: &Vector, k: usize, share: f32) -> Point {
         let (sin, cos) = (std::f32::consts::TAU * k as f32 / 24.0).sin_cos();
         let power = |c: f32| c.abs().sqrt().copysign(c) * 0.5 + c * 0.5;
         let x = eye.x + share * self.wide * power(cos);

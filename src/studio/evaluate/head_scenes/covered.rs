@@ -46,7 +46,7 @@ pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
     let units = Units::shipped();
     let of_mouth = units.of_mouth();
     let names = units.columns(false);
-    let place = |t| Held::Mouth.at(t);
+    let place = |t| Held::Mouth.position_at(t);
     let home = place(3.2).map_or(0.0, |place| place.y);
     let (mut frame, mut errors) = (Frame::default(), Errors::default());
     let (mut held, mut now) = (vec![0.0f32; names.len()], vec![0.0f32; names.len()]);
@@ -65,7 +65,7 @@ pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
         if away > FREE_M {
             held.copy_from_slice(&now);
         }
-        let unit = |k: usize| acted.of(names[k].as_str(), &truth);
+        let unit = |k: usize| acted.truth_of(names[k].as_str(), &truth);
         if t < LEARNS_S {
             continue;
         }

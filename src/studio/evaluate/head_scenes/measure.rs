@@ -194,7 +194,7 @@ pub(super) fn pose_spreads(films: &[Film]) -> [Spread; 2] {
             errors.extend(pose_errors(&pairs, &mean_offset(&pairs)));
         }
     }
-    [0, 1].map(|k| Spread::of(errors.iter().map(|e| e[k]).collect()))
+    [0, 1].map(|k| Spread::from_values(errors.iter().map(|e| e[k]).collect()))
 }
 
 /// Whether a person's whole head is in the picture, and nobody nearer is before it.

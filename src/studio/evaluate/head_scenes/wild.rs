@@ -138,7 +138,7 @@ fn play_one(
         flips,
         rotation_deg,
         position_mm,
-        landmarks: Spread::of(landmarks),
+        landmarks: Spread::from_values(landmarks),
     };
     super::say(&format!("{number}"), &row.to_string());
     Ok(row)

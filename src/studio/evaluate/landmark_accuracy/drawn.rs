@@ -139,9 +139,14 @@ impl<'a> Player<'a> {
     }
 
     /// Takes in what was found under a condition, if anything was; its error.
-    fn note(&mut self, condition: Condition, fit: Option<&Landmarks>, truth: &Truth) -> f64 {
+    fn record_under(
+        &mut self,
+        condition: Condition,
+        fit: Option<&Landmarks>,
+        truth: &Truth,
+    ) -> f64 {
         let Some(fit) = fit else { return f64::NAN };
-        let error = self.seen.judge(fit, truth, &[false; LANDMARKS]);
+        let error = self.seen.record_fit(fit, truth, &[false; LANDMARKS]);
         self.seen.add(condition, error);
         error
     }
@@ -203,7 +208,7 @@ impl<'a> Player<'a> {
         self.seen.add(Condition::Time, took);
         let found = fit.map(|fit| differences(&fit.pixels, &now.truth.landmarks_px));
         play.found.extend(found);
-        self.note(Condition::Tracked, fit, &now.truth)
+        self.record_under(Condition::Tracked, fit, &now.truth)
     }
 
     /// A quarter of the light.
@@ -212,7 +217,7 @@ impl<'a> Player<'a> {
             *to = from / 4;
         }
         let fit = self.fit_in(&play.changed, &mut play.dim, now);
-        self.note(Condition::Dim, fit, &now.truth);
+        self.record_under(Condition::Dim, fit, &now.truth);
     }
 
     /// A fifth of the points covered.
@@ -226,7 +231,7 @@ impl<'a> Player<'a> {
         let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
             return;
         };
-        self.seen.judge(fit, truth, &hidden);
+        self.seen.record_fit(fit, truth, &hidden);
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
         let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
@@ -265,15 +270,15 @@ impl<'a> Player<'a> {
     fn cold_start(&mut self, play: &mut Play, now: &Moment) {
         play.once.reset();
         let fit = self.fit(&mut play.once, now);
-        self.note(Condition::Cold, fit, &now.truth);
+        self.record_under(Condition::Cold, fit, &now.truth);
         play.once.reset();
         let wrong = Moment {
-            pose: self.astray(&now.pose),
+            pose: self.wrong_pose(&now.pose),
             truth: now.truth.clone(),
             ..*now
         };
         if let Some(fit) = self.fit(&mut play.once, &wrong) {
-            self.seen.judge(fit, &now.truth, &[false; LANDMARKS]);
+            self.seen.record_fit(fit, &now.truth, &[false; LANDMARKS]);
         }
     }
 
@@ -293,11 +298,11 @@ impl<'a> Player<'a> {
         if fit.is_some() {
             self.seen.add(Condition::SameAsLamp, here);
         }
-        self.note(Condition::Lamp, fit, &now.truth);
+        self.record_under(Condition::Lamp, fit, &now.truth);
     }
 
     /// A pose that is wrong by up to a head's width.
-    fn astray(&mut self, pose: &HeadPose) -> HeadPose {
+    fn wrong_pose(&mut self, pose: &HeadPose) -> HeadPose {
         let mut about = |size: f32| size * (2.0 * self.random.f32() - 1.0);
         let shift = Vector::new(about(0.1), about(0.1), about(0.1));
         let turn = rotation_from_yaw_pitch_roll(about(0.5), about(0.5), about(0.5));
@@ -334,7 +339,7 @@ impl<'a> Player<'a> {
             };
             let wide = yaw.abs() > 25.0 || pitch.abs() > 15.0;
             let fit = self.fit(&mut fitter, &now).filter(|_| wide);
-            self.note(Condition::Beyond, fit, &now.truth);
+            self.record_under(Condition::Beyond, fit, &now.truth);
         }
     }
 

@@ -73,7 +73,7 @@ fn disturbed(seen: &Seen) -> Vec<Row> {
     vec![
         (
             "… covered ones flagged (confidence below 0.5), others not",
-            both(seen, [Share::Flagged, Share::Unflagged], 0),
+            two_percents(seen, [Share::Flagged, Share::Unflagged], 0),
             "",
         ),
         (
@@ -119,7 +119,7 @@ fn believed(seen: &Seen) -> Vec<Row> {
         ),
         (
             "lost although within 5 %, kept although beyond 10 %",
-            both(seen, [Share::Lost, Share::Kept], 1),
+            two_percents(seen, [Share::Lost, Share::Kept], 1),
             "",
         ),
     ]
@@ -133,7 +133,7 @@ fn recovery(seen: &Seen) -> String {
     format!("{lost:.0} %; {mean:.1}, {most:.0}")
 }
 
-fn both(seen: &Seen, of: [Share; 2], digits: usize) -> String {
+fn two_percents(seen: &Seen, of: [Share; 2], digits: usize) -> String {
     let [a, b] = of.map(|of| seen.percent(of));
     format!("{a:.digits$} %, {b:.digits$} %")
 }

@@ -53,7 +53,7 @@ fn fitted(
 }
 
 /// Errors as they are, and with the mean offsets of the other people taken out.
-fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Vec<f64>; 2] {
+fn as_given_and_without_offsets(by_person: &BTreeMap<String, Vec<Differences>>) -> [Vec<f64>; 2] {
     let (mut given, mut clean) = (Vec::new(), Vec::new());
     for (person, own) in by_person {
         let others = by_person.iter().filter(|(other, _)| *other != person);
@@ -78,7 +78,8 @@ pub(super) fn rows(trial: &Trial) -> Result<Vec<Row>, Fault> {
         let splits = entries.iter().zip(Split::of_persons(&persons));
         let wanted = splits.filter(|(_, of)| *of == split);
         let wanted: Vec<&Entry> = wanted.map(|(entry, _)| entry).collect();
-        let [given, clean] = both(&fitted(model, &wanted)?).map(Spread::of);
+        let [given, clean] =
+            as_given_and_without_offsets(&fitted(model, &wanted)?).map(Spread::from_values);
         rows.push(("portraits of held-out people", format!("{given}"), "2.8"));
         rows.push(("… offsets per landmark removed", format!("{clean}"), "2.1"));
     }
@@ -86,7 +87,7 @@ pub(super) fn rows(trial: &Trial) -> Result<Vec<Row>, Fault> {
         // A part for choosing settings, all for the table.
         let step = if split == Split::Test { 1 } else { 4 };
         let wanted: Vec<&Entry> = entries.iter().step_by(step).collect();
-        let [given, clean] = both(&fitted(model, &wanted)?);
+        let [given, clean] = as_given_and_without_offsets(&fitted(model, &wanted)?);
         let failed = given.iter().filter(|e| **e > 10.0).count() as f64 / given.len().max(1) as f64;
         let middle = format!("{:.2}", median(&given));
         rows.push(("video stills, median", middle, "6"));
@@ -121,7 +122,7 @@ fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, Fault> {
         followed += usize::from(face.confidence >= 0.5 && step < JUMP_PERCENT);
         last = Some((face.points, face.view));
     }
-    let steps = Spread::of(steps);
+    let steps = Spread::from_values(steps);
     let all = paths.len();
     let figure = format!("{followed} of {all}; moves by {steps} % per frame");
     Ok(Some(("talking face: frames tracked", figure, "all 600")))

@@ -79,7 +79,7 @@ impl Seen {
     }
 
     /// Takes in what a fit said and how far off it was, which it returns.
-    pub(super) fn judge(
+    pub(super) fn record_fit(
         &mut self,
         fit: &Landmarks,
         truth: &Truth,
@@ -118,7 +118,7 @@ impl Seen {
     }
 
     pub(super) fn spread(&self, condition: Condition) -> Spread {
-        Spread::of(self.errors(condition).to_vec())
+        Spread::from_values(self.errors(condition).to_vec())
     }
 
     pub(super) fn median(&self, condition: Condition) -> f64 {

@@ -45,7 +45,7 @@ const PARTS: f32 = 16.0;
 const CLOSE_M: f32 = 0.00042;
 
 /// Place of vertex `v`, to a sixteenth of the file's step; head frame.
-pub fn place(asset: &HeadAsset, v: usize) -> Point {
+pub fn exact_place(asset: &HeadAsset, v: usize) -> Point {
     let [_, y, z] = asset.colour[v];
     let x = asset.photo_share[v] * 255.0;
     let fine = Vector3::new(x, y, z).map(|b| (b.round() / PARTS - 0.5) * STEP_M);
@@ -64,10 +64,11 @@ fn within(c: f32) -> f32 {
 /// If the mesh under `data` cannot be read or `out` cannot be written.
 pub fn make(data: &Path, out: &Path) -> Result<usize, Fault> {
     let ict = IctHead::read(&data.join("ict_facekit"))?;
-    heads::write(&of(&ict), out)
+    heads::write(&lit_head(&ict), out)
 }
 
-fn of(ict: &IctHead) -> HeadAsset {
+/// What of the set is kept, with its lips closed, its light and the lines of its lashes.
+fn lit_head(ict: &IctHead) -> HeadAsset {
     let eyes = EYES.into_iter().flatten();
     let kept: Vec<usize> = (0..part::TEETH.end).chain(eyes).collect();
     let mut number = vec![u32::MAX; ict.neutral.len()];

@@ -67,16 +67,16 @@ pub fn turns(p: &Vec3) -> f64 {
 impl Hero {
     /// The head built into the program.
     pub fn shipped() -> Self {
-        Self::of(&HeadAsset::parse(include_bytes!(
+        Self::from_asset(&HeadAsset::parse(include_bytes!(
             "../../../../config/hero.head"
         )))
     }
 
-    fn of(asset: &HeadAsset) -> Self {
+    fn from_asset(asset: &HeadAsset) -> Self {
         let upright = |p: &crate::base::geometry::Point| {
             Vec3::new(f64::from(p.x), f64::from(-p.y), f64::from(-p.z))
         };
-        let all = (0..asset.neutral.len()).map(|v| upright(&make::place(asset, v)));
+        let all = (0..asset.neutral.len()).map(|v| upright(&make::exact_place(asset, v)));
         let all: Vec<Vec3> = all.collect();
         let (places, guides) = all.split_at(all.len() - make::GUIDES);
         let landmarks = asset.landmarks.iter();
