@@ -59,12 +59,7 @@ pub fn parse_box(text: &str) -> Option<FaceBox> {
         return None;
     };
     let good = numbers.iter().all(|v| v.is_finite()) && width > 0.0 && height > 0.0;
-    good.then_some(FaceBox {
-        x,
-        y,
-        width,
-        height,
-    })
+    good.then_some(FaceBox::new(x, y, width, height))
 }
 
 /// What the lines of a table say; `header` begins one that says nothing.

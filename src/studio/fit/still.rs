@@ -35,15 +35,20 @@ pub struct FaceBox {
 }
 
 impl FaceBox {
+    /// A box by its left and upper edge, width and height.
+    pub const fn new(x: f32, y: f32, width: f32, height: f32) -> Self {
+        Self {
+            x,
+            y,
+            width,
+            height,
+        }
+    }
+
     /// The box of points.
     pub fn around(points: &[[f32; 2]; LANDMARKS]) -> Self {
         let [[left, top], [right, bottom]] = ends(*points);
-        Self {
-            x: left,
-            y: top,
-            width: right - left,
-            height: bottom - top,
-        }
+        Self::new(left, top, right - left, bottom - top)
     }
 }
 
@@ -65,12 +70,9 @@ pub(crate) fn disturbed_box(points: &[[f32; 2]; LANDMARKS], seed: u64) -> (FaceB
     let [low, high] = ends(*points);
     let (w, h) = (high[0] - low[0], high[1] - low[1]);
     let (dx, dy, grow) = (about(0.10) * w, about(0.10) * w, 1.0 + about(0.07));
-    let face_box = FaceBox {
-        x: low[0] + dx - 0.5 * w * (grow - 1.0),
-        y: low[1] + dy - 0.5 * h * (grow - 1.0),
-        width: w * grow,
-        height: h * grow,
-    };
+    let x = low[0] + dx - 0.5 * w * (grow - 1.0);
+    let y = low[1] + dy - 0.5 * h * (grow - 1.0);
+    let face_box = FaceBox::new(x, y, w * grow, h * grow);
     (face_box, about(8f32.to_radians()))
 }
 
@@ -199,12 +201,9 @@ impl<'a> StillFitter<'a> {
     ) -> Result<FittedFace, Fault> {
         let scale = (MOST_FACE_PX / face_box.width.max(face_box.height * 0.9)).min(1.0);
         let grey = load_grey(path, scale)?;
-        let small = FaceBox {
-            x: (face_box.x + 0.5) * scale - 0.5,
-            y: (face_box.y + 0.5) * scale - 0.5,
-            width: face_box.width * scale,
-            height: face_box.height * scale,
-        };
+        let [x, y] = [face_box.x, face_box.y].map(|at| (at + 0.5) * scale - 0.5);
+        let [width, height] = [face_box.width, face_box.height].map(|side| side * scale);
+        let small = FaceBox::new(x, y, width, height);
         let mut face = self.fit(&(&grey).into(), &small, roll);
         for p in face.points.iter_mut().flatten() {
             *p = (*p + 0.5) / scale - 0.5;

@@ -10,7 +10,8 @@ use super::hub::Hub;
 use super::sample::{Sample, UnitRange};
 use crate::base::capacity::USERS;
 use crate::output::is_name;
-use crate::output::osc::packet::{Argument as Value, messages, parse};
+use crate::output::osc::packet::Argument::{self as Value, Bool, Float, Int, Text};
+use crate::output::osc::packet::{messages, parse};
 
 /// Longest datagram there is.
 const LARGEST: usize = 65_536;
@@ -83,18 +84,18 @@ impl Receiver {
         let mut values = Vec::new();
         let address = parse(bytes, |value| {
             values.push(match value {
-                Value::Bool(truth) => Value::Int(truth.into()),
+                Bool(truth) => Int(truth.into()),
                 other => other,
             });
             Some(())
         })?;
         let words: Vec<&str> = address.strip_prefix('/')?.split('/').collect();
         match (&words[..], &values[..]) {
-            ([.., "schema"], [Value::Int(_), names @ ..]) => {
+            ([.., "schema"], [Int(_), names @ ..]) => {
                 let names: Option<Vec<String>> = names
                     .iter()
                     .map(|name| match name {
-                        Value::Text(name) if is_name(name) => Some((*name).to_owned()),
+                        Text(name) if is_name(name) => Some((*name).to_owned()),
                         _ => None,
                     })
                     .collect();
@@ -102,7 +103,7 @@ impl Receiver {
                 self.named = true;
                 return Some(());
             }
-            (["mien", "gesture", name, user @ ..], [Value::Int(is_on)]) if is_name(name) => {
+            (["mien", "gesture", name, user @ ..], [Int(is_on)]) if is_name(name) => {
                 let user = match user {
                     [] => None,
                     [word] => Some(slot(word)?),
@@ -111,7 +112,7 @@ impl Receiver {
                 hub.gesture(name, user, *is_on != 0);
                 return Some(());
             }
-            ([.., "alive"], [Value::Int(_), Value::Text(_), Value::Float(_)]) => return Some(()),
+            ([.., "alive"], [Int(_), Text(_), Float(_)]) => return Some(()),
             _ => {}
         }
         // The slot is the last word but one or two.
@@ -132,15 +133,15 @@ impl Receiver {
             (
                 "frame",
                 &[
-                    Value::Int(number),
-                    Value::Int(ms),
-                    Value::Int(state @ 0..=5),
-                    Value::Float(confidence),
+                    Int(number),
+                    Int(ms),
+                    Int(state @ 0..=5),
+                    Float(confidence),
                     ref more @ ..,
                 ],
             ) if confidence.is_finite() => {
                 let latency = match more {
-                    [Value::Float(ms), ..] if ms.is_finite() && *ms > 0.0 => Some(*ms),
+                    [Float(ms), ..] if ms.is_finite() && *ms > 0.0 => Some(*ms),
                     _ => None,
                 };
                 let number = u64::try_from(number).ok()?;
@@ -158,7 +159,7 @@ impl Receiver {
                     ..Sample::default()
                 };
             }
-            ("frozen", &[Value::Int(frozen @ 0..=1)]) => user.sample.frozen = frozen == 1,
+            ("frozen", &[Int(frozen @ 0..=1)]) => user.sample.frozen = frozen == 1,
             ("au", values) if named && values.len() == count => {
                 user.sample.weights = floats(values)?;
             }
@@ -167,7 +168,7 @@ impl Receiver {
             ("pose", values) if values.len() == 7 => {
                 user.sample.pose = floats(values)?.try_into().ok();
             }
-            ("present", [Value::Int(0..=1)]) => return Some(()),
+            ("present", [Int(0..=1)]) => return Some(()),
             _ => return None,
         }
         user.changed[0] = true;
@@ -236,7 +237,7 @@ fn floats(values: &[Value]) -> Option<Vec<f32>> {
     values
         .iter()
         .map(|value| match value {
-            Value::Float(number) if number.is_finite() => Some(*number),
+            Float(number) if number.is_finite() => Some(*number),
             _ => None,
         })
         .collect()

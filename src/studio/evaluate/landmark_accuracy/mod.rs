@@ -40,89 +40,37 @@ pub fn measure(trial: &Trial, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The rows of drawn people.
+/// The rows of drawn people: their figures, with what a line of `drawn.txt` says of each and its bar.
 fn rows(seen: &Seen) -> Vec<Row> {
-    let spreads = [
-        (
-            "tracked, yaw ±25°, pitch ±15°, all expressions",
-            Tracked,
-            "1.4 / 2.5",
-        ),
-        ("… of which one offset per person and point", Offset, ""),
-        ("… the rest", Rest, ""),
-        ("from a cold start", Cold, "1.8"),
-        ("beyond, to yaw ±40°, pitch ±25°", Beyond, "2.5"),
-        (
-            "a fifth of the points covered: error of the others",
-            Covered,
-            "3",
-        ),
-    ];
-    let spreads = spreads.map(|(what, of, bar)| (what, seen.spread(of).to_string(), bar));
-    [spreads.to_vec(), disturbed(seen), believed(seen)].concat()
-}
-
-/// Those of disturbed pictures.
-fn disturbed(seen: &Seen) -> Vec<Row> {
+    let spread = |of| seen.spread(of).to_string();
     let grown = |condition, than| {
         let [now, then] = [condition, than].map(|of| seen.spread(of).mean);
         format!("{:.0} %", 100.0 * (now / then - 1.0))
     };
     let squares = seen.errors(Jitter).iter().map(|jitter| jitter.powi(2));
     let jitter = (squares.sum::<f64>() / seen.people as f64).sqrt();
-    vec![
-        (
-            "… covered ones flagged (confidence below 0.5), others not",
-            two_percents(seen, [Share::Flagged, Share::Unflagged], 0),
-            "",
-        ),
-        (
-            "whole face hidden: frames reported lost; visible again: frames until it is tracked, mean, most",
-            recovery(seen),
-            "5",
-        ),
-        (
-            "a quarter of the light: error grows by",
-            grown(Dim, Tracked),
-            "15 %",
-        ),
-        (
-            "moving lamp: error grows by",
-            grown(Lamp, SameAsLamp),
-            "15 %",
-        ),
-        (
-            "jitter of a still face, points 17–67",
-            format!("{jitter:.2} %"),
-            "0.25 %",
-        ),
-        (
-            "fit time, median",
-            format!("{:.2} ms", seen.median(Time)),
-            "0.4 ms",
-        ),
-    ]
-}
-
-/// Those of what is said of the fits.
-fn believed(seen: &Seen) -> Vec<Row> {
-    vec![
-        (
-            "confidence → share of faces within 5 % (faces)",
-            seen.faces.to_string(),
-            "within 0.1",
-        ),
-        (
-            "the same of single points, visible and within 5 %",
-            seen.points.to_string(),
-            "",
-        ),
-        (
-            "lost although within 5 %, kept although beyond 10 %",
-            two_percents(seen, [Share::Lost, Share::Kept], 1),
-            "",
-        ),
-    ]
+    let figures = [
+        spread(Tracked),
+        spread(Offset),
+        spread(Rest),
+        spread(Cold),
+        spread(Beyond),
+        spread(Covered),
+        two_percents(seen, [Share::Flagged, Share::Unflagged], 0),
+        recovery(seen),
+        grown(Dim, Tracked),
+        grown(Lamp, SameAsLamp),
+        format!("{jitter:.2} %"),
+        format!("{:.2} ms", seen.median(Time)),
+        seen.faces.to_string(),
+        seen.points.to_string(),
+        two_percents(seen, [Share::Lost, Share::Kept], 1),
+    ];
+    let texts = include_str!("drawn.txt").lines();
+    let texts = texts.map(|line| line.split_once(" | ").unwrap_or((line, "")));
+    let rows = texts.zip(figures);
+    rows.map(|((what, bar), figure)| (what, figure, bar))
+        .collect()
 }
 
 /// What comes of a face that was hidden.

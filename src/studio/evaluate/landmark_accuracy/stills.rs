@@ -20,12 +20,7 @@ use crate::studio::train::evaluate::{
 };
 
 /// About the 68 points of the video's first picture.
-const TALKING_BOX: FaceBox = FaceBox {
-    x: 128.0,
-    y: 113.0,
-    width: 128.0,
-    height: 140.0,
-};
+const TALKING_BOX: FaceBox = FaceBox::new(128.0, 113.0, 128.0, 140.0);
 /// Farthest the points may move between two pictures of the video, mean, per cent of the outer-eye distance: faster is a jump.
 const JUMP_PERCENT: f32 = 15.0;
 
