@@ -162,7 +162,7 @@ mod tests {
         };
         let found = Turned::find(&glb, &[0]);
         assert_eq!(found.iter().map(|t| t.node).collect::<Vec<_>>(), [2]);
-        let (rotation, moved) = found[0].at(TO_ONE_SIDE);
+        let (rotation, moved) = found[0].posed(TO_ONE_SIDE);
         assert!(moved.is_none());
         // In the scene: parent · own = turn about −y · parent.
         let [x, y, z, w] = rotation;
@@ -184,7 +184,7 @@ mod tests {
             bin: Vec::new(),
         };
         let found = Turned::find(&glb, &[0]);
-        let (rotation, moved) = found[0].at(TO_ONE_SIDE);
+        let (rotation, moved) = found[0].posed(TO_ONE_SIDE);
         let [x, y, z, w] = rotation;
         let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
         let at = turn * (Vector3::new(1.0, 1.0, 2.0) * 2.0) + Vector3::from(moved.unwrap());
