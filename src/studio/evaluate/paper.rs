@@ -55,12 +55,12 @@ struct Experiments<'a> {
 
 impl Experiments<'_> {
     /// Both systems before the same sensor, in the order of [`SYSTEMS`].
-    fn pipelines(&self, simulator: &Simulator) -> Result<[Pipeline; 2], PipelineError> {
+    fn pipelines(&self, simulator: &Simulator) -> Result<Vec<Pipeline>, PipelineError> {
         let default = Trial {
             settings: &Settings::default(),
             ..*self.trial
         };
-        Ok([
+        Ok(vec![
             self.trial.pipeline(simulator)?,
             default.pipeline(simulator)?,
         ])

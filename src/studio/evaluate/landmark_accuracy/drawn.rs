@@ -223,7 +223,7 @@ impl<'a> Player<'a> {
     /// A fifth of the points covered.
     fn covered(&mut self, play: &mut Play, now: &Moment) {
         let truth = &now.truth;
-        if play.index % 30 == 0 {
+        if play.index.is_multiple_of(30) {
             play.centre = self.random.usize(..LANDMARKS);
         }
         let (out, luma) = (&mut play.changed, &self.frame.luma);
