@@ -21,7 +21,7 @@ use mien::studio::bake::patch::Foreign;
 use mien::studio::bake::prior::Prior;
 use mien::studio::bake::recipe::{Recipe, SHIPPED};
 use mien::studio::bake::render::Outside;
-use mien::studio::bake::report::Judge;
+use mien::studio::bake::report::figures;
 use mien::studio::bake::rig::{self, Method};
 use mien::studio::bake::shape::{Shape, Target};
 use mien::studio::bake::solve::{self, System};
@@ -55,10 +55,9 @@ fn locate(mesh: &Mesh, model: &FaceModel) -> Option<Located> {
 
 /// Prints what is wrong with each shape and returns how many fail the product's own verdict.
 fn judged(head: &Head, shapes: &[Shape]) -> usize {
-    let judge = Judge::new(head);
     let mut widest = 0.0_f64;
     for k in 0..shapes.len() {
-        let f = judge.judge(shapes, k);
+        let f = figures(head, shapes, k);
         let (name, gap) = (&shapes[k].name, f.lid_gap.unwrap_or(0.0));
         if gap > 0.0 {
             println!("{name}: lids {gap:.4} apart");
@@ -719,10 +718,9 @@ fn heads_of_other_people_are_baked_and_their_landmarks_found() {
         }
         let head = Head::new(mesh, &landmarks).unwrap();
         let shapes = default_head::shapes(&head).unwrap();
-        let judge = Judge::new(&head);
         let mut gap = 0.0_f64;
         for k in 0..shapes.len() {
-            let figures = judge.judge(&shapes, k);
+            let figures = figures(&head, &shapes, k);
             gap = gap.max(figures.lid_gap.unwrap_or(0.0));
             assert!(figures.outside == 0.0, "{} leaks", shapes[k].name);
         }
@@ -770,8 +768,7 @@ fn strangers_heads_open_their_mouths_and_shut_their_eyes() {
         };
         let (upper, lower) = (way("jawOpen", 62), way("jawOpen", 66));
         let part = (upper - lower).dot(&head.axes.column(1));
-        let judge = Judge::new(&head);
-        let figures = (0..shapes.len()).map(|k| judge.judge(&shapes, k));
+        let figures = (0..shapes.len()).map(|k| figures(&head, &shapes, k));
         let figures: Vec<_> = figures.collect();
         let lids = figures.iter().filter_map(|f| f.lid_gap);
         let lids = lids.fold(0.0, f64::max);

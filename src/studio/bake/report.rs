@@ -1,5 +1,5 @@
-//! The report: one HTML file with the verdict, a picture of every shape with what is wrong with it, and figures: leakage, inverted
-//! and collapsed triangles, lids and lips.
+//! The report: one HTML file with the verdict, a picture of every shape with what is wrong with it, and figures: leakage,
+//! lids and lips.
 
 use std::fmt::Write as _;
 
@@ -13,12 +13,8 @@ use super::head::{Follow, Head};
 use super::mesh::Vec3;
 use super::render::Outside;
 use super::shape::{Shape, shown};
-use super::surroundings::Surroundings;
 use super::verdict::verdict;
 use crate::studio::picture_files::jpeg;
-
-/// A triangle with less of its area than this has collapsed.
-const COLLAPSED: f64 = 0.02;
 
 /// Figures of one shape. Lengths in eye distances.
 #[derive(Clone, Debug, Default)]
@@ -29,10 +25,6 @@ pub struct Figures {
     pub outside: f64,
     /// Vertices that move.
     pub moved: usize,
-    /// Inverted triangles of the skin, local test.
-    pub inverted: usize,
-    /// Triangles of the skin whose area fell below a fiftieth of what it was.
-    pub collapsed: usize,
     /// How much deeper than in the neutral a skin vertex lies in an eyeball.
     pub eye_depth: f64,
     /// Widest gap left between the lid lines of an eye that the shape closes.
@@ -41,71 +33,51 @@ pub struct Figures {
     pub lips_cross: f64,
 }
 
-/// Prepared for one head.
-pub struct Judge<'a> {
-    head: &'a Head,
-    around: Surroundings<'a>,
+/// Figures of shape `k`; shapes meant for another one are judged upon it.
+pub fn figures(head: &Head, shapes: &[Shape], k: usize) -> Figures {
+    let (shape, w) = (&shapes[k], head.eye_distance);
+    let neutral = &head.mesh.positions;
+    let moved = neutral.iter().zip(shown(shapes, k));
+    let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
+    let at = |v: u32| moved[v as usize];
+    let mut out = Figures::default();
+    for (d, inside) in shape.displacement.iter().zip(&shape.area) {
+        let length = d.norm() / w;
+        out.largest = out.largest.max(length);
+        out.moved += usize::from(length > 0.0);
+        if !inside {
+            out.outside = out.outside.max(length);
+        }
+    }
+    for (side, closes) in ["eyeBlinkLeft", "eyeBlinkRight"].into_iter().enumerate() {
+        let Some(ball) = &head.balls[side] else {
+            continue;
+        };
+        let depth = eye_depth(head, side, ball, &moved);
+        out.eye_depth = out.eye_depth.max(depth / w);
+        if shape.name == closes {
+            out.lid_gap = Some(head.lid_gap(side, at) / w);
+        }
+    }
+    let before = head.lip_gaps(|v| neutral[v as usize]);
+    for ((.., before), (.., now)) in before.into_iter().zip(head.lip_gaps(at)) {
+        let crossing = (-now).max(0.0) - (-before).max(0.0);
+        out.lips_cross = out.lips_cross.max(crossing / w);
+    }
+    out
 }
 
-impl<'a> Judge<'a> {
-    /// Prepares the neutral's figures.
-    pub fn new(head: &'a Head) -> Self {
-        Self {
-            head,
-            around: Surroundings::new(head),
-        }
-    }
-
-    /// Figures of shape `k`; shapes meant for another one are judged upon it.
-    pub fn judge(&self, shapes: &[Shape], k: usize) -> Figures {
-        let (head, shape, w) = (self.head, &shapes[k], self.head.eye_distance);
-        let neutral = &head.mesh.positions;
-        let moved = neutral.iter().zip(shown(shapes, k));
-        let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
-        let at = |v: u32| moved[v as usize];
-        let mut out = Figures::default();
-        for (d, inside) in shape.displacement.iter().zip(&shape.area) {
-            let length = d.norm() / w;
-            out.largest = out.largest.max(length);
-            out.moved += usize::from(length > 0.0);
-            if !inside {
-                out.outside = out.outside.max(length);
-            }
-        }
-        let moves = |v: usize| moved[v] != neutral[v];
-        out.inverted = self.around.inverted(moves, &at).count();
-        out.collapsed = self.around.collapsed(moves, &at, COLLAPSED);
-        for (side, closes) in ["eyeBlinkLeft", "eyeBlinkRight"].into_iter().enumerate() {
-            let Some(ball) = &head.balls[side] else {
-                continue;
-            };
-            let depth = self.eye_depth(side, ball, &moved);
-            out.eye_depth = out.eye_depth.max(depth / w);
-            if shape.name == closes {
-                out.lid_gap = Some(head.lid_gap(side, at) / w);
-            }
-        }
-        let before = head.lip_gaps(|v| neutral[v as usize]);
-        for ((.., before), (.., now)) in before.into_iter().zip(head.lip_gaps(at)) {
-            let crossing = (-now).max(0.0) - (-before).max(0.0);
-            out.lips_cross = out.lips_cross.max(crossing / w);
-        }
-        out
-    }
-
-    /// How much deeper skin lies in an eyeball where vertices are at `moved`.
-    fn eye_depth(&self, side: usize, ball: &Ball, moved: &[Vec3]) -> f64 {
-        let head = self.head;
-        let turned = ball.turned(gaze(head, side, ball, moved).as_ref());
-        let reach = 0.75 * head.eye_distance;
-        let places = head.mesh.positions.iter().zip(moved).zip(&head.skin);
-        let near = places.filter(|((p, now), skin)| {
-            let before = (*now - ball.center).dot(&head.axes.column(2)) > 0.0;
-            **skin && before && (*p - ball.center).norm() < reach
-        });
-        near.map(|((p, now), _)| (-turned.height(now)).max(0.0) - (-ball.height(p)).max(0.0))
-            .fold(0.0, f64::max)
-    }
+/// How much deeper skin lies in an eyeball where vertices are at `moved`.
+fn eye_depth(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> f64 {
+    let turned = ball.turned(gaze(head, side, ball, moved).as_ref());
+    let reach = 0.75 * head.eye_distance;
+    let places = head.mesh.positions.iter().zip(moved).zip(&head.skin);
+    let near = places.filter(|((p, now), skin)| {
+        let before = (*now - ball.center).dot(&head.axes.column(2)) > 0.0;
+        **skin && before && (*p - ball.center).norm() < reach
+    });
+    near.map(|((p, now), _)| (-turned.height(now)).max(0.0) - (-ball.height(p)).max(0.0))
+        .fold(0.0, f64::max)
 }
 
 /// How an eyeball is turned where vertices are at `moved`.
@@ -155,10 +127,9 @@ pub fn html(
     faults: &[Vec<String>],
     [title, notes]: [&str; 2],
 ) -> (String, Vec<Figures>) {
-    let judge = Judge::new(head);
     let one = |k: usize| {
         let picture = drawn.draw(head, &shown(shapes, k), YAW, PIXELS);
-        (judge.judge(shapes, k), embedded(&picture))
+        (figures(head, shapes, k), embedded(&picture))
     };
     let all = (0..shapes.len()).into_par_iter().map(one);
     let (figures, pictures): (Vec<Figures>, Vec<String>) = all.unzip();
@@ -190,7 +161,7 @@ pub fn html(
 
 /// A row of figures for every shape; what should not be is marked.
 fn table(out: &mut String, shapes: &[Shape], figures: &[Figures]) {
-    *out += "<table><tr><th>shape<th>unit<th>largest<th>outside AOI<th>vertices<th>inverted<th>collapsed\
+    *out += "<table><tr><th>shape<th>unit<th>largest<th>outside AOI<th>vertices\
         <th>deeper in eye<th>lid gap<th>lips cross</tr>";
     let some = |v: Option<f64>| v.map_or_else(String::new, number);
     for (shape, f) in shapes.iter().zip(figures) {
@@ -200,8 +171,6 @@ fn table(out: &mut String, shapes: &[Shape], figures: &[Figures]) {
             (number(f.largest), false),
             (number(f.outside), f.outside > 0.0),
             (f.moved.to_string(), false),
-            (f.inverted.to_string(), f.inverted > 0),
-            (f.collapsed.to_string(), f.collapsed > 0),
             (number(f.eye_depth), f.eye_depth > 1e-3),
             (some(f.lid_gap), f.lid_gap > Some(0.02)),
             (number(f.lips_cross), f.lips_cross > 0.01),
@@ -217,11 +186,9 @@ fn table(out: &mut String, shapes: &[Shape], figures: &[Figures]) {
 
 /// The worst of all shapes' figures, in words.
 pub(super) fn worst(figures: &[Figures]) -> String {
-    let inverted: usize = figures.iter().map(|f| f.inverted).sum();
     let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
     let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
     format!(
-        "{inverted} inverted triangles, largest motion outside its area {outside}, \
-         lids at most {depth:.5} eye distances deeper in the eye"
+        "largest motion outside its area {outside}, lids at most {depth:.5} eye distances deeper in the eye"
     )
 }

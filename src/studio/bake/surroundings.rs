@@ -84,7 +84,7 @@ impl<'a> Surroundings<'a> {
     }
 
     /// The triangles that are inverted where vertices are `at`; `moves` says which are elsewhere than in the neutral.
-    pub fn inverted(
+    fn inverted(
         &self,
         moves: impl Fn(usize) -> bool,
         at: &impl Fn(u32) -> Vec3,
@@ -97,19 +97,6 @@ impl<'a> Surroundings<'a> {
                 || along.powi(2) < TURNS.powi(2) * was.norm_squared() * is.norm_squared();
             turns && self.agrees(t, at) < 0.0 && self.agrees(t, &neutral) > AGREES
         })
-    }
-
-    /// The triangles of which is left less than a share of their area.
-    pub fn collapsed(
-        &self,
-        moves: impl Fn(usize) -> bool,
-        at: &impl Fn(u32) -> Vec3,
-        share: f64,
-    ) -> usize {
-        let area = |t: [u32; 3], p: &dyn Fn(u32) -> Vec3| normal(t.map(p)).norm();
-        let some = self.some(moves);
-        some.filter(|&t| area(t, at) < share * area(t, &|v| self.neutral(v)))
-            .count()
     }
 
     /// Vertices of the triangles that a displacement turns over and of the edges that it tears, ascending; `at` is where vertices
