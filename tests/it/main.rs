@@ -25,6 +25,7 @@ mod learns_a_range;
 mod lives_as_a_service;
 mod maps_depth_to_colour;
 mod opens_joined_lips;
+mod outlasts_odd_models;
 mod output_bytes;
 mod places_points;
 mod plays_any_depth_camera;
