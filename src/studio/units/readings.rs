@@ -6,7 +6,7 @@
 //! another; real smiles ([`super::smiles`]) are added. Ridge regression on rises and falls gives the shares. A unit is read
 //! from inputs of its own part of the face ([`tells_of`]): others that seem to tell of it in one world do not in another.
 //! A reading is stretched, by [`MOST`] at most, so that the median of full expressions comes to [`FULL`]: what is hardly seen
-//! regresses to small readings. Last, cross-talk is removed ([`CROSS_TALK`]). Seeded; eye distances.
+//! regresses to small readings. Last, cross-talk is removed (`chosen.toml`). Seeded; eye distances.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

@@ -2,7 +2,7 @@
 //! lines along which lashes grow.
 //!
 //! The file is one of [`HeadAsset`], used in its own way. Red of a vertex is the share of light (255: open sky); its other
-//! bytes say where it lies within the file's step of 10 µm, in sixteenths ([`place`]): small triangles at the lids need it.
+//! bytes say where it lies within the file's step of 10 µm, in sixteenths ([`exact_place`]): small triangles at the lids need it.
 //! The last [`GUIDES`] vertices belong to no triangle: lashes of the left eye, upper lid then lower, [`COLUMNS`] of them
 //! with [`ROWS`] points from root to tip. The lips, which the source has a little apart, are closed. Cost: about a second.
 
