@@ -303,7 +303,7 @@ impl<'r> Session<'r> {
     fn save_people(&mut self) {
         let now = self.now();
         if let Some(people) = self.people.as_mut().filter(|people| people.is_due()) {
-            people.save(self.pipeline.people(now).iter(), now);
+            people.save(self.pipeline.people(now), now);
         }
     }
 
@@ -337,7 +337,7 @@ impl<'r> Session<'r> {
         self.manager.say("STOPPING=1");
         let now = self.now();
         if let Some(people) = &mut self.people {
-            people.save(self.pipeline.people(now).iter(), now);
+            people.save(self.pipeline.people(now), now);
         }
         if let Some(live) = self.live {
             live.end(self.started.elapsed());

@@ -9,7 +9,7 @@ use super::follower::Follower;
 use super::people::{CANDIDATE, FIRST_LOOK, People, PipelineError};
 use super::settings::Settings;
 use super::stage::{Now, Stage};
-use crate::base::capacity::{REMEMBERED, USERS};
+use crate::base::capacity::USERS;
 use crate::base::time::Timestamp;
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
@@ -152,15 +152,14 @@ impl Pipeline {
 
     /// People who left, longest gone first, and those present, as if they left now; of them those not gone too long by then, and
     /// nobody if none are remembered.
-    pub fn people(&self, now: Timestamp) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
+    pub fn people(&self, now: Timestamp) -> impl Iterator<Item = Gone> + '_ {
         let most_s = f64::from(self.people.settings.remember_s);
         let users = self.people.followers[..USERS].iter().enumerate();
         let known =
             users.filter(|(_, user)| user.is_taken() && user.pose.learned_frames() >= FIRST_LOOK);
         let there = known.map(|(slot, user)| user.gone(slot));
         let all = self.people.memory.gone().iter().cloned().chain(there);
-        all.filter(|gone| most_s > 0.0 && gone.away_s(now) <= most_s)
-            .collect()
+        all.filter(move |gone| most_s > 0.0 && gone.away_s(now) <= most_s)
     }
 
     /// Forgets who is gone for too long by now, as each frame does by its own time.

@@ -5,6 +5,7 @@
 //! Neither pictures nor clouds are kept; [`super::saved`] keeps them across a restart.
 
 use crate::base::capacity::{REMEMBERED, USERS};
+use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::expression::saved::Learned;
 use crate::users::likeness::Likeness;
@@ -32,20 +33,27 @@ impl Gone {
 }
 
 /// People who left, longest gone first.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug)]
 pub struct Memory {
-    gone: heapless::Vec<Gone, REMEMBERED>,
+    /// With room for all from the start: by value they would pass over the stack, which keeps what it once grew to.
+    gone: Vec<Gone>,
+}
+
+impl Default for Memory {
+    fn default() -> Self {
+        let gone = Vec::with_capacity(REMEMBERED);
+        Self { gone }
+    }
 }
 
 impl Memory {
     /// Remembers a person who left; only the last one of each slot.
     pub fn keep(&mut self, gone: Gone) {
         self.forget_slot(gone.slot);
-        if self.gone.is_full() {
+        if self.gone.len() == REMEMBERED {
             self.gone.remove(0);
         }
-        // Not full: checked above.
-        let _ = self.gone.push(gone);
+        self.gone.push(gone);
     }
 
     /// Forgets people gone for more than `most_s` seconds.

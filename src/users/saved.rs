@@ -17,6 +17,7 @@
 //! future, because the clock was set back, counts as seen now; people gone too long are dropped by
 //! [`Memory::forget_older`](super::memory::Memory::forget_older).
 
+use std::borrow::Borrow;
 use std::fmt::Write as _;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -37,7 +38,7 @@ const PERIOD: Duration = Duration::from_secs(60);
 /// How long a damaged file is kept after it was written.
 const DAMAGED_KEPT: Duration = Duration::from_secs(86_400);
 /// Size of the longest file written, bytes: likeness and ranges of everybody.
-const TEXT: usize = (REMEMBERED + USERS) * 6144;
+const TEXT: usize = (REMEMBERED + USERS) * 4608;
 
 /// Largest file accepted, bytes.
 const MOST: usize = 4 * TEXT;
@@ -51,14 +52,15 @@ fn seconds(at: SystemTime) -> u64 {
 ///
 /// # Errors
 /// If the writer fails.
-pub fn write<'a>(
-    people: impl Iterator<Item = &'a Gone>,
+pub fn write(
+    people: impl Iterator<Item = impl Borrow<Gone>>,
     now: (Timestamp, SystemTime),
     text: &mut String,
 ) -> std::fmt::Result {
     text.clear();
     writeln!(text, "{HEADER}")?;
     for one in people {
+        let one = one.borrow();
         let last_seen = seconds(now.1).saturating_sub(one.away_s(now.0) as u64);
         write!(text, "person {} {last_seen}", one.slot)?;
         one.likeness.write(text)?;
@@ -73,7 +75,7 @@ pub fn write<'a>(
 ///
 /// # Errors
 /// If anything is damaged, what; then nobody is remembered.
-pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERED>, String> {
+pub fn read(text: &str, now: SystemTime) -> Result<Vec<Gone>, String> {
     let body = text.strip_prefix(HEADER);
     let body = body.ok_or_else(|| format!("expected a first line {HEADER:?}"))?;
     let end = text.trim_end().rfind('\n').map_or(0, |at| at + 1);
@@ -82,7 +84,7 @@ pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERE
     if checksum != Some(crc32(&text.as_bytes()[..end])) {
         return Err("the checksum in the last line does not match the text".into());
     }
-    let mut people = heapless::Vec::new();
+    let mut people = Vec::new();
     let blocks = body[..end - HEADER.len()].split("\nperson ").skip(1);
     // The latest stand last.
     for (number, block) in blocks.enumerate() {
@@ -102,11 +104,10 @@ pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERE
             last_seen: Timestamp::default(),
             before_s: seconds(now).saturating_sub(last_seen.ok_or_else(person)?) as f64,
         };
-        if people.is_full() {
+        if people.len() == REMEMBERED {
             people.remove(0);
         }
-        // Not full: just seen to.
-        let _ = people.push(gone);
+        people.push(gone);
     }
     Ok(people)
 }
@@ -137,19 +138,19 @@ impl People {
     }
 
     /// The people remembered; nobody if there is no file, or a damaged one, which is moved aside.
-    pub fn load(&self) -> heapless::Vec<Gone, REMEMBERED> {
+    pub fn load(&self) -> Vec<Gone> {
         let path = self.file.path().display();
         let bytes = match bounded_read::regular(self.file.path(), MOST) {
             Ok(bytes) => bytes,
             // More than was ever written here: set aside below, as what is damaged.
             Err(error) if error.kind() == ErrorKind::FileTooLarge => Vec::new(),
             Err(error) if error.kind() == ErrorKind::NotFound => {
-                return heapless::Vec::new();
+                return Vec::new();
             }
             Err(error) => {
                 let why = reason(error);
                 tracing::warn!("{path}: cannot read saved people ({why}); nobody is remembered");
-                return heapless::Vec::new();
+                return Vec::new();
             }
         };
         let text = String::from_utf8_lossy(&bytes);
@@ -160,7 +161,7 @@ impl People {
                 "{path}: {problem}; the file was moved to {}, and nobody is remembered",
                 self.aside.display()
             );
-            heapless::Vec::new()
+            Vec::new()
         })
     }
 
@@ -170,7 +171,7 @@ impl People {
     }
 
     /// Writes the file; failure is logged once. `at` is the time of the last frame.
-    pub fn save<'a>(&mut self, people: impl Iterator<Item = &'a Gone>, at: Timestamp) {
+    pub fn save(&mut self, people: impl Iterator<Item = impl Borrow<Gone>>, at: Timestamp) {
         self.written = Instant::now();
         let damaged = std::fs::symlink_metadata(&self.aside).and_then(|about| about.modified());
         // One from the future is as good as old.
@@ -210,7 +211,7 @@ mod tests {
 
         let mut text = String::new();
         write(
-            std::iter::empty(),
+            std::iter::empty::<Gone>(),
             (Timestamp::default(), SystemTime::now()),
             &mut text,
         )
@@ -219,12 +220,12 @@ mod tests {
         assert!(People::at(&path).load().is_empty());
         let damaged = folder.path().join("people.ranges.damaged");
         let mut people = People::at(&path);
-        people.save(std::iter::empty(), Timestamp::default());
+        people.save(std::iter::empty::<Gone>(), Timestamp::default());
         assert!(damaged.exists());
         let yesterday = SystemTime::now() - DAMAGED_KEPT - Duration::from_secs(9);
         let file = std::fs::File::options().write(true).open(&damaged);
         file.unwrap().set_modified(yesterday).unwrap();
-        people.save(std::iter::empty(), Timestamp::default());
+        people.save(std::iter::empty::<Gone>(), Timestamp::default());
         assert!(!damaged.exists());
     }
 

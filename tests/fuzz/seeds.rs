@@ -107,7 +107,7 @@ pub fn write(folder: &Path) {
         }
     }
     let mut text = String::new();
-    saved::write(std::iter::empty(), (Timestamp::default(), SystemTime::UNIX_EPOCH), &mut text)
+    saved::write(std::iter::empty::<mien::users::memory::Gone>(), (Timestamp::default(), SystemTime::UNIX_EPOCH), &mut text)
         .expect("a string takes everything");
     corpus.add("people", "nobody", &text);
     corpus.add(

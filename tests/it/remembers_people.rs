@@ -42,7 +42,7 @@ fn written(people: &[Gone], pipeline: &Pipeline, at: SystemTime) -> String {
 fn who_was_there_is_known_after_a_restart() {
     let mut before = pipeline();
     play(&mut before, 600);
-    let people = before.people(before.at());
+    let people: Vec<Gone> = before.people(before.at()).collect();
     assert_eq!(people.len(), 1, "one person is there");
     let learned = people[0].learned.clone();
 
@@ -84,7 +84,11 @@ fn a_file_reads_back_and_ages() {
     let mut pipeline = pipeline();
     play(&mut pipeline, 60);
     let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
-    let text = written(&pipeline.people(pipeline.at()), &pipeline, at);
+    let text = written(
+        &pipeline.people(pipeline.at()).collect::<Vec<_>>(),
+        &pipeline,
+        at,
+    );
     let later = read(&text, at + Duration::from_secs(90)).expect("just written");
     assert_eq!(later.len(), 1);
     assert!((later[0].before_s - 90.0).abs() <= 1.0);
@@ -104,7 +108,11 @@ fn a_damaged_file_is_refused_and_set_aside() {
     let mut pipeline = pipeline();
     play(&mut pipeline, 60);
     let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
-    let text = written(&pipeline.people(pipeline.at()), &pipeline, at);
+    let text = written(
+        &pipeline.people(pipeline.at()).collect::<Vec<_>>(),
+        &pipeline,
+        at,
+    );
     for byte in 0..text.len() - 1 {
         let mut bytes = text.clone().into_bytes();
         bytes[byte] ^= 1;
