@@ -174,9 +174,13 @@ fn first_frame(rows: &[Row], model: &FaceModel) -> Result<Option<u64>> {
     Ok(None)
 }
 
-/// Weights by time in ms, from the datagrams of the schema `native`.
-fn from_osc(mut bytes: &[u8]) -> Result<BTreeMap<u64, Vec<f32>>> {
-    let mut found = BTreeMap::new();
+/// Weights by time in ms. Half a second without a frame, and the end, send a report of nobody, whose time by the clock may be that of
+/// a frame: all that came with a time are kept.
+type Wire = BTreeMap<u64, Vec<Vec<f32>>>;
+
+/// Those of the datagrams of the schema `native`.
+fn from_osc(mut bytes: &[u8]) -> Result<Wire> {
+    let mut found = Wire::new();
     while let Some((length, rest)) = bytes.split_first_chunk::<4>() {
         let (datagram, rest) = rest.split_at(u32::from_le_bytes(*length) as usize);
         bytes = rest;
@@ -201,16 +205,15 @@ fn from_osc(mut bytes: &[u8]) -> Result<BTreeMap<u64, Vec<f32>>> {
                     .into_iter()
                     .filter_map(OscType::float)
                     .collect();
-                // Closing repeats a time, with neutral weights.
-                found.entry(u64::try_from(ms)?).or_insert(weights);
+                found.entry(u64::try_from(ms)?).or_default().push(weights);
             }
         }
     }
     Ok(found)
 }
 
-/// Weights by time in ms, from the lines `$AU,number,ms,state,confidence,weights…*checksum`.
-fn from_serial(bytes: &[u8]) -> BTreeMap<u64, Vec<f32>> {
+/// Those of the lines `$AU,number,ms,state,confidence,weights…*checksum`.
+fn from_serial(bytes: &[u8]) -> Wire {
     let read = |line: &str| {
         let (body, checksum) = line.strip_prefix('$')?.split_once('*')?;
         let expected = body.bytes().fold(0, |all, byte| all ^ byte);
@@ -222,9 +225,9 @@ fn from_serial(bytes: &[u8]) -> BTreeMap<u64, Vec<f32>> {
         let weights: Option<Vec<f32>> = fields.skip(2).map(|field| field.parse().ok()).collect();
         Some((ms, weights?))
     };
-    let mut found = BTreeMap::new();
+    let mut found = Wire::new();
     for (ms, weights) in String::from_utf8_lossy(bytes).lines().filter_map(read) {
-        found.entry(ms).or_insert(weights);
+        found.entry(ms).or_default().push(weights);
     }
     found
 }
@@ -234,24 +237,30 @@ fn faces(rows: &[Row]) -> usize {
 }
 
 /// How many of the wire's frames equal the rows' weights, within `step` after `scale`.
-fn equal(name: &str, wire: &BTreeMap<u64, Vec<f32>>, rows: &[Row], scale: f32, step: f32) -> bool {
+fn equal(name: &str, wire: &Wire, rows: &[Row], scale: f32, step: f32) -> bool {
     let faces = faces(rows);
     let (mut compared, mut different) = (0, 0);
     for row in rows {
         if let (Some(weights), Some(sent)) = (&row.weights, wire.get(&(row.at_us / 1000))) {
             compared += 1;
-            let same = sent.len() == weights.len()
-                && sent
-                    .iter()
-                    .zip(weights)
-                    .all(|(sent, weight)| (sent - weight.clamp(0.0, 1.0) * scale).abs() <= step);
+            let equals = |sent: &Vec<f32>| {
+                let mut pairs = sent.iter().zip(weights);
+                sent.len() == weights.len()
+                    && pairs
+                        .all(|(sent, weight)| (sent - weight.clamp(0.0, 1.0) * scale).abs() <= step)
+            };
+            let same = sent.iter().any(equals);
             if !same && different == 0 {
                 println!("{name}: at {} us sent {sent:?} for {}", row.at_us, row.text);
             }
             different += usize::from(!same);
         }
     }
-    let moved = wire.values().flatten().any(|&weight| weight > 0.3 * scale);
+    let moved = wire
+        .values()
+        .flatten()
+        .flatten()
+        .any(|&weight| weight > 0.3 * scale);
     println!(
         "{name}: frames {}, compared {compared}, different {different}, any weight above 0.3 {moved}",
         wire.len()
