@@ -257,9 +257,7 @@ impl Status {
         let [median, p99, _] = self.latencies.quantiles().map(|ms| ms * 1e-3);
         let users = || self.users.iter().flatten();
         let faces = users().filter(|user| user.state.has_face()).count();
-        for metric in METRICS.lines() {
-            let mut words = metric.splitn(3, ' ');
-            let [name, kind, help] = [(); 3].map(|()| words.next().unwrap_or_default());
+        for (name, kind, help) in METRICS {
             writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}")?;
             match name {
                 "mien_build_info" => {
@@ -297,19 +295,21 @@ impl Status {
 }
 
 /// Name, kind and meaning of each metric; a metric's samples follow each other, as the format requires.
-const METRICS: &str = "\
-mien_build_info gauge The program's version; always 1.
-mien_frames_captured_total counter Frames since the start.
-mien_capture_to_send_seconds summary Time from a frame's arrival until all outputs have sent it, over the last 1024 frames.
-mien_face_present gauge People whose face is tracked.
-mien_tracking_lost_total counter Times that a person was lost.
-mien_sensor_connected gauge 1 while frames arrive.
-mien_uptime_seconds gauge Time since the start.
-mien_users gauge People by state.
-mien_output_sent_total counter Messages passed to the operating system.
-mien_output_errors_total counter Messages dropped because the operating system did not accept them.
-mien_output_refused_total counter Commands that were malformed or not allowed.
-mien_output_connected gauge 1 while the output is connected to its device or receiver.";
+#[rustfmt::skip]
+const METRICS: [(&str, &str, &str); 12] = [
+    ("mien_build_info", "gauge", "The program's version; always 1."),
+    ("mien_frames_captured_total", "counter", "Frames since the start."),
+    ("mien_capture_to_send_seconds", "summary", "Time from a frame's arrival until all outputs have sent it, over the last 1024 frames."),
+    ("mien_face_present", "gauge", "People whose face is tracked."),
+    ("mien_tracking_lost_total", "counter", "Times that a person was lost."),
+    ("mien_sensor_connected", "gauge", "1 while frames arrive."),
+    ("mien_uptime_seconds", "gauge", "Time since the start."),
+    ("mien_users", "gauge", "People by state."),
+    ("mien_output_sent_total", "counter", "Messages passed to the operating system."),
+    ("mien_output_errors_total", "counter", "Messages dropped because the operating system did not accept them."),
+    ("mien_output_refused_total", "counter", "Commands that were malformed or not allowed."),
+    ("mien_output_connected", "gauge", "1 while the output is connected to its device or receiver."),
+];
 
 /// An output's value of a metric.
 fn value_of_output(metric: &str, tally: &Tally) -> u64 {
@@ -360,7 +360,7 @@ struct Files {
     /// The files as last written: device, inode and creation time.
     left: [Option<[u64; 3]>; 2],
     /// Whether another writer was logged.
-    shared: bool,
+    other_writer_logged: bool,
 }
 
 impl Files {
@@ -372,7 +372,7 @@ impl Files {
             files: [json, &prometheus].map(file),
             error_logged: false,
             left: [None; 2],
-            shared: false,
+            other_writer_logged: false,
         }
     }
 
@@ -380,7 +380,7 @@ impl Files {
         let path = self.files[file].path();
         let found = std::fs::metadata(path).ok().as_ref().map(mark);
         let other = self.left[file].is_some() && found.is_some() && found != self.left[file];
-        if other && !std::mem::replace(&mut self.shared, true) {
+        if other && !std::mem::replace(&mut self.other_writer_logged, true) {
             tracing::warn!(
                 "another program, perhaps a second mien, also writes {}; give each its own status.path",
                 path.display()
@@ -559,13 +559,13 @@ mod tests {
         let mut both = [(); 2].map(|()| Files::beside(&path));
         both[0].write(0, b"{}");
         both[0].write(0, b"{}");
-        assert!(!both[0].shared, "alone");
+        assert!(!both[0].other_writer_logged, "alone");
         // A program before this one has left its file.
         both[1].write(0, b"{}");
-        assert!(!both[1].shared);
+        assert!(!both[1].other_writer_logged);
         both[0].write(0, b"{}");
         both[1].write(0, b"{}");
-        assert_eq!(both.map(|files| files.shared), [true; 2]);
+        assert_eq!(both.map(|files| files.other_writer_logged), [true; 2]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The outputs: one row each. Another one is its file in `output/`, its section in `settings/keys.rs` and a row here.
+//! The outputs: one row each. Another one is its file in `output/`, with its keys, a section in `settings/keys.rs` and a row here.
 
 use std::net::SocketAddr;
 use std::slice::from_ref;
@@ -9,7 +9,9 @@ use crate::output::{self, Output, OutputError, osc};
 use crate::pipeline::Pipeline;
 
 type Opened = Result<Box<dyn Output>, OutputError>;
+/// Opens an output; the names are the units', in the order of the weights.
 type Open = fn(&Settings, &[&str]) -> Opened;
+/// Checks whether the settings can be used, without sockets, ports or threads.
 type Check = fn(&Settings, &[&str]) -> Result<(), OutputError>;
 
 /// One output.
@@ -21,8 +23,7 @@ pub(crate) struct Row {
     enabled: fn(&Settings) -> bool,
     /// Where it sends to: hosts, a broker or a port.
     pub(crate) targets: fn(&Settings) -> &[String],
-    /// Opens it, and whether its settings can be used, without sockets, ports or threads; `None` if this build is without it. The
-    /// names are the units', in the order of the weights.
+    /// How it is opened and checked; `None` if this build is without it.
     built: Option<(Open, Check)>,
 }
 

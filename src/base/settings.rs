@@ -22,20 +22,20 @@ pub struct Key<'a> {
 
 /// Type and range of a key's value, and where it is stored.
 pub enum Kind<'a> {
-    /// From the least to the most, and in which unit.
+    /// Where it is stored, its least and greatest value, and its unit.
     Number(&'a mut dyn Number, [f32; 2], &'static str),
     /// True or false.
     Bool(&'a mut bool),
-    /// What it looks like, and whether one does.
+    /// Where it is stored, its form in words, and the check of it.
     Text(&'a mut String, &'static str, fn(&str) -> bool),
-    /// One text, or several in an array, from so many to so many.
+    /// One text, or several in an array; the last field is the least and greatest count.
     Texts(
         &'a mut Vec<String>,
         &'static str,
         fn(&str) -> bool,
         [usize; 2],
     ),
-    /// Which of the names is the present one, all of them, and what stores another.
+    /// Index of the present name, all names, and a function that stores the value of an index.
     Choice(usize, Vec<&'static str>, Box<dyn FnOnce(usize) + 'a>),
 }
 
@@ -94,7 +94,7 @@ macro_rules! keyed {
         pub struct $name {
             $($(#[doc = $about])+ pub $field: $kind,)*
             $(
-                #[doc = concat!("Settings of the ", stringify!($part), ", with keys of their own.")]
+                #[doc = concat!("The ", stringify!($part), ".")]
                 pub $part: $part_kind,
             )*
         }

@@ -94,7 +94,7 @@ pub struct Expression {
     /// The same for everybody.
     units: Arc<Units>,
     names: heapless::Vec<UnitName, UNITS>,
-    /// Place of the reading of each measure's rising and falling unit.
+    /// Index of the reading of each measure's rising and falling unit.
     readings: [[Option<usize>; 2]; LEARNT_MEASURES],
     /// See [`Units::further`].
     further: heapless::Vec<usize, UNITS>,

@@ -44,7 +44,7 @@ pub struct Learned {
 pub enum SavedError {
     /// Not this format.
     #[error(
-        "saved ranges: expected a first line \"mien-ranges 2 <eye distance in metres, 0.015 to 0.06>\" or of version 1; delete the file to start over"
+        "saved ranges: expected a first line \"mien-ranges VERSION EYE_DISTANCE\", version 1 or 2 and 0.015 to 0.06 (metres); delete the file to start over"
     )]
     Header,
     /// A malformed line: its number from 1, and what its range belongs to.
@@ -71,15 +71,14 @@ impl Learned {
     /// If the writer fails.
     pub fn write(&self, text: &mut impl Write) -> core::fmt::Result {
         writeln!(text, "{HEADER} 2 {:.6}", self.eye_distance_m)?;
-        let named = names()
-            .map(|name: &str| name)
-            .zip(self.ranges.iter().chain(&self.features));
-        let readings = self
-            .readings
-            .iter()
-            .map(|(unit, range)| (unit.as_str(), range));
-        for (name, Range { low, rest, high }) in named.chain(readings) {
-            writeln!(text, "{name} {low:.6} {rest:.6} {high:.6}")?;
+        let mut line = |name: &str, Range { low, rest, high }: &Range| {
+            writeln!(text, "{name} {low:.6} {rest:.6} {high:.6}")
+        };
+        for (name, range) in names().zip(self.ranges.iter().chain(&self.features)) {
+            line(name, range)?;
+        }
+        for (unit, range) in &self.readings {
+            line(unit.as_str(), range)?;
         }
         Ok(())
     }
@@ -90,6 +89,7 @@ impl Learned {
     /// If anything is missing, out of order or implausible.
     pub fn read(text: &str) -> Result<Self, SavedError> {
         let mut lines = text.lines();
+        // Which version it is shows by the lines that follow.
         let header = |line: &str| {
             let (version, width) = line.strip_prefix(HEADER)?.trim().split_once(' ')?;
             let width = width.trim().parse().ok()?;
@@ -112,7 +112,7 @@ impl Learned {
             let (_, range) = range.ok_or(SavedError::Line(k + 2, name))?;
             match learned.ranges.get_mut(k) {
                 Some(slot) => *slot = range,
-                // As many as there are names.
+                // There is room for every name.
                 None => _ = learned.features.push(range),
             }
         }
@@ -120,7 +120,7 @@ impl Learned {
             let reading =
                 parse_line(line).and_then(|(unit, range)| Some((unit.parse().ok()?, range)));
             let kept = reading.and_then(|reading| learned.readings.push(reading).ok());
-            kept.ok_or(SavedError::Line(number, "UNIT"))?;
+            kept.ok_or(SavedError::Line(number, "a unit:"))?;
         }
         Ok(learned)
     }
@@ -186,9 +186,8 @@ mod tests {
 
     #[test]
     fn version_1_has_the_ranges_of_the_measures() {
-        let mut lines: Vec<&str> = Vec::new();
         let text = text().replace("mien-ranges 2", "mien-ranges 1");
-        lines.extend(text.lines().take(1 + LEARNT_MEASURES));
+        let lines: Vec<&str> = text.lines().take(1 + LEARNT_MEASURES).collect();
         let old = Learned::read(&lines.join("\n")).unwrap();
         assert_eq!(old.ranges, person().ranges);
         assert!(old.features.is_empty() && old.readings.is_empty());

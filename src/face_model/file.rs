@@ -56,11 +56,11 @@ impl FaceModel {
 
     /// The model built into the binary.
     pub fn shipped() -> Self {
-        // It stays in memory anyway: what is big is used where it lies. Its checksum is left to a test, for taking it would bring
-        // into memory what is not used, such as the paper's appearance model.
+        // The bytes stay in memory, so large parts are used in place. A test verifies the checksum: computing it here would page in
+        // parts that are not used, such as the paper's appearance model.
         let body = SHIPPED.len() - CHECKSUM;
-        let sections = parse(&SHIPPED[HEADER..body], u32_at(SHIPPED, body), Some);
-        sections.expect("the shipped model is read by a test")
+        let model = parse(&SHIPPED[HEADER..body], u32_at(SHIPPED, body), Some);
+        model.expect("the shipped model is read by a test")
     }
 }
 

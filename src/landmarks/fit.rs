@@ -62,9 +62,10 @@ defaults! {
 
 /// Least confidence of a face that depth does not confirm.
 const FOUND: f32 = 0.8;
-/// From this confidence on the search goes on where it ended, for at most this many rounds in all.
+/// Confidence from which the search continues where the last round ended.
 const PROMISING: f32 = 0.2;
-const SPOTTINGS: usize = 4;
+/// Most rounds of a search.
+const SEARCH_ROUNDS: usize = 4;
 
 /// Decay per lost frame of the face's rotation and shift within the head: of a face that was seen before, and of a stranger's,
 /// for whom they were only tried.
@@ -262,7 +263,7 @@ impl LandmarkFitter {
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
         let mut pose = *guess;
-        for _ in 0..SPOTTINGS {
+        for _ in 0..SEARCH_ROUNDS {
             let placement = Placement::of_pose(camera, &pose)?;
             let (fit, belief) = self.run(scratch, luma, &placement, &placement.start);
             // Nothing is known of how this face sits in its head: as usual.

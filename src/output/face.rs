@@ -66,14 +66,14 @@ impl WireWeights {
     }
 }
 
-/// The face of a single-person output: of the users not set aside, the first one seen until lost, then whoever comes next.
+/// The face of a single-person output: of the users in whose place no other is shown, the first one seen until lost, then whoever comes next.
 #[derive(Default)]
 pub(super) struct OneFace {
     pub(super) weights: WireWeights,
     pub(super) view: View,
     user: Option<usize>,
     present: bool,
-    /// Whether the user has made room for another.
+    /// Whether single-person outputs show another user.
     other_is_shown: bool,
 }
 

@@ -29,7 +29,7 @@ const SHARE: f32 = 0.2;
 const SPEECH_S: f64 = 1.2;
 const QUIET_S: f64 = 0.4;
 /// Somebody who speaks still makes a gesture at this multiple of its upper level: a broad smile is no speech.
-const WHILE_SPEAKING: f32 = 2.0;
+const SPEAKING_FACTOR: f32 = 2.0;
 /// Least and greatest upper level.
 pub const LEVELS: [f32; 2] = [0.01, 8.0];
 /// The state of every gesture is repeated at this interval, for receivers that missed a change.
@@ -229,6 +229,7 @@ struct Speech {
 }
 
 impl Speech {
+    /// Takes the mouth's opening; returns whether the person speaks.
     fn update(&mut self, opening: f32, at: Timestamp) -> bool {
         let back = if self.opens {
             self.extreme - opening
@@ -341,7 +342,7 @@ impl Gestures {
             let least = watched.sums.iter().map(sum).fold(f32::MAX, f32::min);
             // Less than any level.
             let sum = if counts { least } else { f32::MIN };
-            let may_start = gesture.speaking || !speaks || sum >= WHILE_SPEAKING * gesture.on;
+            let may_start = gesture.speaking || !speaks || sum >= SPEAKING_FACTOR * gesture.on;
             watched.activations[slot].observe(gesture, sum, may_start, report.at);
         }
     }

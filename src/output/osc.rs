@@ -226,7 +226,7 @@ impl Osc {
     }
 
     /// Adds the schema to the datagram.
-    fn send_schema(&mut self) {
+    fn write_schema(&mut self) {
         let names = self.units.iter().map(|name| Argument::Text(name));
         let arguments = core::iter::once(Argument::Int(SCHEMA_VERSION)).chain(names);
         self.wire.message(format_args!("/schema"), arguments);
@@ -248,7 +248,7 @@ impl Output for Osc {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         self.at = report.at;
         if self.schema.due(report.at, SCHEMA_PERIOD_S) {
-            self.send_schema();
+            self.write_schema();
             self.wire.flush();
         }
         if self.alive.due(report.at, ALIVE_PERIOD_S) {
@@ -299,7 +299,7 @@ impl Output for Osc {
         loop {
             match self.commands.as_mut()?.next_request()? {
                 (Request::Schema, asker) => {
-                    self.send_schema();
+                    self.write_schema();
                     let commands = self.commands.as_ref();
                     self.wire.flush_to(asker.ip(), |datagram| {
                         commands.is_some_and(|commands| commands.answer(datagram, asker))

@@ -42,7 +42,7 @@ keyed! {
     }
 }
 
-/// Every output has those of the section `[units]`.
+/// Names and gains are read once, from the section `[units]`, and copied into every view: a view has no keys for them.
 impl Keys for Vec<UnitView> {
     fn keys(&mut self) -> Vec<Key<'_>> {
         Vec::new()
@@ -58,13 +58,13 @@ pub(super) struct Channel {
 }
 
 impl View {
-    fn changed(&self, unit: &str) -> Option<&UnitView> {
+    fn unit_view(&self, unit: &str) -> Option<&UnitView> {
         self.units.iter().find(|view| view.unit == unit)
     }
 
     /// The output name of a unit.
     pub fn name<'a>(&'a self, unit: &'a str) -> &'a str {
-        self.changed(unit).map_or(unit, |view| view.name.as_str())
+        self.unit_view(unit).map_or(unit, |view| view.name.as_str())
     }
 
     /// The output names of units, in their order.
@@ -82,7 +82,7 @@ impl View {
         (0..units.len())
             .map(|i| Channel {
                 source: source(i),
-                gain: self.changed(units[i]).map_or(1.0, |view| view.gain),
+                gain: self.unit_view(units[i]).map_or(1.0, |view| view.gain),
             })
             .collect()
     }

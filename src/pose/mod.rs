@@ -51,6 +51,7 @@ pub struct PoseError(pub usize);
 const SEARCH_HALVES: u32 = 2;
 /// After this long it may be another person: the learned shape is dropped, seconds.
 const FORGET_S: f64 = 2.0;
+
 /// What the picture shows at a pose that was found: the pose stage learns it after the landmarks.
 pub enum Evidence<'a> {
     /// A face, in the cloud that gave the pose.

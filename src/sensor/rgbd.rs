@@ -242,6 +242,7 @@ impl Rgbd {
             }
             None => frame.drop_colour(),
         }
+        // Depth times rise from the first one, which is 0.
         (frame.index, frame.at) = (at as u64, Timestamp::from_us(time_us.unsigned_abs()));
         Ok(())
     }

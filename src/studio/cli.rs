@@ -341,12 +341,17 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
     stopped::report_what_is_kept(None);
     let all = usize::MAX;
-    let (people, seconds) = match words {
-        _ if words.landmarks => (all, 5.0),
-        _ if words.paper => (1, 20.0),
-        _ if words.heads => (head_scenes::PEOPLE, head_scenes::SECONDS),
-        _ if words.wild => (all, wild::SECONDS),
-        _ => (all, Sessions::default().seconds),
+    let (people, seconds) = if words.landmarks {
+        // Five seconds show every condition.
+        (all, 5.0)
+    } else if words.paper {
+        (1, 20.0)
+    } else if words.heads {
+        (head_scenes::PEOPLE, head_scenes::SECONDS)
+    } else if words.wild {
+        (all, wild::SECONDS)
+    } else {
+        (all, Sessions::default().seconds)
     };
     let trial = Trial {
         data: &words.data.data,
@@ -365,14 +370,14 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     if words.paper {
         return paper::play(&trial, rows(&words.rows, &paper::ROWS)?, &mut say);
     }
-    if let Some(out) = &words.record {
-        return wild::record(&trial, out);
-    }
     if words.heads {
         let rows = rows(&words.rows, &head_scenes::ROWS)?;
         print!("{}", head_scenes::play(&trial, rows)?);
     } else if words.wild {
-        print!("{}", wild::play(&trial)?);
+        match &words.record {
+            Some(out) => wild::record(&trial, out)?,
+            None => print!("{}", wild::play(&trial)?),
+        }
     } else {
         print!("{}", table::play(&trial)?);
     }

@@ -31,8 +31,8 @@ fn kept(path: &Path, before: Version) -> String {
     format!("{} {what}", path.display())
 }
 
-/// From now on Ctrl-C and SIGTERM say what is kept of the result before they end the program: of the file into which it is
-/// written whole or not at all; `None` if it is printed when all is done.
+/// From now on Ctrl-C and SIGTERM print what is kept of the result and end the program. `result` is the file, which is written
+/// whole or not at all; `None` means standard output.
 pub fn report_what_is_kept(result: Option<PathBuf>) {
     // Without it a signal ends the program as well, only in silence.
     let _ = listen(result);

@@ -35,7 +35,7 @@ impl Gone {
 /// People who left, longest gone first.
 #[derive(Debug)]
 pub struct Memory {
-    /// With room for all from the start: by value they would pass over the stack, which keeps what it once grew to.
+    /// On the heap, with room for all from the start: a copy by value would enlarge the stack for good.
     gone: Vec<Gone>,
 }
 

@@ -17,7 +17,6 @@
 //! future, because the clock was set back, counts as seen now; people gone too long are dropped by
 //! [`Memory::forget_older`](super::memory::Memory::forget_older).
 
-use std::borrow::Borrow;
 use std::fmt::Write as _;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -27,7 +26,7 @@ use super::likeness::Likeness;
 use super::memory::Gone;
 use crate::base::atomic_write::AtomicFile;
 use crate::base::bounded_read::{self, reason};
-use crate::base::capacity::{REMEMBERED, USERS};
+use crate::base::capacity::{FEATURES, LEARNT_MEASURES, REMEMBERED, UNITS, USERS};
 use crate::base::checksum::crc32;
 use crate::base::time::Timestamp;
 use crate::expression::saved::Learned;
@@ -37,8 +36,10 @@ const HEADER: &str = "mien-people 2";
 const PERIOD: Duration = Duration::from_secs(60);
 /// How long a damaged file is kept after it was written.
 const DAMAGED_KEPT: Duration = Duration::from_secs(86_400);
+/// Of one person: a line of up to 40 bytes for each range, and the likeness.
+const PERSON: usize = (LEARNT_MEASURES + FEATURES + UNITS) * 40 + 1024;
 /// Size of the longest file written, bytes: likeness and ranges of everybody.
-const TEXT: usize = (REMEMBERED + USERS) * 4608;
+const TEXT: usize = (REMEMBERED + USERS) * PERSON;
 
 /// Largest file accepted, bytes.
 const MOST: usize = 4 * TEXT;
@@ -53,14 +54,13 @@ fn seconds(at: SystemTime) -> u64 {
 /// # Errors
 /// If the writer fails.
 pub fn write(
-    people: impl Iterator<Item = impl Borrow<Gone>>,
+    people: impl Iterator<Item = Gone>,
     now: (Timestamp, SystemTime),
     text: &mut String,
 ) -> std::fmt::Result {
     text.clear();
     writeln!(text, "{HEADER}")?;
     for one in people {
-        let one = one.borrow();
         let last_seen = seconds(now.1).saturating_sub(one.away_s(now.0) as u64);
         write!(text, "person {} {last_seen}", one.slot)?;
         one.likeness.write(text)?;
@@ -171,7 +171,7 @@ impl People {
     }
 
     /// Writes the file; failure is logged once. `at` is the time of the last frame.
-    pub fn save(&mut self, people: impl Iterator<Item = impl Borrow<Gone>>, at: Timestamp) {
+    pub fn save(&mut self, people: impl Iterator<Item = Gone>, at: Timestamp) {
         self.written = Instant::now();
         let damaged = std::fs::symlink_metadata(&self.aside).and_then(|about| about.modified());
         // One from the future is as good as old.
@@ -211,7 +211,7 @@ mod tests {
 
         let mut text = String::new();
         write(
-            std::iter::empty::<Gone>(),
+            std::iter::empty(),
             (Timestamp::default(), SystemTime::now()),
             &mut text,
         )
@@ -220,12 +220,12 @@ mod tests {
         assert!(People::at(&path).load().is_empty());
         let damaged = folder.path().join("people.ranges.damaged");
         let mut people = People::at(&path);
-        people.save(std::iter::empty::<Gone>(), Timestamp::default());
+        people.save(std::iter::empty(), Timestamp::default());
         assert!(damaged.exists());
         let yesterday = SystemTime::now() - DAMAGED_KEPT - Duration::from_secs(9);
         let file = std::fs::File::options().write(true).open(&damaged);
         file.unwrap().set_modified(yesterday).unwrap();
-        people.save(std::iter::empty::<Gone>(), Timestamp::default());
+        people.save(std::iter::empty(), Timestamp::default());
         assert!(!damaged.exists());
     }
 
@@ -255,7 +255,7 @@ mod tests {
             SystemTime::UNIX_EPOCH + Duration::from_secs(5000),
         );
         let mut text = String::new();
-        write(people.iter(), (at, clock), &mut text).unwrap();
+        write(people.iter().cloned(), (at, clock), &mut text).unwrap();
         let found = read(&text, clock + Duration::from_secs(20)).unwrap();
         let said: Vec<_> = found
             .iter()

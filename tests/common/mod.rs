@@ -11,6 +11,7 @@ pub mod drivers_table;
 pub mod faults;
 pub mod paced;
 pub mod service;
+pub mod small_model;
 pub mod test_pattern;
 pub mod whole_run;
 

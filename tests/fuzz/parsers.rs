@@ -3,6 +3,8 @@
 #![no_main]
 
 mod seeds;
+#[path = "../common/small_model.rs"]
+mod small_model;
 
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -210,7 +212,7 @@ fuzz_target!(init: {
 /// Numbers that are none of a head.
 const ODD: [f32; 8] = [1e6, -1e3, 0.31, f32::NAN, f32::INFINITY, 1e-30, 0.0, -0.0];
 /// Built-in shape and head without the cascade, whose weights are not looked at when stages are built.
-static SMALL: LazyLock<Vec<u8>> = LazyLock::new(seeds::small_model);
+static SMALL: LazyLock<Vec<u8>> = LazyLock::new(small_model::small_model);
 
 /// The first byte says which file of a depth camera's recording the rest is.
 fn camera(bytes: &[u8]) {

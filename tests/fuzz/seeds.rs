@@ -73,15 +73,6 @@ fn parts(text: &str, begin: &str) -> Vec<String> {
     parts
 }
 
-/// A whole model of some ten thousand bytes besides its confidence.
-pub fn small_model() -> Vec<u8> {
-    let mut model = face_model::FaceModel::shipped();
-    (model.cold, model.warm) = (Vec::new().into(), Vec::new().into());
-    (model.refinement, model.paper_aam) = (None, Vec::new().into());
-    model.standard_head = model.standard_head.into_iter().step_by(16).collect();
-    face_model::file::emit(&model)
-}
-
 /// Writes them.
 pub fn write(folder: &Path) {
     let corpus = Corpus(folder.into());
@@ -107,7 +98,7 @@ pub fn write(folder: &Path) {
         }
     }
     let mut text = String::new();
-    saved::write(std::iter::empty::<mien::users::memory::Gone>(), (Timestamp::default(), SystemTime::UNIX_EPOCH), &mut text)
+    saved::write(std::iter::empty(), (Timestamp::default(), SystemTime::UNIX_EPOCH), &mut text)
         .expect("a string takes everything");
     corpus.add("people", "nobody", &text);
     corpus.add(

@@ -73,6 +73,11 @@ fn judged(head: &Head, shapes: &[Shape]) -> usize {
         widest = widest.max(gap);
     }
     assert!(widest < 0.03, "lids {widest} apart");
+    failing(head, shapes)
+}
+
+/// Prints the product's own verdict and returns how many shapes fail it.
+fn failing(head: &Head, shapes: &[Shape]) -> usize {
     let faults = verdict::faults(head, shapes);
     println!("{}", verdict::verdict(shapes, &faults));
     faults.iter().filter(|words| !words.is_empty()).count()
@@ -724,8 +729,9 @@ fn heads_of_other_people_are_baked_and_their_landmarks_found() {
             gap = gap.max(figures.lid_gap.unwrap_or(0.0));
             assert!(figures.outside == 0.0, "{} leaks", shapes[k].name);
         }
+        let failed = failing(&head, &shapes);
         println!("person {seed}: lids {gap:.3} apart; landmarks off {off:.3?}");
-        assert!(gap < 0.04, "person {seed}");
+        assert!(gap < 0.04 && failed == 0, "person {seed}: {failed} fail");
     }
     println!("landmarks off by {sums:.3?} eye distances");
     for ((name, _), (off, most)) in parts
@@ -772,7 +778,8 @@ fn strangers_heads_open_their_mouths_and_shut_their_eyes() {
         let figures: Vec<_> = figures.collect();
         let lids = figures.iter().filter_map(|f| f.lid_gap);
         let lids = lids.fold(0.0, f64::max);
-        println!("{name}: lips part by {part:.2}, lids {lids:.3}");
+        let failed = failing(&head, &shapes);
+        println!("{name}: lips part by {part:.2}, lids {lids:.3}, {failed} fail");
         assert!(part > 0.4 && upper.norm() < 0.25 * lower.norm(), "{name}");
         assert!(lids < 0.035, "{name}");
     }

@@ -5,20 +5,13 @@
 
 use mien::appliance::settings::Settings;
 use mien::base::checksum::crc32;
-use mien::face_model::{self, FaceModel};
+use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
+
+use crate::common::small_model::small_model;
 
 /// Models without a number in the environment.
 const MODELS: u64 = 2000;
-
-/// The shipped shape and every sixteenth point of its head, as a file without the cascade.
-fn small_model() -> Vec<u8> {
-    let mut model = FaceModel::shipped();
-    (model.cold, model.warm) = (Vec::new().into(), Vec::new().into());
-    (model.refinement, model.paper_aam) = (None, Vec::new().into());
-    model.standard_head = model.standard_head.into_iter().step_by(16).collect();
-    face_model::file::emit(&model)
-}
 
 /// Changes one byte, four bytes, or the number that they are.
 fn change(file: &mut [u8], random: &mut fastrand::Rng) {

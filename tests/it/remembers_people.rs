@@ -34,7 +34,8 @@ fn pipeline() -> Pipeline {
 
 fn written(people: &[Gone], pipeline: &Pipeline, at: SystemTime) -> String {
     let mut text = String::new();
-    write(people.iter(), (pipeline.at(), at), &mut text).expect("a String takes everything");
+    write(people.iter().cloned(), (pipeline.at(), at), &mut text)
+        .expect("a String takes everything");
     text
 }
 
@@ -50,7 +51,7 @@ fn who_was_there_is_known_after_a_restart() {
     let path = folder.path().join("people.ranges");
     let mut file = People::at(&path);
     assert!(file.load().is_empty(), "no file, nobody");
-    file.save(people.iter(), before.at());
+    file.save(people.iter().cloned(), before.at());
     let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
     assert_eq!(names.len(), 1, "nothing is left beside it");
 
@@ -94,7 +95,7 @@ fn a_file_reads_back_and_ages() {
     assert!((later[0].before_s - 90.0).abs() <= 1.0);
     let mut again = String::new();
     let now = (Timestamp::default(), at + Duration::from_secs(90));
-    write(later.iter(), now, &mut again).expect("a String takes everything");
+    write(later.iter().cloned(), now, &mut again).expect("a String takes everything");
     assert_eq!(again, text);
     let earlier = read(&text, at - Duration::from_secs(3600)).expect("just written");
     assert!(

@@ -415,7 +415,7 @@ fn a_week_of_visitors() {
         }
         if frame.is_multiple_of(MINUTE) && !memory.gone().is_empty() {
             let now = SystemTime::UNIX_EPOCH + Duration::from_micros(at.as_us());
-            saved::write(memory.gone().iter(), (at, now), &mut text).unwrap();
+            saved::write(memory.gone().iter().cloned(), (at, now), &mut text).unwrap();
             let back = saved::read(&text, now).unwrap();
             assert_eq!(back.len(), memory.gone().len());
         }

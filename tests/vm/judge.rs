@@ -174,11 +174,10 @@ fn first_frame(rows: &[Row], model: &FaceModel) -> Result<Option<u64>> {
     Ok(None)
 }
 
-/// Weights by time in ms. Half a second without a frame, and the end, send a report of nobody, whose time by the clock may be that of
-/// a frame: all that came with a time are kept.
+/// Weights by time in ms. Several reports may have the same time, because a report of nobody has the clock's time; all are kept.
 type Wire = BTreeMap<u64, Vec<Vec<f32>>>;
 
-/// Those of the datagrams of the schema `native`.
+/// Weights from the datagrams of the schema `native`.
 fn from_osc(mut bytes: &[u8]) -> Result<Wire> {
     let mut found = Wire::new();
     while let Some((length, rest)) = bytes.split_first_chunk::<4>() {
@@ -212,7 +211,7 @@ fn from_osc(mut bytes: &[u8]) -> Result<Wire> {
     Ok(found)
 }
 
-/// Those of the lines `$AU,number,ms,state,confidence,weights…*checksum`.
+/// Weights from the lines `$AU,number,ms,state,confidence,weights…*checksum`.
 fn from_serial(bytes: &[u8]) -> Wire {
     let read = |line: &str| {
         let (body, checksum) = line.strip_prefix('$')?.split_once('*')?;

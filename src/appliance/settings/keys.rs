@@ -1,6 +1,7 @@
 //! Every key of the configuration: section, name, meaning, unit, range, and where it is stored.
 //!
-//! Outputs bring theirs along ([`Keys`]); the stages, which know of no file, have theirs in the table here. A row is
+//! Outputs, the sensor, the users and the saved state bring theirs along ([`Keys`]); the other stages and the box itself have theirs
+//! in the table here. A row is
 //! `name: meaning => kind of value;`. Printing, reading and `config/mien.toml` follow the order of the table.
 
 use tracing::Level;

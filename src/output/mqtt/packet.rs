@@ -141,7 +141,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Option<(FromBroker<'_>, usize)>, NotM
     let Some((&first, rest)) = bytes.split_first() else {
         return Ok(None);
     };
-    // Refused at once: who talks something else may never say as much as its second byte promises.
+    // Refused at once: a peer that is no broker may never send as many bytes as its second byte announces.
     if !matches!(first, 0x20 | 0x30..=0x3f | 0x40 | 0x90 | 0xd0) {
         return Err(NotMqtt);
     }
@@ -157,7 +157,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Option<(FromBroker<'_>, usize)>, NotM
     Ok(told.transpose()?.map(|told| (told, used)))
 }
 
-/// What a whole packet says; `None` if nothing that a broker says.
+/// Parses the body of a packet; `None` if no broker sends such a packet.
 fn parse_body(first: u8, body: &[u8]) -> Option<FromBroker<'_>> {
     let number = |bytes: &[u8]| bytes.first_chunk().map(|two| u16::from_be_bytes(*two));
     Some(match first {

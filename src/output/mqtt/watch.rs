@@ -32,7 +32,7 @@ pub(super) struct Standing {
     at_us: u64,
 }
 
-/// A message being written; both are allocated once.
+/// A message being written; its strings are allocated once.
 pub(super) struct Draft {
     /// What every topic begins with.
     pub(super) base: String,

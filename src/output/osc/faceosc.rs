@@ -123,8 +123,12 @@ impl FaceOsc {
             Point::from(sum / group.len() as f32)
         };
         let distance = |i: usize| {
-            let shown = Some(i).filter(|_| !self.face.view.mirror);
-            let (_, from, to) = GESTURES[shown.unwrap_or(MIRRORED[i])];
+            let shown = if self.face.view.mirror {
+                MIRRORED[i]
+            } else {
+                i
+            };
+            let (_, from, to) = GESTURES[shown];
             finite((mean(from) - mean(to)).norm() / UNIT_M)
         };
         Numbers {

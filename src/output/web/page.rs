@@ -252,7 +252,7 @@ pub fn secret(settings: &PageSettings) -> Result<Option<String>, OutputError> {
 /// If the password cannot be read, the address is unusable or no thread can be started; not if the address is taken.
 pub fn open(
     settings: &PageSettings,
-    gains: &[UnitView],
+    unit_views: &[UnitView],
     name: &str,
     sends: &str,
     units: &[&str],
@@ -271,7 +271,7 @@ pub fn open(
     };
     let work = move |shared, bell| serve(page, at, shared, bell);
     let view = View {
-        units: gains.to_vec(),
+        units: unit_views.to_vec(),
         ..View::default()
     };
     Front::start("page", units, &view, work)

@@ -242,7 +242,7 @@ pub(super) fn serve<S: Service>(
         server.shared.take(&mut board);
         server.send_messages(&mut board);
         if stopping {
-            for connection in connected(&mut server.connections)
+            for connection in subscribers(&mut server.connections)
                 .filter(|connection| connection.stage == Stage::Page)
             {
                 // 1001: going away.
@@ -265,8 +265,8 @@ fn bind(address: SocketAddr) -> std::io::Result<TcpListener> {
     Ok(listener)
 }
 
-/// The connected pages.
-fn connected(connections: &mut [Connection; SLOTS]) -> impl Iterator<Item = &mut Connection> {
+/// The connections that messages are sent to.
+fn subscribers(connections: &mut [Connection; SLOTS]) -> impl Iterator<Item = &mut Connection> {
     connections.iter_mut().filter(|connection| {
         matches!(connection.stage, Stage::Page | Stage::Stream) && connection.stream.is_some()
     })
@@ -303,7 +303,7 @@ impl<S: Service> Server<S> {
                 return;
             }
             let shared = &self.shared;
-            for connection in connected(&mut self.connections) {
+            for connection in subscribers(&mut self.connections) {
                 let sent = connection.send(1, self.body.as_bytes());
                 count(if sent { &shared.sent } else { &shared.dropped });
             }
@@ -360,7 +360,7 @@ impl<S: Service> Server<S> {
     /// Answers a request once it is complete.
     fn answer_request(&mut self, at: usize) {
         let peer = self.connections[at].peer;
-        let streams = connected(&mut self.connections);
+        let streams = subscribers(&mut self.connections);
         let streams = streams.filter(|other| other.stage == Stage::Stream);
         let peers: heapless::Vec<IpAddr, SLOTS> = streams.map(|other| other.peer).collect();
         let theirs = peers.iter().filter(|other| **other == peer);

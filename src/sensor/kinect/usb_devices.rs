@@ -74,18 +74,17 @@ impl core::fmt::Display for Listed {
 ///
 /// # Errors
 /// [`DeviceError::NoUsb`] where programs have no access to USB at all; [`DeviceError::NoPower`] if parts of a Kinect are
-/// there and no camera; [`DeviceError::Absent`] if there is nothing of one.
+/// there and no camera; [`DeviceError::Absent`] if no part of a Kinect is there.
 pub fn devices() -> Result<Vec<Listed>, DeviceError> {
     let bus = Bus::scan()?;
     let cameras = bus.cameras();
     let cameras: Vec<_> = cameras
         .map(|(device, model)| bus.list(device, model))
         .collect();
-    match cameras.is_empty() {
-        true if bus.has_parts() => Err(DeviceError::NoPower),
-        true => Err(DeviceError::Absent),
-        false => Ok(cameras),
+    if cameras.is_empty() {
+        return Err(bus.no_camera());
     }
+    Ok(cameras)
 }
 
 /// A camera opened and claimed, with what belongs to it.
@@ -104,11 +103,10 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
     let bus = Bus::scan()?;
     let cameras: Vec<_> = bus.cameras().collect();
     let mut failure = match serial {
-        _ if cameras.is_empty() && bus.has_parts() => DeviceError::NoPower,
         Some(wanted) if !cameras.is_empty() => {
             DeviceError::OtherSerial(wanted.to_owned(), cameras.len())
         }
-        _ => DeviceError::Absent,
+        _ => bus.no_camera(),
     };
     for (device, model) in cameras {
         let own = bus.serial(device, model);
@@ -117,6 +115,7 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
         }
         match bus.claim(device, model) {
             Ok(camera) => {
+                // Some units keep streaming only then; others lose their audio device for seconds. A failure is not fatal.
                 if reset_audio && model != Model::Xbox1414 {
                     bus.reset_audio(device);
                 }
@@ -151,6 +150,15 @@ struct Bus {
 }
 
 impl Bus {
+    /// Why there is no camera.
+    fn no_camera(&self) -> DeviceError {
+        if self.has_parts() {
+            DeviceError::NoPower
+        } else {
+            DeviceError::Absent
+        }
+    }
+
     /// A fresh look at what is there. Microsoft's devices only.
     fn scan() -> Result<Self, DeviceError> {
         let no_usb = |problem: rusb::Error| {

@@ -192,7 +192,7 @@ impl Scene {
     ) -> Option<Rigid> {
         let seed = seed ^ (person as u64).wrapping_mul(0xa076_1d64_78bd_642f);
         let (turned, [x, y, z], sway) = self.placement(person)?;
-        let aside = self.offset_from_place(person, t)?;
+        let offset = self.offset_from_place(person, t)?;
         self.express(seed, t, &mut set);
         let calm = smoothstep(1.0, 3.0, t);
         let walk = |channel, period, range: f32| {
@@ -221,7 +221,7 @@ impl Scene {
         };
         let sways = [(4, 3.7, sway[0]), (5, 4.1, sway[1]), (6, 4.7, sway[2])];
         let [dx, dy, dz] = sways.map(|(channel, period, range)| walk(channel, period, range));
-        Some(placed(angles, [x + dx + aside, y + dy, z + dz]))
+        Some(placed(angles, [x + dx + offset, y + dy, z + dz]))
     }
 
     fn placement(self, person: usize) -> Option<Placement> {
@@ -257,7 +257,7 @@ impl Scene {
         })
     }
 
-    /// How far somebody is beside their seat, metres; `None`: out of the picture.
+    /// Offset to the side of the person's place, metres; `None` while out of the picture.
     fn offset_from_place(self, person: usize, t: f32) -> Option<f32> {
         let phase = t % 20.0;
         let step = |from: f32, to: f32| smoothstep(from, to, phase);

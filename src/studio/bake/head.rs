@@ -205,7 +205,7 @@ impl Head {
         if let Some(landmark) = points.iter().position(|&v| !skin[v as usize]) {
             return Err(apart(landmark));
         }
-        let edges = points.clone();
+        let given = points.clone();
         let [lips, left, right] = seams(&mesh, &rings, &mut points, out, LID_SLACK * eye_distance);
         let film = films(&mesh, &[&lips, &left, &right]);
         let at = |k: usize| mesh.positions[points[k] as usize];
@@ -213,7 +213,7 @@ impl Head {
         let lid_pairs = [[[43, 47], [44, 46]], [[38, 40], [37, 41]]];
         let eye_opening = lid_pairs.map(|[a, b]| 0.5 * (apart(a) + apart(b)));
         let mouth_width = apart([48, 54]);
-        let moved = |k: usize| (mesh.positions[edges[k] as usize] - at(k)).dot(&axes.column(1));
+        let moved = |k: usize| (mesh.positions[given[k] as usize] - at(k)).dot(&axes.column(1));
         let rim = |[a, b]: [usize; 2]| 0.5 * (moved(a) - moved(b));
         let lid_rim = lid_pairs.map(|[a, b]| (rim(a) + rim(b)).max(0.0));
         let hinge = hinge(at, &axes);

@@ -69,7 +69,7 @@ mod skin;
 pub mod solve;
 pub mod source;
 pub mod sparse;
-pub mod surroundings;
+mod surroundings;
 pub mod table;
 mod targets;
 pub mod verdict;

@@ -9,7 +9,7 @@ pub use crate::base::capacity::LANDMARKS;
 use crate::face_model::scheme::MIRROR;
 
 /// How many derived points there are, half of them on each side.
-pub(super) const DERIVED: usize = 10;
+const DERIVED: usize = 10;
 
 /// Names in the order of the 68 landmarks, then the derived points.
 pub static NAMES: LazyLock<Vec<&str>> = LazyLock::new(|| POINTS.split_whitespace().collect());

@@ -1,8 +1,7 @@
 //! One mesh, whichever file a head comes in: what is baked does not depend on how its vertices are split and numbered.
 //!
 //! OBJ keeps quads and one vertex a place; glTF has triangles, copies of a vertex at every seam, single precision and another
-//! order. Some choices along the way (which of two equal diagonals) would fall out differently. So every head is first brought to
-//! one form:
+//! order. Which of two equal diagonals cuts a quad would fall out differently. So every head is first brought to one form:
 //! positions in single precision, copies sewn, triangles paired to quads as in [`super::weld`], vertices numbered by place,
 //! faces by their vertices. It is solved in that order, and the shapes are handed back in the order of the file.
 //!

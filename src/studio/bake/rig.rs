@@ -214,12 +214,11 @@ impl<'a> Rig<'a> {
         })
     }
 
-    /// The skin with the fewest faults: as learned; where that is at fault, blended into the plain solution around the places,
-    /// ever wider; the plain one.
+    /// The skin with the fewest faults. The learned one is tried first; where it has faults, the plain solution is blended in around
+    /// them, ever wider; at last the plain solution alone.
     fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
         let carried = self.jaw.motion(target);
-        let alone = landmarks_alone(head, target);
         let placing = |target| Placing {
             contacts: &self.contacts,
             target,
@@ -236,7 +235,8 @@ impl<'a> Rig<'a> {
         let Some(learned) = learned else {
             return place(target, None);
         };
-        let first = place(&alone, None)?;
+        let alone = landmarks_alone(head, target);
+        let first = placing(&alone).place(u, None, &system)?;
         let landmarks = head.points[..LANDMARKS].iter();
         let moved: Vec<Vec3> = landmarks.map(|&v| first.d[v as usize]).collect();
         let solved = place(target, Some(&learned.beyond(head, &moved, &first.d)))?;
@@ -291,11 +291,13 @@ impl Best<'_> {
         self.take_with(others, plain);
     }
 
-    /// Takes another skin, touching nothing, if it has fewer faults.
+    /// Parts what touches in another skin, and keeps it if it has fewer faults.
     fn take(&mut self, mut d: Vec<Vec3>) {
         let contacts = &self.rig.contacts;
-        let sunk = contacts.sunk(&d, self.target).into_iter();
-        for (v, moved) in sunk.chain(contacts.crossed(&d, self.base)) {
+        let mut touched = contacts.pierced(&d, self.base);
+        touched.extend(contacts.sunk(&d, self.target));
+        touched.extend(contacts.crossed(&d, self.base));
+        for (v, moved) in touched {
             if self.solved.area[v as usize] {
                 d[v as usize] = moved;
             }

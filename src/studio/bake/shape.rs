@@ -75,7 +75,7 @@ pub struct Target {
     pub upon: Option<String>,
     /// Displacements of control vertices; those not named are free.
     pub controls: Vec<(u32, Vec3)>,
-    /// The controls must be met exactly, even at the price of an inverted triangle.
+    /// The controls are met exactly: contacts are not parted, and faults do not change the skin.
     pub exact: bool,
     /// The skin between the controls moves as learned from sculpted shapes, see [`super::prior`].
     pub derive: bool,

@@ -26,7 +26,8 @@ const DERIVED_REACH: f64 = 2.9;
 const BESIDE_LID: f64 = 0.22;
 /// Lids that shut slide towards the nose by at most this part of their length, as three of four artists have it.
 const SLIDE: f64 = 0.04;
-/// In a blink the upper lid goes below the lower one's line by this part of the height of both rims, which else leave a groove.
+/// The upper lid's line ends this part of both rims' height below the lower lid's: lines that only meet leave a groove between
+/// the rims.
 const LAP: f64 = 0.25;
 /// Rounds of lifting sunk lid skin and parting crossed lips.
 const CONTACT_ROUNDS: usize = 2;
@@ -49,9 +50,10 @@ const TOUCH: f64 = 0.0015;
 const AT_LINE: f64 = 0.1;
 const BEFORE: f64 = 0.2;
 const BEHIND: f64 = 0.015;
-/// Where skin slid along the mouth's inside, this part of its way, or of an edge, is added to what it stays behind, less the
-/// second, in eye distances: fine meshes need none.
+/// Between the vertices of a coarse mesh the skin lies nearer to the mouth's inside than at them. Where the skin slides, the inside
+/// keeps this part of the slide, of an edge at most, as additional distance …
 const BETWEEN: f64 = 0.5;
+/// … less this, in eye distances: fine meshes need none.
 const FINE: f64 = 0.02;
 
 /// What can touch what on one head, measured on the neutral.
@@ -164,7 +166,7 @@ impl<'a> Contacts<'a> {
             let slid = at(before) - p - (was(before) - was(v));
             let ring = head.rings.of(skin as usize).iter();
             let edge = ring.map(|&o| (at(o) - at(skin)).norm()).fold(0.0, f64::max);
-            // What slid along comes nearer between the vertices of a coarse mesh than at them.
+            // On a coarse mesh the skin between vertices may lie nearer than any vertex.
             let between = (BETWEEN * slid.norm().min(edge) - FINE * w).max(0.0);
             let near = far(skin).sqrt() < edge.max(0.5 * BEFORE * w);
             if depth < behind.min(0.0) + between && near && !self.at_line(skin) {
@@ -241,15 +243,17 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
             let [right, left] = corners.map(Option::unwrap_or_default);
             let lap = head.axes.column(1) * (LAP * head.lid_rim[side]);
             for (own, lap) in lines.into_iter().zip([lap, Vec3::zeros()]) {
-                for (v, along) in along(own, at) {
-                    let (p, aside) = (at(v), inwards * 4.0 * along * (1.0 - along));
-                    let t = seam.across(&head.mesh, &p) + aside;
-                    let [u, l] = lines.map(|line| seam.on_line(&head.mesh, line, t));
+                for (v, t) in along(own, at) {
+                    // The slide is largest in the middle of the lid and 0 at its corners.
+                    let (p, slide) = (at(v), inwards * 4.0 * t * (1.0 - t));
+                    let across = seam.across(&head.mesh, &p) + slide;
+                    let [u, l] = lines.map(|line| seam.on_line(&head.mesh, line, across));
                     // Both lines go to the same curve; the depth there is the ball's, given below.
                     let meeting = l + (u - l) * line - lap;
-                    *goal.entry(v).or_default() += (meeting - p) * (amount * near_corner(along))
-                        + right * (1.0 - along).powi(3)
-                        + left * along.powi(3);
+                    // What a corner moves fades along the lid with the third power of the way.
+                    *goal.entry(v).or_default() += (meeting - p) * (amount * near_corner(t))
+                        + right * (1.0 - t).powi(3)
+                        + left * t.powi(3);
                 }
             }
         }
@@ -398,7 +402,7 @@ impl Placing<'_> {
         }
     }
 
-    /// Lid lines that are closed speak for the skin beside them, up to the corners, whose landmarks stay.
+    /// Closed lid lines influence the skin beside them.
     fn lids_act(&self, asked: &mut Asked) {
         let (head, positions) = (self.contacts.head, &self.contacts.head.mesh.positions);
         for side in (0..2).filter(|&s| self.target.close[s].is_some()) {
@@ -467,7 +471,8 @@ impl Placing<'_> {
         put(d);
     }
 
-    /// Lifts sunk lid skin, parts crossed lips, and solves what lies around the contact again; further away its effect has faded.
+    /// Lifts sunk lid skin, puts the mouth's inside back behind the skin, parts crossed lips, and solves what lies around them again;
+    /// further away their effect has faded.
     fn part(&self, asked: &mut Asked, beyond: &[Vec3], d: &mut [Vec3]) -> Result<(), Fault> {
         let (head, positions) = (self.contacts.head, &self.contacts.head.mesh.positions);
         for round in 0..=CONTACT_ROUNDS {

@@ -202,8 +202,8 @@ impl System {
             }
             let forces = misses * &pinned.forces;
             for (c, forced) in pinned.forced.iter().enumerate() {
-                let force = |k| forces.column_iter().nth(4 * c + k).map(Vec3::from);
-                let each: [Vec3; 4] = std::array::from_fn(|k| force(k).unwrap_or_default());
+                let force = |k| (k < forces.ncols()).then(|| Vec3::from(forces.column(k)));
+                let each: [Vec3; 4] = std::array::from_fn(|k| force(4 * c + k).unwrap_or_default());
                 for (x, does) in x.iter_mut().zip(forced) {
                     for (force, does) in each.iter().zip(does) {
                         add(x, &(force * *does));

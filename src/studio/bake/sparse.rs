@@ -76,8 +76,8 @@ impl Rows {
             .fold(Vec3::zeros(), |sum, (c, v)| sum + field[c] * v)
     }
 
-    /// The same with all weights beside the diagonal, which are negative, at least `least` in size, and rows that sum to 0.
-    pub fn positive(&self, least: f64) -> Self {
+    /// A Laplacian whose entries off the diagonal are all at most `-least`, with the diagonal that makes rows sum to 0.
+    pub(super) fn positive(&self, least: f64) -> Self {
         let mut out = self.clone();
         for (r, ends) in self.starts.windows(2).enumerate() {
             let range = ends[0] as usize..ends[1] as usize;

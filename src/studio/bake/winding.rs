@@ -3,7 +3,8 @@
 //! Two faces at an edge agree if they pass it in opposite directions: so every connected part is made to agree with itself, first over
 //! shared vertices, then, by the majority of edges, over seams where vertices are repeated. A part looks outwards if the volume that it
 //! encloses, closed by a cone over its border, is above 0. An open part inside another may be the lining of a mouth as well as
-//! half an eyeball, and a plate has no volume: both are turned only if everything else is.
+//! half an eyeball, and a plate has no volume: both are turned only if at least nine in ten
+//! of the parts that can be judged are.
 //!
 //! Units: the mesh's. Cost: two sorts of the edges. Limits: edges of three faces and more end a part; a lone half eyeball that is
 //! reversed stays.
@@ -21,7 +22,7 @@ const HOLDERS: usize = 16;
 const HELD: f64 = 0.1;
 /// Share of all area above which an open part is judged by its own volume: a strand of hair is bent either way.
 const LARGE: f64 = 0.01;
-/// Share of the judged parts that must be reversed for the others to be turned as well.
+/// Least share of the judged parts that are reversed for which the others are turned as well.
 const MOST: f64 = 0.9;
 /// Share of the open edges of the smaller of two sets of faces that must lie on the other's for a seam; less is a touch.
 const SEAM: f64 = 0.1;
@@ -204,10 +205,10 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
     let own: BTreeMap<u32, Option<bool>> = own.collect();
     // As most faces of a part run in the file.
     let runs = |root: &u32| parts[root].running < 0;
-    let sure = own
+    let sure: Vec<bool> = own
         .iter()
-        .filter_map(|(root, own)| Some((*own)? ^ runs(root)));
-    let sure: Vec<bool> = sure.collect();
+        .filter_map(|(root, own)| Some((*own)? ^ runs(root)))
+        .collect();
     let turned = sure.iter().filter(|reversed| **reversed).count();
     let rest = turned > 0 && turned as f64 >= MOST * sure.len() as f64;
     let face = |f: u32| {

@@ -9,16 +9,16 @@ use crate::expression::measures::{self, Measure};
 use crate::simulator::virtual_head::{HeadAsset, Truth};
 
 /// Number of units that are acted.
-pub(crate) const COUNT: usize = 40;
+pub(crate) const UNIT_COUNT: usize = 40;
 
-/// Units and the expressions they stand for, those of a line of `acted.txt`.
-pub(crate) static UNITS: LazyLock<[(&str, Vec<&str>); COUNT]> = LazyLock::new(|| {
+/// The acted units, each with the expressions whose mean is its weight (a line of `acted.txt`); none for AU25.
+pub(crate) static UNITS: LazyLock<[(&str, Vec<&str>); UNIT_COUNT]> = LazyLock::new(|| {
     let lines = include_str!("acted.txt").lines().map(|line| {
         let mut words = line.split(' ');
         (words.next().unwrap_or_default(), words.collect())
     });
     let lines: Vec<_> = lines.collect();
-    lines.try_into().expect("as many lines as units")
+    lines.try_into().expect("acted.txt has UNIT_COUNT lines")
 });
 
 /// Reads the truth of a head.

@@ -61,8 +61,8 @@ impl Experiments<'_> {
             ..*self.trial
         };
         Ok(vec![
-            self.trial.pipeline(simulator)?,
-            default.pipeline(simulator)?,
+            self.trial.pipeline(simulator.camera())?,
+            default.pipeline(simulator.camera())?,
         ])
     }
 

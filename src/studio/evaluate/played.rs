@@ -54,7 +54,7 @@ pub(super) fn play(
     let expressions: Vec<String> = expressions.collect();
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     let mut simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
-    let mut pipeline = trial.pipeline(&simulator)?;
+    let mut pipeline = trial.pipeline(simulator.camera())?;
     let names = pipeline.unit_names();
     let mut frame = Frame::default();
     let mut played = Played {

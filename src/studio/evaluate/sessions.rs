@@ -12,7 +12,8 @@ use crate::base::defaults;
 use crate::base::geometry::{Rigid, Vector};
 use crate::face_model::FaceModel;
 use crate::pipeline::{Pipeline, PipelineError};
-use crate::simulator::virtual_head::{Light, Simulator, Truth};
+use crate::sensor::camera::Camera;
+use crate::simulator::virtual_head::{Light, Truth};
 use crate::studio::fault::Fault;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
@@ -61,14 +62,14 @@ impl Display for Spread {
     }
 }
 
-/// What is evaluated, and on whom.
+/// What is measured: data sets, model, settings, and how much is played.
 #[derive(Clone, Copy)]
 pub struct Trial<'a> {
     /// Folder of the data sets.
     pub data: &'a Path,
     /// The face model.
     pub model: &'a FaceModel,
-    /// Those of the pipeline.
+    /// Settings of the pipeline.
     pub settings: &'a Settings,
     /// How much is played.
     pub sessions: &'a Sessions,
@@ -96,12 +97,9 @@ impl Trial<'_> {
         }
     }
 
-    /// The pipeline before a sensor.
-    pub(in crate::studio) fn pipeline(
-        &self,
-        simulator: &Simulator,
-    ) -> Result<Pipeline, PipelineError> {
-        Pipeline::new(&self.settings.stages, simulator.camera(), self.model)
+    /// The pipeline for a camera.
+    pub(in crate::studio) fn pipeline(&self, camera: &Camera) -> Result<Pipeline, PipelineError> {
+        Pipeline::new(&self.settings.stages, camera, self.model)
     }
 
     /// Plays a session with each person, on all threads: `play` gets their place, their head and the numbers of the frames;

@@ -46,7 +46,7 @@ impl Figure {
         }
     }
 
-    /// The figure and the worst person, with what it is a share `of` behind the unit.
+    /// The figure with its unit, `of` (what it is a share of) and the worst person.
     fn text(&self, precision: usize, unit: &str, of: &str) -> String {
         let worst = in_parentheses(self.worst, precision, unit);
         format!("{:.precision$}{unit}{of}{worst}", self.spread)

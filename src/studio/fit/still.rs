@@ -204,7 +204,7 @@ impl<'a> StillFitter<'a> {
         let [x, y] = [face_box.x, face_box.y].map(|at| (at + 0.5) * scale - 0.5);
         let [width, height] = [face_box.width, face_box.height].map(|side| side * scale);
         let small = FaceBox::new(x, y, width, height);
-        let mut face = self.fit(&(&grey).into(), &small, roll);
+        let mut face = self.fit(&Picture::from(&grey), &small, roll);
         for p in face.points.iter_mut().flatten() {
             *p = (*p + 0.5) / scale - 0.5;
         }

@@ -130,7 +130,7 @@ mod tests {
         };
         let mut text = String::new();
         let now = (Timestamp::default(), SystemTime::now());
-        saved::write([&gone, &gone].into_iter(), now, &mut text).unwrap();
+        saved::write([gone.clone(), gone].into_iter(), now, &mut text).unwrap();
         let album = people("people", &text).unwrap();
         assert_eq!(album.table.len(), 1 + 2 * units.rows.len());
         // The same as the population, to the digits of the file.

@@ -28,7 +28,9 @@ pub enum Obeys {
 pub fn read(what: &str, user: &str, on: &str) -> Option<Command> {
     let on = match on {
         "" => None,
-        _ => Some(["0", "1"].iter().position(|word| *word == on)? == 1),
+        "0" => Some(false),
+        "1" => Some(true),
+        _ => return None,
     };
     Command::named(what, user.parse().ok()?, on)
 }

@@ -248,7 +248,7 @@ impl Thread {
     }
 
     fn pass_on(&mut self, sample: &Sample) {
-        let aside = sample.user.is_some_and(|slot| !self.is_main(slot));
+        let other_is_shown = sample.user.is_some_and(|slot| !self.is_main(slot));
         let pose = sample.pose.map(rigid);
         let mut states = TrackingState::ALL.into_iter();
         let state = states.find(|state| state.code() == sample.state);
@@ -259,7 +259,7 @@ impl Thread {
             user: sample.user,
             state: state.unwrap_or(TrackingState::Absent),
             alone: sample.user.is_none(),
-            other_is_shown: aside,
+            other_is_shown,
             confidence: sample.confidence,
             frozen: sample.frozen,
             sensor_from_face: pose.as_ref(),

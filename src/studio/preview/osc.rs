@@ -10,7 +10,7 @@ use super::hub::Hub;
 use super::sample::{Sample, UnitRange};
 use crate::base::capacity::USERS;
 use crate::output::is_name;
-use crate::output::osc::packet::Argument::{self as Value, Bool, Float, Int, Text};
+use crate::output::osc::packet::Argument::{self, Bool, Float, Int, Text};
 use crate::output::osc::packet::{messages, parse};
 
 /// Longest datagram there is.
@@ -125,7 +125,7 @@ impl Receiver {
     }
 
     /// What is said of a user as a whole.
-    fn fact(&mut self, slot: usize, what: &str, values: &[Value]) -> Option<()> {
+    fn fact(&mut self, slot: usize, what: &str, values: &[Argument]) -> Option<()> {
         let named = self.named;
         let count = self.units.len();
         let user = &mut self.users[slot];
@@ -176,7 +176,7 @@ impl Receiver {
     }
 
     /// What is said of a unit of a user.
-    fn unit(&mut self, slot: usize, what: &str, name: &str, values: &[Value]) -> Option<()> {
+    fn unit(&mut self, slot: usize, what: &str, name: &str, values: &[Argument]) -> Option<()> {
         let numbers = floats(values)?;
         if !is_name(name) {
             return None;
@@ -233,7 +233,7 @@ fn slot(word: &str) -> Option<usize> {
 }
 
 /// All values as finite floats.
-fn floats(values: &[Value]) -> Option<Vec<f32>> {
+fn floats(values: &[Argument]) -> Option<Vec<f32>> {
     values
         .iter()
         .map(|value| match value {

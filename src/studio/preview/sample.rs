@@ -35,7 +35,7 @@ pub struct Sample {
     pub points: Vec<[f32; 2]>,
 }
 
-/// Low, rest, high of the measure behind a unit, and how far they are this person's (0…1, if the source says so).
+/// Low, rest, high of the range that a unit's weight is computed with, and how far they are this person's (0…1, if the source says so).
 pub type UnitRange = ([f32; 3], Option<f32>);
 
 /// A number with so many decimals, whole ones without any; `null` if it is none.

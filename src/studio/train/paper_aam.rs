@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::dataset::too_few;
-use super::paper_aam_fits::{Known, Seen, belief, cut, figures, fits, reported};
+use super::paper_aam_fits::{Known, Seen, belief, cut, figures, fits, reported_measures};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{NEAR, TruePicture};
 use crate::base::capacity::LANDMARKS;
@@ -111,7 +111,7 @@ pub fn paper_aam_block(
     let strangers = strangers.par_iter().filter_map(|sample| {
         Some(Known {
             picture: TruePicture::drawn(sample, &camera, shape)?,
-            measures: reported(&sample.head),
+            measures: reported_measures(&sample.head),
         })
     });
     let strangers: Vec<Known> = strangers.collect();
@@ -334,7 +334,7 @@ pub(super) fn person_block(
 
 #[cfg(test)]
 mod tests {
-    use super::super::paper_aam_fits::REPORTED;
+    use super::super::paper_aam_fits::REPORTED_MEASURES;
     use super::*;
     use crate::face_model::FaceModel;
     use crate::face_model::scheme::OUTER_EYE_CORNERS;
@@ -402,7 +402,7 @@ mod tests {
         let model = PaperAam::parse(&FaceModel::shipped().paper_aam).unwrap();
         let solver = Solver::new(model);
         let mut frame = Frame::default();
-        let mut pairs: [Vec<[f32; 2]>; REPORTED.len()] = Default::default();
+        let mut pairs: [Vec<[f32; 2]>; REPORTED_MEASURES.len()] = Default::default();
         let mut off = 0.0;
         for k in 0..TRACK_FRAMES {
             let ticks = (k as f64 * ACT_S / TRACK_FRAMES as f64 * 60e6) as i64;
@@ -419,8 +419,8 @@ mod tests {
             let sum: f32 = apart.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum();
             off += 100.0 * sum / (LANDMARKS * TRACK_FRAMES) as f32 / size;
             let both = [
-                reported(&solver.head(&fit)),
-                reported(&truth.landmarks_head),
+                reported_measures(&solver.head(&fit)),
+                reported_measures(&truth.landmarks_head),
             ];
             for (m, pairs) in pairs.iter_mut().enumerate() {
                 pairs.push(both.map(|b| b[m]));
@@ -430,7 +430,7 @@ mod tests {
             .each_ref()
             .map(|pairs| correlation(pairs.iter().copied()));
         println!(
-            "left {off:.2} % of the outer-eye distance; correlation of {REPORTED:?} {follows:.3?}"
+            "left {off:.2} % of the outer-eye distance; correlation of {REPORTED_MEASURES:?} {follows:.3?}"
         );
         assert!(off < 2.0, "{off}");
         // The jaw's drop is half a stranger's chin.

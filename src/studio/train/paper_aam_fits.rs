@@ -9,7 +9,7 @@ use crate::expression::measures::{self, Measure};
 use crate::landmarks::paper_aam::warp::Shape2;
 use crate::landmarks::paper_aam::{AamFit, PaperAam, Solver};
 use crate::landmarks::view::View;
-use crate::landmarks::window::{Placement, Region, WINDOW};
+use crate::landmarks::window::{Picture, Placement, Region, WINDOW};
 use crate::studio::correlation::correlation;
 use crate::studio::progress::Progress;
 use crate::studio::train::evaluate::{differences, mean_percent};
@@ -18,7 +18,7 @@ use crate::studio::train::evaluate::{differences, mean_percent};
 #[derive(Clone)]
 pub(super) struct Known {
     pub(super) picture: TruePicture,
-    pub(super) measures: [f32; REPORTED.len()],
+    pub(super) measures: [f32; REPORTED_MEASURES.len()],
 }
 
 /// A frame of a recording that teaches: its surroundings of the face, and its points in colour pixels.
@@ -28,7 +28,7 @@ pub(super) struct Seen {
 }
 
 /// Measures whose correlation is reported.
-pub(super) const REPORTED: [Measure; 6] = [
+pub(super) const REPORTED_MEASURES: [Measure; 6] = [
     Measure::LipGap,
     Measure::JawDrop,
     Measure::MouthWidth,
@@ -37,16 +37,16 @@ pub(super) const REPORTED: [Measure; 6] = [
     Measure::CornerL,
 ];
 
-pub(super) fn reported(head: &[Point; LANDMARKS]) -> [f32; REPORTED.len()] {
+pub(super) fn reported_measures(head: &[Point; LANDMARKS]) -> [f32; REPORTED_MEASURES.len()] {
     let raw = measures::raw(head);
-    REPORTED.map(|m| raw[m as usize] / raw[Measure::EyeDistance as usize])
+    REPORTED_MEASURES.map(|m| raw[m as usize] / raw[Measure::EyeDistance as usize])
 }
 
 /// Head window of a view of the picture, and the true points there.
 pub(super) fn cut(picture: &TruePicture, view: &View) -> (Vec<f32>, Shape2, View) {
     let placement = Placement::of_view(view);
     let mut window = vec![0.0; WINDOW * WINDOW];
-    placement.resample(&(&picture.grey).into(), &Region::WHOLE, &mut window);
+    placement.resample(&Picture::from(&picture.grey), &Region::WHOLE, &mut window);
     let points = picture.points.map(|p| placement.window_pixel(p));
     (window, points, placement.start)
 }
@@ -110,9 +110,9 @@ pub(super) fn figures(model: &PaperAam, fits: &[Ended], pictures: &[Known]) -> S
     });
     let found: Vec<_> = fits
         .iter()
-        .map(|e| reported(&solver.head(&e.fit)))
+        .map(|e| reported_measures(&solver.head(&e.fit)))
         .collect();
-    let correlations = REPORTED.iter().enumerate().map(|(m, measure)| {
+    let correlations = REPORTED_MEASURES.iter().enumerate().map(|(m, measure)| {
         let pairs = found.iter().zip(pictures);
         let r = correlation(pairs.map(|(a, b)| [a[m], b.measures[m]]));
         format!(", {} {r:.2}", measure.name())

@@ -10,7 +10,7 @@
 use image::GrayImage;
 
 use super::paper_aam::{TRACK_FRAMES, person_block};
-use super::paper_aam_fits::{Known, Seen, reported};
+use super::paper_aam_fits::{Known, Seen, reported_measures};
 use super::render::TrainingSample;
 use super::samples::TruePicture;
 use crate::appliance::settings::Settings;
@@ -97,7 +97,7 @@ fn taught(
     };
     let known = Known {
         picture: TruePicture::drawn(&sample, camera, shape)?,
-        measures: reported(&points.head),
+        measures: reported_measures(&points.head),
     };
     let points = points.pixels.map(|p| p.map(f64::from));
     Some(Seen { known, points })
@@ -180,7 +180,7 @@ mod tests {
     fn follow(block: &[u8], head: &HeadAsset) -> (usize, [f32; 5]) {
         let mut fitter = PaperAamFitter::new(block).unwrap();
         let mut simulator = Simulator::new(head.clone(), Scene::Acted, 99);
-        const REPORTED: [Measure; 5] = [
+        const MEASURES: [Measure; 5] = [
             Measure::LipGap,
             Measure::LidL,
             Measure::LidR,
@@ -213,7 +213,7 @@ mod tests {
                 measures::raw(&found.head),
                 measures::raw(&truth.landmarks_head),
             ];
-            for (pairs, measure) in pairs.iter_mut().zip(REPORTED) {
+            for (pairs, measure) in pairs.iter_mut().zip(MEASURES) {
                 pairs.push(both.map(|raw| raw[measure as usize]));
             }
         }

@@ -266,7 +266,7 @@ pub fn sample(
     let mut random = fastrand::Rng::with_seed(seed);
     let view = disturbance.disturbed(&picture.truth.view, &mut random);
     let placement = Placement::of_view(&view);
-    placement.resample(&(&picture.grey).into(), &Region::WHOLE, window);
+    placement.resample(&Picture::from(&picture.grey), &Region::WHOLE, window);
     if spoiled && !picture.drawn {
         spoil(window, &mut random);
     }

@@ -9,13 +9,13 @@ use crate::expression::readings::{input_name, input_named};
 use crate::landmarks::eyes::{CELLS, Eyes};
 use crate::simulator::virtual_head::{HeadAsset, Truth};
 use crate::studio::bake::names::swapped;
-use crate::studio::evaluate::acted::{COUNT, UNITS};
+use crate::studio::evaluate::acted::{UNIT_COUNT, UNITS};
 
 /// Departures of all inputs, truth of all units in the order of [`UNITS`], and what the eyes show.
 #[derive(Clone)]
 pub(super) struct Example {
     pub(super) departures: [f64; INPUTS],
-    pub(super) truth: [f64; COUNT],
+    pub(super) truth: [f64; UNIT_COUNT],
     pub(super) glance: Option<Glance>,
 }
 

@@ -13,7 +13,7 @@ use crate::base::capacity::{LEARNT_MEASURES, LENGTHS};
 use crate::expression::features;
 use crate::landmarks::eyes::CELLS;
 use crate::studio::correlation::correlation;
-use crate::studio::evaluate::acted::{COUNT, UNITS};
+use crate::studio::evaluate::acted::{UNIT_COUNT, UNITS};
 
 /// Penalty of the regression, in examples of unit contrast: with less, rendered eyes are read better and real ones worse.
 const PENALTY: f64 = 10_000.0;
@@ -30,7 +30,7 @@ pub(super) struct Learnt {
 
 /// Learns the maps and sets what they read in all examples with open eyes.
 pub(super) fn learn(examples: &mut [Example]) -> Learnt {
-    let sides = |name| (0..COUNT).filter(move |&k| UNITS[k].0.starts_with(name));
+    let sides = |name| (0..UNIT_COUNT).filter(move |&k| UNITS[k].0.starts_with(name));
     let truth = |e: &Example, name| sides(name).map(|k| e.truth[k]).sum::<f64>() / 2.0;
     let (mut text, mut say) = (String::from("\n[gaze]\n"), String::from("gaze:"));
     for (axis, name) in ["left", "up", "lids"].into_iter().enumerate() {
@@ -155,7 +155,7 @@ mod tests {
                     }
                 }
                 let pose = Rigid::identity();
-                let mut truth = [0.0; COUNT];
+                let mut truth = [0.0; UNIT_COUNT];
                 truth[shut] = if closed { 1.0 } else { 0.0 };
                 let looks = if closed { [9.0, 9.0] } else { looks };
                 examples.push(Example {

@@ -25,7 +25,7 @@ use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
 use crate::studio::atomic_write;
 use crate::studio::correlation::correlation;
-use crate::studio::evaluate::acted::{Acted, COUNT, UNITS};
+use crate::studio::evaluate::acted::{Acted, UNIT_COUNT, UNITS};
 use crate::studio::evaluate::sessions::{Trial, lighting, median, seed_of};
 use crate::studio::fault::Fault;
 use crate::studio::frame_time::frame_time;
@@ -57,21 +57,25 @@ const MOST: f64 = 2.0;
 const MOST_OF_LIDS: f64 = 2.4;
 /// A unit that no measure is named after and that comes out with less than this is not seen well enough to be given.
 const LEAST_R: f64 = 0.4;
-/// What `chosen.toml` says.
+
+/// Numbers chosen by hand, from `chosen.toml`.
 #[derive(serde::Deserialize)]
-struct Chosen {
-    errors: BTreeMap<String, f64>,
-    cross_talk: BTreeMap<String, CrossTalk>,
+#[serde(deny_unknown_fields)]
+pub(super) struct Chosen {
+    pub(super) errors: BTreeMap<String, f64>,
+    pub(super) cross_talk: BTreeMap<String, CrossTalk>,
 }
 
 #[derive(serde::Deserialize)]
-struct CrossTalk {
+#[serde(deny_unknown_fields)]
+pub(super) struct CrossTalk {
     factor: f64,
-    loses: BTreeMap<String, f64>,
+    pub(super) loses: BTreeMap<String, f64>,
 }
 
-static CHOSEN: LazyLock<Chosen> =
+pub(super) static CHOSEN: LazyLock<Chosen> =
     LazyLock::new(|| toml::from_str(include_str!("chosen.toml")).expect("a test reads it"));
+
 /// Truth from which an expression is full.
 const FULLY: f64 = 0.8;
 
@@ -98,14 +102,14 @@ pub fn learn(
     let smiles = smiles.into_iter().flat_map(|departures| {
         let smile = Example {
             departures,
-            truth: [0.0; COUNT],
+            truth: [0.0; UNIT_COUNT],
             glance: None,
         };
         [smile.mirrored(), smile]
     });
     let smiles: Vec<Example> = smiles.collect();
     let mut text = priors;
-    let learnt: Vec<_> = (0..COUNT)
+    let learnt: Vec<_> = (0..UNIT_COUNT)
         .into_par_iter()
         .map(|k| regress(&examples, &smiles, k))
         .collect();
@@ -168,7 +172,7 @@ fn practise(trial: &Trial, number: usize, mut head: PersonHead) -> Result<Vec<Ex
             });
     }
     let look = gaze_reader(simulator.asset());
-    let mut pipeline = trial.pipeline(&simulator)?;
+    let mut pipeline = trial.pipeline(simulator.camera())?;
     let mut frame = Frame::default();
     let mut examples = Vec::new();
     for index in 0..(trial.sessions.seconds * 30.0) as usize {

@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 
-use super::readings::learn;
+use super::readings::{CHOSEN, learn};
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Point;
@@ -18,9 +18,22 @@ use crate::landmarks::Landmarks;
 use crate::simulator::virtual_head::Scene;
 use crate::studio::correlation::correlation;
 use crate::studio::data::{Set, folder, only};
+use crate::studio::evaluate::acted::UNITS;
 use crate::studio::evaluate::sessions::{Sessions, Trial};
 use crate::studio::golden::{figures, hold};
 use crate::studio::heads::ict::IctHead;
+
+#[test]
+fn chosen_numbers_are_of_acted_units() {
+    let units = CHOSEN.errors.keys().chain(CHOSEN.cross_talk.keys());
+    let lost = CHOSEN.cross_talk.values();
+    for unit in units.chain(lost.flat_map(|one| one.loses.keys())) {
+        let is_acted = UNITS
+            .iter()
+            .any(|(name, _)| name.starts_with(unit.as_str()));
+        assert!(is_acted, "{unit}");
+    }
+}
 
 /// Mean and standard deviation over people.
 #[derive(Clone, Copy, Debug, Default)]

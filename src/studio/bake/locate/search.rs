@@ -10,6 +10,7 @@ use super::super::mesh::{Mesh, Vec3, extent_of};
 use super::seen::{Parts, Seen, apart, look};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
+use crate::landmarks::window::Picture;
 use crate::studio::fit::still::StillFitter;
 
 /// Height and width of the picture looked at closely, in widths of the head.
@@ -161,7 +162,7 @@ impl<'a> Search<'a> {
             });
             let grey = seen.grey();
             let face_box = seen.square(&middle, side);
-            let face = self.fitter.glance(&(&grey).into(), &face_box);
+            let face = self.fitter.glance(&Picture::from(&grey), &face_box);
             let score = face.confidence * self.plausible(&seen, &face.points).0;
             let (middle, side) = seen.unsquare(&face.points);
             found.push(Glance {
@@ -252,7 +253,7 @@ impl<'a> Search<'a> {
         let mut fits: Vec<Fit> = Vec::with_capacity(BOXES.len() * MIDDLES.len());
         for (share, above) in BOXES.iter().flat_map(|&s| MIDDLES.map(|m| (s, m))) {
             let face_box = seen.square(&(middle + Vec3::y() * (above * width)), share * width);
-            let face = self.fitter.fit(&(&grey).into(), &face_box, 0.0);
+            let face = self.fitter.fit(&Picture::from(&grey), &face_box, 0.0);
             let score = face.confidence * self.plausible(&seen, &face.points).0;
             fits.push((score, face.confidence, face.points));
         }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::measure::Film;
 use crate::base::geometry::{Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::pipeline::{
-    FIRST_LOOK, FIRST_LOOK_APART, Pipeline, PipelineError, SECOND_LOOK, SECOND_LOOK_APART,
+    FIRST_LOOK, FIRST_LOOK_APART, PipelineError, SECOND_LOOK, SECOND_LOOK_APART,
 };
 use crate::pose::PoseTracker;
 use crate::segment::Segmenter;
@@ -57,7 +57,7 @@ impl Cast<'_> {
         frames: usize,
         mut draw: impl FnMut(&mut Simulator, usize, &mut Frame),
     ) -> Result<Film, PipelineError> {
-        let mut pipeline = self.trial.pipeline(&simulator)?;
+        let mut pipeline = self.trial.pipeline(simulator.camera())?;
         let (mut frame, mut film) = (Frame::default(), Film::default());
         for n in 0..frames {
             draw(&mut simulator, n, &mut frame);
@@ -140,11 +140,13 @@ impl Cast<'_> {
 
     /// Whether a head is known again in another session, and how many others are taken for it.
     pub(super) fn known_again(&self) -> Result<String, PipelineError> {
-        let judge = self.trial.pipeline(&self.simulator(Scene::Acted, 0))?;
+        let judge = self
+            .trial
+            .pipeline(self.simulator(Scene::Acted, 0).camera())?;
         let session =
             |k: usize, seed: u64, frames: &[usize]| -> Result<Vec<Likeness>, PipelineError> {
                 let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);
-                let mut pipeline = self.trial.pipeline(&simulator)?;
+                let mut pipeline = self.trial.pipeline(simulator.camera())?;
                 let (mut frame, mut seen) = (Frame::default(), Vec::new());
                 // From the midst of a movement.
                 for n in 0..*frames.last().unwrap_or(&0) {
@@ -180,7 +182,7 @@ impl Cast<'_> {
     /// Frames with a face among real ones without.
     pub(super) fn real_faces(&self) -> Result<Option<[usize; 2]>, PipelineError> {
         let camera = crate::sensor::kinect::geometry::nominal();
-        let mut pipeline = Pipeline::new(&self.trial.settings.stages, &camera, self.trial.model)?;
+        let mut pipeline = self.trial.pipeline(&camera)?;
         let mut frame = Frame::default();
         let (mut faces, mut count) = (0, 0);
         for name in ["five_people", "desk_000", "desk_001"] {

@@ -41,7 +41,7 @@ pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
     };
     let seed = cast.trial.sessions.seed ^ (k as u64 + 1) << 8;
     let mut simulator = Simulator::new(cast.asset(k), Scene::Acted, seed).dressed([look]);
-    let mut pipeline = cast.trial.pipeline(&simulator)?;
+    let mut pipeline = cast.trial.pipeline(simulator.camera())?;
     let acted = Acted::new(simulator.asset());
     let units = Units::shipped();
     let of_mouth = units.of_mouth();

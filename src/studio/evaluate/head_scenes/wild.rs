@@ -113,7 +113,7 @@ fn play_one(
     frames: &mut dyn Iterator<Item = usize>,
 ) -> Result<Row, PipelineError> {
     let (mut simulator, who) = simulator(head, number, trial.sessions.seed);
-    let mut pipeline = trial.pipeline(&simulator)?;
+    let mut pipeline = trial.pipeline(simulator.camera())?;
     let (mut frame, mut film) = (Frame::default(), Film::default());
     let mut landmarks = Vec::new();
     for n in frames {

@@ -100,10 +100,14 @@ impl<'a> Player<'a> {
             random,
             seen: Seen {
                 people: 1,
-                least: stages.landmarks.cascade.min_confidence,
                 ..Seen::default()
             },
         })
+    }
+
+    /// Confidence from which the settings believe a face.
+    fn least(&self) -> f32 {
+        self.trial.settings.stages.landmarks.cascade.min_confidence
     }
 
     /// A fitter that believes a face from this confidence on.
@@ -138,7 +142,7 @@ impl<'a> Player<'a> {
         by.fit(scratch, luma, depth, camera, &now.pose, now.at)
     }
 
-    /// Takes in what was found under a condition, if anything was; its error.
+    /// Records a fit and its error under a condition; returns the error, NaN without a fit.
     fn record_under(
         &mut self,
         condition: Condition,
@@ -146,7 +150,9 @@ impl<'a> Player<'a> {
         truth: &Truth,
     ) -> f64 {
         let Some(fit) = fit else { return f64::NAN };
-        let error = self.seen.record_fit(fit, truth, &[false; LANDMARKS]);
+        let error = self
+            .seen
+            .record_fit(fit, truth, &[false; LANDMARKS], self.least());
         self.seen.add(condition, error);
         error
     }
@@ -166,7 +172,7 @@ impl<'a> Player<'a> {
             covered: self.fitter(0.0),
             lamp: self.fitter(0.0),
             once: self.fitter(0.0),
-            sceptic: self.fitter(self.seen.least),
+            sceptic: self.fitter(self.least()),
             waited: None,
             changed: vec![0; PIXELS].try_into().expect("PIXELS long"),
             found: Vec::new(),
@@ -231,7 +237,7 @@ impl<'a> Player<'a> {
         let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
             return;
         };
-        self.seen.record_fit(fit, truth, &hidden);
+        self.seen.record_fit(fit, truth, &hidden, self.least());
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
         let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
@@ -278,7 +284,8 @@ impl<'a> Player<'a> {
             ..*now
         };
         if let Some(fit) = self.fit(&mut play.once, &wrong) {
-            self.seen.record_fit(fit, &now.truth, &[false; LANDMARKS]);
+            self.seen
+                .record_fit(fit, &now.truth, &[false; LANDMARKS], self.least());
         }
     }
 

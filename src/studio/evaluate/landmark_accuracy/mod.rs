@@ -40,7 +40,7 @@ pub fn measure(trial: &Trial, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The rows of drawn people: their figures, with what a line of `drawn.txt` says of each and its bar.
+/// The rows of drawn people: each line of `drawn.txt` (what, bar) with its figure, in the same order.
 fn rows(seen: &Seen) -> Vec<Row> {
     let spread = |of| seen.spread(of).to_string();
     let grown = |condition, than| {
@@ -66,11 +66,13 @@ fn rows(seen: &Seen) -> Vec<Row> {
         seen.points.to_string(),
         two_percents(seen, [Share::Lost, Share::Kept], 1),
     ];
-    let texts = include_str!("drawn.txt").lines();
-    let texts = texts.map(|line| line.split_once(" | ").unwrap_or((line, "")));
-    let rows = texts.zip(figures);
-    rows.map(|((what, bar), figure)| (what, figure, bar))
-        .collect()
+    let texts: Vec<&str> = include_str!("drawn.txt").lines().collect();
+    assert_eq!(texts.len(), figures.len(), "a line for each figure");
+    let rows = texts.into_iter().zip(figures).map(|(line, figure)| {
+        let (what, bar) = line.split_once(" | ").unwrap_or((line, ""));
+        (what, figure, bar)
+    });
+    rows.collect()
 }
 
 /// What comes of a face that was hidden.

@@ -58,8 +58,6 @@ pub(super) enum Share {
 #[derive(Default)]
 pub(super) struct Seen {
     pub(super) people: usize,
-    /// Confidence from which a face is believed.
-    pub(super) least: f32,
     pub(super) faces: Calibration,
     pub(super) points: Calibration,
     pub(super) errors: BTreeMap<Condition, Vec<f64>>,
@@ -78,12 +76,13 @@ impl Seen {
         *all += 1;
     }
 
-    /// Takes in what a fit said and how far off it was, which it returns.
+    /// Records a fit's confidences and its error, which it returns; from `least` on a face is believed.
     pub(super) fn record_fit(
         &mut self,
         fit: &Landmarks,
         truth: &Truth,
         covered: &[bool; LANDMARKS],
+        least: f32,
     ) -> f64 {
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let error = f64::from(mean_percent(&d));
@@ -93,9 +92,9 @@ impl Seen {
             self.points.add(fit.point_confidence[i], good);
         }
         if error <= 5.0 {
-            self.count(Share::Lost, fit.confidence < self.least);
+            self.count(Share::Lost, fit.confidence < least);
         } else if error > 10.0 {
-            self.count(Share::Kept, fit.confidence >= self.least);
+            self.count(Share::Kept, fit.confidence >= least);
         }
         error
     }

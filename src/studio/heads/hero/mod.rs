@@ -8,8 +8,9 @@
 //! eyes      white, iris and pupil: one picture
 //! lashes    blades along the lines of the file
 //! ```
-//! Hair and shirt, which fit this one head, are `dress.glb`. Frame: glTF's (x to the head's left, y up, z out
-//! of the face), metres, origin between the inner eye corners.
+//! Hair and shirt (`dress.glb`) and the pictures of skin and eyes are stored. They fit the mesh of `config/hero.head` only: after a
+//! new `--make` they must be made again. Frame: glTF's (x to the head's left, y up, z out of the face), metres, origin between the
+//! inner eye corners.
 
 mod eyes;
 mod lashes;
@@ -116,7 +117,7 @@ impl Hero {
     }
 }
 
-/// Hair and shirt: places, colours, and the corners of the triangles of each.
+/// Hair and shirt of `dress.glb`: accessor 0 has positions, 1 colours, 2 the triangles of the hair, 3 those of the shirt.
 fn dress() -> Result<Layer, Fault> {
     let glb = Glb::parse(include_bytes!("dress.glb"))?;
     let [places, tints] = [glb.floats(0, 3)?, glb.floats(1, 3)?];

@@ -6,7 +6,7 @@
 use crate::base::geometry::smoothstep;
 use crate::studio::bake::mesh::Vec3;
 
-/// Skin without a blush.
+/// Colour of plain skin, sRGB.
 pub(super) const COLOUR: [f32; 3] = [0.885, 0.700, 0.605];
 /// The picture.
 pub(super) const PICTURE: &[u8] = include_bytes!("skin.jpg");
@@ -34,7 +34,7 @@ pub(super) fn place_in_picture(p: &Vec3) -> [f32; 2] {
     [u, v].map(|t| t.clamp(0.01, 0.99) as f32)
 }
 
-/// Whether a place is well under the shirt: skin there has its colour, for the edge below.
+/// Whether a place lies so far under the shirt that its faces are given the shirt's colour: at the shirt's lower edge no skin shows.
 pub(super) fn is_under_shirt(p: &Vec3) -> bool {
     // The collar is lower in front than behind.
     let collar = -0.134 - 0.020 * smoothstep(-0.160, -0.050, p.z);
