@@ -11,15 +11,14 @@
 use std::io::{self, Write};
 use std::time::Instant;
 
-use crate::appliance::cli::Run;
-use crate::appliance::memory;
-use crate::appliance::service::{self, Failure};
-use crate::appliance::settings::Settings;
-use crate::appliance::source::{self, SourceError};
-use crate::output::Report;
+use crate::cli::Run;
 use crate::pipeline::Pipeline;
-use crate::sensor::Frame;
-use crate::simulator::resent::Resent;
+use crate::service::{self, Failure};
+use crate::settings::Settings;
+use crate::source::{self, SourceError};
+use mien_outputs::Report;
+use mien_sensors::Frame;
+use mien_simulator::resent::Resent;
 
 /// Frames without `--frames`: ten seconds.
 const FRAMES: u64 = 300;
@@ -110,7 +109,7 @@ const SOURCES: [&str; 2] = ["simulated", "simulated:four"];
 /// If a source cannot be opened or a table not written; as [`Failure`] lists.
 pub fn run(bench: &Run, allocations: fn() -> u64, out: &mut impl Write) -> Result<(), Failure> {
     let settings = service::settings(bench.config.as_deref())?;
-    crate::appliance::log::start(settings.log_level);
+    crate::log::start(settings.log_level);
     let frames = bench.frames.unwrap_or(FRAMES);
     let sources = match &bench.source {
         Some(named) => &[named.as_str()][..],
@@ -125,7 +124,7 @@ pub fn run(bench: &Run, allocations: fn() -> u64, out: &mut impl Write) -> Resul
             .and_then(|()| times.write(out))
             .map_err(Failure::Print)?;
     }
-    let peak = memory::peak_resident_bytes();
+    let peak = mien_stages::base::peak_memory::peak_resident_bytes();
     peak.map_or(Ok(()), |bytes| writeln!(out, "peak_rss_bytes {bytes}"))
         .and_then(|()| writeln!(out, "allocations_after_start {allocated}"))
         .map_err(Failure::Print)

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use lexopt::prelude::*;
 use tracing::Level;
 
-use crate::base::nearest_word::hint;
+use mien_stages::base::nearest_word::hint;
 
 /// What `mien help` prints.
 pub const HELP: &str = "\
@@ -292,7 +292,7 @@ mod tests {
             !devices.contains("--") && devices.lines().count() == 3,
             "{devices}"
         );
-        for (scene, _) in crate::simulator::virtual_head::Scene::NAMES {
+        for (scene, _) in mien_simulator::virtual_head::Scene::NAMES {
             assert!(HELP.contains(scene), "{scene}");
         }
     }

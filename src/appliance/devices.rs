@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use serialport::SerialPortType;
 
-use crate::appliance::log::one_line;
-use crate::output::serial::{STABLE_NAMES, stable_name};
-pub(super) use crate::sensor::kinect::device::DeviceError;
-pub(super) use crate::sensor::kinect::usb_devices::{self, Listed};
+use crate::log::one_line;
+use mien_outputs::serial::{STABLE_NAMES, stable_name};
+pub(super) use mien_sensors::kinect::device::DeviceError;
+pub(super) use mien_sensors::kinect::usb_devices::{self, Listed};
 
 /// Where Linux lists its terminals.
 const TERMINALS: &str = "/sys/class/tty";
@@ -72,8 +72,8 @@ fn serial_ports() -> Vec<(PathBuf, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::kinect::device::Model;
-    use crate::sensor::kinect::usb_devices::Driver;
+    use mien_sensors::kinect::device::Model;
+    use mien_sensors::kinect::usb_devices::Driver;
 
     fn listed(model: Model, driver: Driver, trouble: Option<DeviceError>) -> Listed {
         Listed {

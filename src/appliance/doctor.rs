@@ -6,13 +6,13 @@ use std::io::ErrorKind;
 use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
-use crate::appliance::devices::{DeviceError, usb_devices};
-use crate::appliance::log::one_line;
-use crate::appliance::service;
-use crate::appliance::settings::Settings;
-use crate::appliance::source;
-use crate::appliance::wires;
-use crate::base::bounded_read::reason;
+use crate::devices::{DeviceError, usb_devices};
+use crate::log::one_line;
+use crate::service;
+use crate::settings::Settings;
+use crate::source;
+use crate::wires;
+use mien_stages::base::bounded_read::reason;
 
 /// Kernel limit on the memory of USB transfers, in MB.
 const USB_MEMORY: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
@@ -211,7 +211,7 @@ fn status(lines: &mut Lines, path: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::gesture::ENABLED;
+    use mien_outputs::gesture::ENABLED;
 
     fn verdicts(text: &str) -> Vec<&str> {
         text.lines().map(|line| &line[..4]).collect()

@@ -19,9 +19,9 @@ use tracing::field::{Field, Visit};
 use tracing::span::{Attributes, Id, Record};
 use tracing::{Event, Level, Metadata, Subscriber};
 
-use crate::appliance::pipe::Pipe;
-use crate::appliance::terminal::OVER;
-use crate::output::limits::Allowance;
+use crate::pipe::Pipe;
+use crate::terminal::OVER;
+use mien_outputs::limits::Allowance;
 
 /// Longest line; longer ones are truncated, so that a line's memory is bounded.
 const LINE: usize = 512;
@@ -33,7 +33,7 @@ const REFILL: Duration = Duration::from_secs(60);
 /// Places that are told apart; the rest are one.
 const PLACES: usize = 64;
 /// Those that write without bound: a person asked for each line, on a terminal.
-const UNBOUNDED: [&str; 1] = ["mien::appliance::send_test"];
+const UNBOUNDED: [&str; 1] = ["mien_appliance::send_test"];
 
 /// What each place in the program may still write, and how many of its lines were left out; those that came when it was full
 /// share the last one.

@@ -6,24 +6,24 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use crate::appliance::cli::Run;
-use crate::appliance::pipe::{Pipe, Rows};
-use crate::appliance::service::{Failure, SYSTEM_CONFIG, model, settings};
-use crate::appliance::service_manager::ServiceManager;
-use crate::appliance::settings::{Settings, SettingsError};
-use crate::appliance::signals::Signals;
-use crate::appliance::source::{self, Pacer, Source, SourceError};
-use crate::appliance::status::Status;
-use crate::appliance::terminal::Live;
-use crate::appliance::{memory, wires};
-use crate::base::time::Timestamp;
-use crate::face_model::FaceModel;
-use crate::output::csv::Csv;
-use crate::output::gesture::Gestures;
-use crate::output::{Command, Output, OutputError, Report};
+use crate::cli::Run;
+use crate::pipe::{Pipe, Rows};
 use crate::pipeline::Pipeline;
-use crate::sensor::Frame;
-use crate::users::saved::People;
+use crate::service::{Failure, SYSTEM_CONFIG, model, settings};
+use crate::service_manager::ServiceManager;
+use crate::settings::{Settings, SettingsError};
+use crate::signals::Signals;
+use crate::source::{self, Pacer, Source, SourceError};
+use crate::status::Status;
+use crate::terminal::Live;
+use crate::{memory, wires};
+use mien_outputs::csv::Csv;
+use mien_outputs::gesture::Gestures;
+use mien_outputs::{Command, Output, OutputError, Report};
+use mien_sensors::Frame;
+use mien_stages::base::time::Timestamp;
+use mien_stages::face_model::FaceModel;
+use mien_stages::users::saved::People;
 
 /// `mien run`: until the source ends, `--frames` are done, or a signal says stop.
 ///
@@ -72,7 +72,7 @@ impl<'r> Session<'r> {
     /// Opens everything and allocates all memory; `None` if stopped before its CSV had a reader.
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
         let settings = settings(run.config.as_deref())?;
-        crate::appliance::log::start(run.level(settings.log_level));
+        crate::log::start(run.level(settings.log_level));
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;
         let name = run.source.as_ref().unwrap_or(&settings.sensor.source);
         let source = source::open(name, run.require_device, settings.sensor.device)?;

@@ -6,21 +6,21 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::appliance::service::{Failure, model, settings};
-use crate::appliance::settings::Settings;
-use crate::appliance::signals::Signals;
-use crate::appliance::source;
-use crate::appliance::wires;
-use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::{Point, Rigid, Vector};
-use crate::base::time::Timestamp;
-use crate::expression::Expression;
-use crate::expression::unit_words;
-use crate::expression::units::Units;
-use crate::face_model::FaceModel;
-use crate::landmarks::Landmarks;
-use crate::output::{Output, OutputError, Report, TrackingState, View};
-use crate::sensor::camera::Camera;
+use crate::service::{Failure, model, settings};
+use crate::settings::Settings;
+use crate::signals::Signals;
+use crate::source;
+use crate::wires;
+use mien_outputs::{Output, OutputError, Report, TrackingState, View};
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::geometry::{Point, Rigid, Vector};
+use mien_stages::base::time::Timestamp;
+use mien_stages::camera::Camera;
+use mien_stages::expression::Expression;
+use mien_stages::expression::unit_words;
+use mien_stages::expression::units::Units;
+use mien_stages::face_model::FaceModel;
+use mien_stages::landmarks::Landmarks;
 
 /// Frames of one unit's sweep: a second.
 const SWEEP: u32 = 30;
@@ -38,7 +38,7 @@ const PLACE: [f32; 3] = [0.0, 0.0, 0.8];
 pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
     let settings = settings(config)?;
     // The names are what the command is for.
-    crate::appliance::log::start(settings.log_level.max(tracing::Level::INFO));
+    crate::log::start(settings.log_level.max(tracing::Level::INFO));
     let (model, signals) = (model(settings.sensor.model())?, Signals::watch()?);
     Ok(sweep(&settings, &model, &signals.stop)?)
 }
@@ -184,7 +184,7 @@ fn face(mean: &[Point], unit: &str, weight: f32) -> [Point; LANDMARKS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::expression::measures;
+    use mien_stages::expression::measures;
 
     #[test]
     fn every_unit_moves_its_measure_the_right_way() {

@@ -4,13 +4,13 @@ use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::appliance::settings::{Refused, Settings, SettingsError};
-use crate::appliance::source::{self, SourceError};
-use crate::appliance::wires;
-use crate::base::bounded_read::{self, reason};
-use crate::face_model::FaceModel;
-use crate::output::OutputError;
 use crate::pipeline::{Pipeline, PipelineError};
+use crate::settings::{Refused, Settings, SettingsError};
+use crate::source::{self, SourceError};
+use crate::wires;
+use mien_outputs::OutputError;
+use mien_stages::base::bounded_read::{self, reason};
+use mien_stages::face_model::FaceModel;
 
 /// Default path of the configuration.
 pub(super) const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";

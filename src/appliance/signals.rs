@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use crate::appliance::service::Failure;
+use crate::service::Failure;
 
 /// What the signals requested.
 pub(super) struct Signals {

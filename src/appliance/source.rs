@@ -3,19 +3,19 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::base::nearest_word::hint;
-use crate::base::time::Timestamp;
-use crate::sensor::RecordingError;
-use crate::sensor::camera::Camera;
-use crate::sensor::kinect::device::{DeviceError, Stream};
-pub use crate::sensor::kinect::driver::{KinectError as SensorError, Settings as SensorSettings};
-use crate::sensor::kinect::frame::Developed;
-pub use crate::sensor::kinect::geometry::nominal;
-use crate::sensor::kinect::live::LiveKinect;
-use crate::sensor::kinect::recording::Recording;
-use crate::sensor::kinect::registration::Registration;
-use crate::sensor::rgbd::Rgbd;
-use crate::simulator::simulated::{Simulated, UnknownScene};
+use mien_sensors::RecordingError;
+use mien_sensors::kinect::device::{DeviceError, Stream};
+pub use mien_sensors::kinect::driver::{KinectError as SensorError, Settings as SensorSettings};
+use mien_sensors::kinect::frame::Developed;
+pub use mien_sensors::kinect::geometry::nominal;
+use mien_sensors::kinect::live::LiveKinect;
+use mien_sensors::kinect::recording::Recording;
+use mien_sensors::kinect::registration::Registration;
+use mien_sensors::rgbd::Rgbd;
+use mien_simulator::simulated::{Simulated, UnknownScene};
+use mien_stages::base::nearest_word::hint;
+use mien_stages::base::time::Timestamp;
+use mien_stages::camera::Camera;
 
 /// The source unless another is named: a Kinect if one is plugged in, else the simulated sensor.
 pub const AUTO: &str = "auto";

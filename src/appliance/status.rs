@@ -13,15 +13,15 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::appliance::settings::STATUS_PATH;
-use crate::base::atomic_write::AtomicFile;
-use crate::base::bounded_read::reason;
-use crate::base::capacity::{UNITS, USERS};
-use crate::base::defaults;
-use crate::base::json::Quoted;
-use crate::expression::UnitRange;
-use crate::output::gesture::ENABLED;
-use crate::output::{Report, Tally, TrackingState, finite};
+use crate::settings::STATUS_PATH;
+use mien_outputs::gesture::ENABLED;
+use mien_outputs::{Report, Tally, TrackingState, finite};
+use mien_stages::base::atomic_write::AtomicFile;
+use mien_stages::base::bounded_read::reason;
+use mien_stages::base::capacity::{UNITS, USERS};
+use mien_stages::base::defaults;
+use mien_stages::base::json::Quoted;
+use mien_stages::expression::UnitRange;
 
 /// Interval between writes.
 const PERIOD: Duration = Duration::from_secs(1);

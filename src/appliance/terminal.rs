@@ -11,10 +11,10 @@ use std::io::{self, IsTerminal};
 use std::os::fd::AsRawFd;
 use std::time::Duration;
 
-use crate::appliance::pipe::Pipe;
-use crate::base::capacity::USERS;
-use crate::expression::unit_words;
-use crate::output::{Report, TrackingState};
+use crate::pipe::Pipe;
+use mien_outputs::{Report, TrackingState};
+use mien_stages::base::capacity::USERS;
+use mien_stages::expression::unit_words;
 
 /// Moves to the start of the live line and clears it.
 pub(crate) const OVER: &str = "\r\x1b[K";
@@ -242,7 +242,7 @@ impl Live {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::time::Timestamp;
+    use mien_stages::base::time::Timestamp;
 
     const NAMES: [&str; 4] = ["AU26", "AU12L", "AU12R", "AU2L"];
 

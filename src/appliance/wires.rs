@@ -3,10 +3,10 @@
 use std::net::SocketAddr;
 use std::slice::from_ref;
 
-use crate::appliance::settings::Settings;
-use crate::output::gesture::ENABLED;
-use crate::output::{self, Output, OutputError, osc};
 use crate::pipeline::Pipeline;
+use crate::settings::Settings;
+use mien_outputs::gesture::ENABLED;
+use mien_outputs::{self, Output, OutputError, osc};
 
 type Opened = Result<Box<dyn Output>, OutputError>;
 /// Opens an output; the names are the units', in the order of the weights.
@@ -67,22 +67,22 @@ outputs! { s units
     "VRChat" vrchat: s.vrchat.enabled, &s.vrchat.targets => osc::vrchat::VrChat::new(s.vrchat.clone(), units)?,
         osc::vrchat::VrChat::over(Box::default(), s.vrchat.clone(), units);
     "FaceOSC" faceosc: s.faceosc.enabled, &s.faceosc.targets => osc::faceosc::FaceOsc::new(s.faceosc.clone())?;
-    "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => output::serial::Serial::new(&s.serial, units)?,
-        output::serial::Encoder::new(&s.serial, units);
+    "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => mien_outputs::serial::Serial::new(&s.serial, units)?,
+        mien_outputs::serial::Encoder::new(&s.serial, units);
     "Live Link" live_link "wires": s.live_link.enabled, &s.live_link.targets =>
-        output::live_link::LiveLink::new(s.live_link.clone(), &s.name, units)?;
+        mien_outputs::live_link::LiveLink::new(s.live_link.clone(), &s.name, units)?;
     "WebSocket" websocket "wires": s.websocket.enabled, &[] =>
-        output::web::websocket::open(&s.websocket, units, &s.gesture_names())?;
+        mien_outputs::web::websocket::open(&s.websocket, units, &s.gesture_names())?;
     "page" page "wires": s.page.enabled, &[] => {
         // It is no place that weights are sent to.
         let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
-        output::web::page::open(&s.page, &s.units, &s.name, &sends, units, &s.gestures)?
-    }, output::web::page::secret(&s.page);
+        mien_outputs::web::page::open(&s.page, &s.units, &s.name, &sends, units, &s.gestures)?
+    }, mien_outputs::web::page::secret(&s.page);
     "MQTT" mqtt "wires": s.mqtt.enabled, from_ref(&s.mqtt.broker) =>
-        output::mqtt::open(&s.mqtt, &s.name, units, &s.gesture_names())?,
-        output::mqtt::check(&s.mqtt);
+        mien_outputs::mqtt::open(&s.mqtt, &s.name, units, &s.gesture_names())?,
+        mien_outputs::mqtt::check(&s.mqtt);
     "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys_device) =>
-        output::keys::Keys::new(&s.keys_device);
+        mien_outputs::keys::Keys::new(&s.keys_device);
 }
 
 /// Rows of the enabled outputs.
@@ -127,10 +127,7 @@ pub fn not_built() -> Vec<&'static str> {
 }
 
 /// Opens every enabled output. `units` are the names in the order of the weights.
-pub(crate) fn open(
-    settings: &Settings,
-    units: &[&str],
-) -> Result<Vec<Box<dyn Output>>, OutputError> {
+pub fn open(settings: &Settings, units: &[&str]) -> Result<Vec<Box<dyn Output>>, OutputError> {
     check(settings).map_err(|(_, problem)| problem)?;
     let built = enabled(settings).filter_map(|row| row.built);
     built.map(|(open, _)| open(settings, units)).collect()

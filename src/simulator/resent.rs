@@ -3,14 +3,14 @@
 use core::time::Duration;
 
 use super::virtual_kinect::{PERIOD, Player, STEP, View};
-use crate::base::defaults;
-use crate::sensor::Frame;
-use crate::sensor::kinect::device::Stream;
-use crate::sensor::kinect::driver::{develop_colour, develop_depth};
-use crate::sensor::kinect::frame::KinectFrame;
-use crate::sensor::kinect::packet::LONGEST;
-use crate::sensor::kinect::pairing::{Pairing, RawPair};
-use crate::sensor::kinect::stream::Assembler;
+use mien_sensors::Frame;
+use mien_sensors::kinect::device::Stream;
+use mien_sensors::kinect::driver::{develop_colour, develop_depth};
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::packet::LONGEST;
+use mien_sensors::kinect::pairing::{Pairing, RawPair};
+use mien_sensors::kinect::stream::Assembler;
+use mien_stages::base::defaults;
 
 defaults! {
     /// A frame and its packets, as both streams send them, and where they become pictures again.

@@ -6,14 +6,14 @@
 
 use super::virtual_head::{HeadAsset, Look, Scene, Simulator, Truth};
 use super::virtual_kinect::{STEP, View, VirtualKinect};
-use crate::base::nearest_word::hint;
-use crate::sensor::camera::Camera;
-use crate::sensor::kinect::device::Model;
-use crate::sensor::kinect::driver::{Kinect, Settings, develop};
-use crate::sensor::kinect::frame::{Developed, KinectFrame};
-use crate::sensor::kinect::pairing::RawPair;
-use crate::sensor::kinect::picture_clock::{FRAME_TICKS, PictureClock, timestamp_from_ticks};
-use crate::sensor::kinect::registration::Registration;
+use mien_sensors::kinect::device::Model;
+use mien_sensors::kinect::driver::{Kinect, Settings, develop};
+use mien_sensors::kinect::frame::{Developed, KinectFrame};
+use mien_sensors::kinect::pairing::RawPair;
+use mien_sensors::kinect::picture_clock::{FRAME_TICKS, PictureClock, timestamp_from_ticks};
+use mien_sensors::kinect::registration::Registration;
+use mien_stages::base::nearest_word::hint;
+use mien_stages::camera::Camera;
 
 /// Seed of the scene's movements and noise: every run is the same.
 const SEED: u64 = 1;

@@ -12,8 +12,8 @@
 
 use core::time::Duration;
 
-use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
-use crate::sensor::kinect::registration::Registration;
+use mien_sensors::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
+use mien_sensors::kinect::registration::Registration;
 
 mod camera;
 mod player;

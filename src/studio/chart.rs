@@ -85,7 +85,7 @@ fn extremes(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
 }
 
 /// Ends of an axis that shows these values, never equal.
-pub(in crate::studio) fn span(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+pub(crate) fn span(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     match extremes(values) {
         Some((low, high)) if low < high => (low, high),
         Some((low, _)) => (low - 0.5, low + 0.5),
@@ -157,7 +157,7 @@ impl Plot {
     }
 
     /// An SVG, to be shown [`FINER`] times smaller.
-    pub(in crate::studio) fn svg(&self) -> String {
+    pub(crate) fn svg(&self) -> String {
         let mut svg = String::new();
         let size = (FINER * PLOT.0, FINER * PLOT.1);
         let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
@@ -166,7 +166,7 @@ impl Plot {
     }
 
     /// A picture of [`PLOT`].
-    pub(in crate::studio) fn picture(&self) -> RgbImage {
+    pub(crate) fn picture(&self) -> RgbImage {
         let mut picture = RgbImage::from_pixel(PLOT.0, PLOT.1, Rgb([255; 3]));
         let root = BitMapBackend::with_buffer(&mut picture, PLOT).into_drawing_area();
         self.draw(root, 1).expect("memory takes every pixel");

@@ -6,24 +6,27 @@ use std::path::PathBuf;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
-use super::atomic_write::write_out;
-use super::completions;
-use super::evaluate::head_scenes::{self, wild};
-use super::evaluate::sessions::{Sessions, Trial};
-use super::evaluate::{landmark_accuracy, paper, table};
-use super::fault::{Fault, USAGE};
-use super::fit::{self, FitArgs};
-use super::heads::average::make_simulated_head;
-use super::heads::{default_head, hero};
-use super::inspect::inspect;
-use super::people_split::{Data, Split};
-use super::train::{self, TrainArgs};
-use super::units::readings;
-use super::{animate, bake, nrsfm, place, preview, record, stopped};
-use crate::appliance::service;
-use crate::appliance::settings::Settings;
-use crate::appliance::source;
-use crate::face_model::FaceModel;
+use crate::completions;
+use crate::inspect::inspect;
+use crate::{animate, place, preview, record};
+use mien_appliance::service;
+use mien_appliance::settings::Settings;
+use mien_appliance::source;
+use mien_baking::bake;
+use mien_baking::heads::average::make_simulated_head;
+use mien_baking::heads::{default_head, hero};
+use mien_stages::face_model::FaceModel;
+use mien_training::evaluate::head_scenes::{self, wild};
+use mien_training::evaluate::sessions::{Sessions, Trial};
+use mien_training::evaluate::{landmark_accuracy, paper, table};
+use mien_training::fit::{self, FitArgs};
+use mien_training::nrsfm;
+use mien_training::train::{self, TrainArgs};
+use mien_training::units::readings;
+use mien_workbench::atomic_write::write_out;
+use mien_workbench::fault::{Fault, USAGE};
+use mien_workbench::people_split::{Data, Split};
+use mien_workbench::stopped;
 
 /// The workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews.
 #[derive(Parser)]

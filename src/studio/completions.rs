@@ -7,8 +7,8 @@ use clap::Command;
 use clap_complete::Shell;
 use clap_mangen::Man;
 
-use super::atomic_write::write_out;
-use super::fault::Fault;
+use mien_workbench::atomic_write::write_out;
+use mien_workbench::fault::Fault;
 
 /// Writes them below `share`, the folder that is `/usr/share` in a package.
 ///

@@ -4,11 +4,11 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::fault::Fault;
-use super::progress::Progress;
-use crate::appliance::source::Source;
-use crate::sensor::kinect::frame::KinectFrame;
-use crate::sensor::kinect::recording::Recorder;
+use mien_appliance::source::Source;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::recording::Recorder;
+use mien_workbench::fault::Fault;
+use mien_workbench::progress::Progress;
 
 /// What is recorded.
 #[derive(clap::Args)]

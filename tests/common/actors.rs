@@ -1,8 +1,8 @@
 //! Made-up people with known truth: faces that have given measures exactly, acting, and the jitter of a tracker.
 
-use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
-use mien::base::geometry::{Point, Vector};
-use mien::expression::{Measure, Units};
+use mien_stages::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien_stages::base::geometry::{Point, Vector};
+use mien_stages::expression::{Measure, Units};
 
 pub const FRAME_S: f64 = 1.0 / 30.0;
 /// Inner and outer eye-corner distance of the average person, metres.

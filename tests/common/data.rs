@@ -48,12 +48,18 @@ impl Set {
     }
 }
 
+/// The root of the checkout.
+#[allow(dead_code, reason = "some test programs need no file of it")]
+pub(crate) fn root() -> PathBuf {
+    let mut folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    let root = folders.find(|folder| folder.join("Cargo.lock").is_file());
+    root.expect("a lock file").to_owned()
+}
+
 /// The folder of one set. `None` where it is missing: the test is left out and returns.
 pub(crate) fn folder(set: Set) -> Option<PathBuf> {
-    let all = std::env::var_os("MIEN_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
+    let all =
+        std::env::var_os("MIEN_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from);
     let folder = all.join(set.name());
     if !folder.is_dir() {
         leave_out(set.name());

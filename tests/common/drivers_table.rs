@@ -2,10 +2,10 @@
 //! stepped with truncating shifts, whose values depend on the order of the steps. The library's [`Camera`] is the smooth
 //! form of it.
 //!
-//! [`Camera`]: mien::sensor::camera::Camera
+//! [`Camera`]: mien_stages::camera::Camera
 
-use mien::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use mien::sensor::kinect::registration::Registration;
+use mien_sensors::kinect::registration::Registration;
+use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
 /// Distances are delivered below this, millimetres.
 const FARTHEST_MM: u16 = 10_000;

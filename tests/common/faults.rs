@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
+use mien_sensors::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 
 /// How often what goes wrong. Rates are per packet; all zero by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

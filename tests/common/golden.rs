@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use image::RgbImage;
 
-pub(crate) use crate::pipeline::tests::{hold, hold_every};
+#[allow(unused_imports, reason = "some crates use one of them")]
+pub(crate) use super::hold::{hold, hold_every};
 
 /// Means of the cells of a grid, in rows.
 pub(crate) fn cells<const COLUMNS: usize, const ROWS: usize>(

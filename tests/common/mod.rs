@@ -18,10 +18,10 @@ pub mod whole_run;
 #[cfg(feature = "studio")]
 use std::path::Path;
 
-use mien::sensor::NO_DEPTH;
-use mien::sensor::kinect::colour;
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::picture_clock::timestamp_from_ticks;
+use mien_sensors::NO_DEPTH;
+use mien_sensors::kinect::colour;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::picture_clock::timestamp_from_ticks;
 
 /// Path of `mien`: this build's, or the release build without wires that `MIEN_LEAN` names.
 pub fn program() -> String {
@@ -29,7 +29,7 @@ pub fn program() -> String {
 }
 
 /// Ticks of the sensor's counter per frame.
-pub const FRAME_TICKS: u32 = mien::sensor::kinect::picture_clock::FRAME_TICKS as u32;
+pub const FRAME_TICKS: u32 = mien_sensors::kinect::picture_clock::FRAME_TICKS as u32;
 
 /// A frame of seeded noise: every raw depth value, every colour.
 pub fn noise_frame(number: u64, seed: u64) -> KinectFrame {
@@ -58,7 +58,7 @@ pub fn stamp(frame: &mut KinectFrame, number: u64, first_ticks: u32) {
 /// nearer to the axis than it was.
 #[cfg(feature = "studio")]
 pub fn kinect_frame(set: &Path, name: &str) -> KinectFrame {
-    let camera = mien::sensor::kinect::geometry::nominal();
+    let camera = mien_sensors::kinect::geometry::nominal();
     let open = |kind: &str| image::open(set.join(format!("{name}_{kind}.png"))).expect(name);
     let mut frame = KinectFrame::default();
     for (raw, &z_mm) in frame
@@ -77,10 +77,10 @@ pub fn kinect_frame(set: &Path, name: &str) -> KinectFrame {
 /// Writes a recording of real frames, each of the names held for `repeat` frames.
 #[cfg(feature = "studio")]
 pub fn write_kinect_recording(set: &Path, names: &[&str], repeat: u64, to: &Path) {
-    use mien::sensor::kinect::recording::Recorder;
+    use mien_sensors::kinect::recording::Recorder;
     let mut recorder = Recorder::create(
         to,
-        &mien::sensor::kinect::registration::Registration::default(),
+        &mien_sensors::kinect::registration::Registration::default(),
         1.7e9,
     )
     .expect("an empty directory");

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
+use mien_sensors::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 
 /// A source that delivers no sooner than its own clock, so many times as fast as the world's, says.
 pub(crate) struct Paced<S> {

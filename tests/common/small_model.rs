@@ -1,6 +1,6 @@
 //! A small face model for tests that read very many.
 
-use mien::face_model::{self, FaceModel};
+use mien_stages::face_model::{self, FaceModel};
 
 /// The shipped shape and every sixteenth point of its head, as a file without the cascade: its weights are not looked at when
 /// stages are built.

@@ -3,8 +3,8 @@
 
 #![allow(dead_code, reason = "each test program uses some of it")]
 
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::packet::TICKS_PER_PICTURE;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::packet::TICKS_PER_PICTURE;
 
 /// Mixes a number thoroughly (the finaliser of SplitMix64).
 fn hash(seed: u64, index: u64) -> u64 {

@@ -6,9 +6,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use mien::appliance::source::Source;
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::recording::Recorder;
+use mien_appliance::source::Source;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::recording::Recorder;
 use serialport::{SerialPort, TTYPort};
 
 /// Some seconds of people who come and go, as a recording.

@@ -12,32 +12,33 @@ use std::sync::LazyLock;
 use std::time::SystemTime;
 
 use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
-use mien::base::checksum::crc32;
-use mien::expression::saved::Learned;
-use mien::face_model::FaceModel;
-use mien::face_model::refinement;
-use mien::output::osc::commands;
-use mien::sensor::kinect::calibration::{self, Block};
-use mien::sensor::kinect::registration::Registration;
-use mien::sensor::kinect::command::{self, Command};
-use mien::sensor::kinect::device::{Model, Stream};
-use mien::sensor::kinect::stream::Assembler;
-use mien::pipeline::Pipeline;
-use mien::sensor::Frame;
-use mien::appliance::source::Source;
-use mien::appliance::settings::Settings;
-use mien::studio::bake::glb::Glb;
-use mien::studio::bake::looks::Looks;
-use mien::studio::bake::{self, obj};
-use mien::studio::bake::patch::Foreign;
-use mien::studio::bake::recipe::Recipe;
-use mien::studio::nrsfm::{Shapes, Tracks};
-use mien::studio::preview::hub::Hub;
-use mien::studio::preview::http;
-use mien::studio::preview::table::Columns;
-use mien::studio::preview::{osc, serial};
-use mien::studio::{text_files, train};
-use mien::users::saved;
+use mien_stages::base::checksum::crc32;
+use mien_stages::expression::saved::Learned;
+use mien_stages::face_model::FaceModel;
+use mien_stages::face_model::refinement;
+use mien_outputs::osc::commands;
+use mien_sensors::kinect::calibration::{self, Block};
+use mien_sensors::kinect::registration::Registration;
+use mien_sensors::kinect::command::{self, Command};
+use mien_sensors::kinect::device::{Model, Stream};
+use mien_sensors::kinect::stream::Assembler;
+use mien_appliance::pipeline::Pipeline;
+use mien_sensors::Frame;
+use mien_appliance::source::Source;
+use mien_appliance::settings::Settings;
+use mien_baking::bake::glb::Glb;
+use mien_baking::bake::looks::Looks;
+use mien_baking::bake::{self, obj};
+use mien_baking::bake::patch::Foreign;
+use mien_baking::bake::recipe::Recipe;
+use mien_training::nrsfm::{Shapes, Tracks};
+use mien_studio::preview::hub::Hub;
+use mien_studio::preview::http;
+use mien_studio::preview::table::Columns;
+use mien_studio::preview::{osc, serial};
+use mien_training::train;
+use mien_workbench::text_files;
+use mien_stages::users::saved;
 use serde_json::{Value, json};
 
 static PARSER: LazyLock<String> =
@@ -202,9 +203,9 @@ fuzz_target!(init: {
         "http" => drop(http::parse(bytes, ([127, 0, 0, 1], 9).into())),
         // Their entrances are there only where the compiler is told that this is fuzzing.
         #[cfg(fuzzing)]
-        "web" => mien::output::web::fuzz(bytes),
+        "web" => mien_outputs::web::fuzz(bytes),
         #[cfg(fuzzing)]
-        "mqtt" => mien::output::mqtt::fuzz(bytes),
+        "mqtt" => mien_outputs::mqtt::fuzz(bytes),
         other => panic!("no parser is called {other}"),
     }
 });

@@ -4,15 +4,15 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use mien::face_model::scheme::MIRROR;
-use mien::studio::bake::command::{Request, run};
-use mien::studio::bake::glb::Glb;
-use mien::studio::bake::mesh::{Mesh, Vec3};
-use mien::studio::bake::patch::Foreign;
-use mien::studio::bake::recipe::SHIPPED;
-use mien::studio::bake::shape::Shape;
-use mien::studio::bake::{morphs, obj};
-use mien::studio::heads::hero::Hero;
+use mien_baking::bake::command::{Request, run};
+use mien_baking::bake::glb::Glb;
+use mien_baking::bake::mesh::{Mesh, Vec3};
+use mien_baking::bake::patch::Foreign;
+use mien_baking::bake::recipe::SHIPPED;
+use mien_baking::bake::shape::Shape;
+use mien_baking::bake::{morphs, obj};
+use mien_baking::heads::hero::Hero;
+use mien_stages::face_model::scheme::MIRROR;
 use serde_json::json;
 
 /// Shapes that what is wrong with a mesh showed in, and their mirror images.

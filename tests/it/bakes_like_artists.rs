@@ -2,16 +2,16 @@
 //! Needs heads of the data sets; left out without them.
 #![cfg(feature = "studio")]
 
-use mien::face_model::FaceModel;
-use mien::studio::bake::head::Head;
-use mien::studio::bake::locate::guess;
-use mien::studio::bake::looks::Looks;
-use mien::studio::bake::mesh::Vec3;
-use mien::studio::bake::obj;
-use mien::studio::bake::order::Ordered;
-use mien::studio::bake::shape::Shape;
-use mien::studio::bake::verdict::{faults, verdict};
-use mien::studio::heads::default_head;
+use mien_baking::bake::head::Head;
+use mien_baking::bake::locate::guess;
+use mien_baking::bake::looks::Looks;
+use mien_baking::bake::mesh::Vec3;
+use mien_baking::bake::obj;
+use mien_baking::bake::order::Ordered;
+use mien_baking::bake::shape::Shape;
+use mien_baking::bake::verdict::{faults, verdict};
+use mien_baking::heads::default_head;
+use mien_stages::face_model::FaceModel;
 
 use crate::common::data::{self, Set};
 

@@ -6,7 +6,7 @@ use std::net::UdpSocket;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use mien::expression::Units;
+use mien_stages::expression::Units;
 use rosc::{OscMessage, OscType};
 use serialport::{SerialPort, TTYPort};
 

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use mien::sensor::kinect::device::{DeviceError, Model};
-use mien::sensor::kinect::driver::{KinectError, Settings};
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::live::LiveKinect;
-use mien::simulator::virtual_kinect::VirtualKinect;
+use mien_sensors::kinect::device::{DeviceError, Model};
+use mien_sensors::kinect::driver::{KinectError, Settings};
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::live::LiveKinect;
+use mien_simulator::virtual_kinect::VirtualKinect;
 
 use crate::common::paced::Paced;
 

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use mien::appliance::settings::Settings;
+use mien_appliance::settings::Settings;
 
 /// Documents with commands, in the order of a reader who reads all.
 const DOCUMENTS: [&str; 12] = [
@@ -348,7 +348,7 @@ fn every_data_set_that_a_test_can_name_is_described() {
 fn every_configuration_in_the_documents_is_accepted() {
     let mut blocks = 0;
     // What this build refuses is not in its documents.
-    let gestures = mien::output::gesture::ENABLED.then_some(&"docs/gestures.md");
+    let gestures = mien_outputs::gesture::ENABLED.then_some(&"docs/gestures.md");
     for document in DOCUMENTS.iter().chain(&["docs/fleet.md"]).chain(gestures) {
         let whole = text(document);
         for block in whole.split("```toml\n").skip(1) {

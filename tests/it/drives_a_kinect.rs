@@ -4,18 +4,18 @@
 use std::cell::RefCell;
 use std::time::Duration;
 
-use mien::sensor::kinect::command::{Command, image_sensor, register};
-use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
-use mien::sensor::kinect::driver::{Kinect, KinectError, Settings, develop};
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::motor::Light;
-use mien::sensor::kinect::pairing::{Paired, RawPair};
-use mien::sensor::kinect::picture_clock::PictureClock;
-use mien::sensor::kinect::picture_clock::timestamp_from_ticks;
-use mien::sensor::kinect::registration::Registration;
-use mien::simulator::simulated::Simulated;
-use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
-use mien::simulator::virtual_kinect::VirtualKinect;
+use mien_sensors::kinect::command::{Command, image_sensor, register};
+use mien_sensors::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
+use mien_sensors::kinect::driver::{Kinect, KinectError, Settings, develop};
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::motor::Light;
+use mien_sensors::kinect::pairing::{Paired, RawPair};
+use mien_sensors::kinect::picture_clock::PictureClock;
+use mien_sensors::kinect::picture_clock::timestamp_from_ticks;
+use mien_sensors::kinect::registration::Registration;
+use mien_simulator::simulated::Simulated;
+use mien_simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use mien_simulator::virtual_kinect::VirtualKinect;
 
 use crate::common::faults::{Faulty, Rates};
 

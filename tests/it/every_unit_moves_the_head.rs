@@ -6,10 +6,10 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use mien::expression::units::Units;
-use mien::studio::animate::{Args, animate};
-use mien::studio::bake::glb::Glb;
-use mien::studio::heads::default_head;
+use mien_baking::bake::glb::Glb;
+use mien_baking::heads::default_head;
+use mien_stages::expression::units::Units;
+use mien_studio::animate::{Args, animate};
 use serde_json::Value;
 
 /// Units that are sent and that no shape of the head shows, each with its reason in `docs/limits.md`.

@@ -3,11 +3,11 @@
 
 use std::sync::{Arc, Mutex};
 
-use mien::base::time::Timestamp;
-use mien::expression::units::Units;
-use mien::output::osc::vrchat::{Settings, VrChat};
-use mien::output::osc::{Datagrams, Targets};
-use mien::output::{Output, Report, TrackingState};
+use mien_outputs::osc::vrchat::{Settings, VrChat};
+use mien_outputs::osc::{Datagrams, Targets};
+use mien_outputs::{Output, Report, TrackingState};
+use mien_stages::base::time::Timestamp;
+use mien_stages::expression::units::Units;
 use rosc::{OscPacket, OscType};
 
 /// What templates read, by name: two of Adjerry91's VRCFaceTracking templates, for ARKit's and for Unified Expressions' shapes.

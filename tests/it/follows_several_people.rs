@@ -3,13 +3,13 @@
 
 use std::process::Command;
 
-use mien::appliance::settings::Settings;
-use mien::base::time::Timestamp;
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
-use mien::sensor::Frame;
-use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
-use mien::users::{Policy, TrackingState};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_sensors::Frame;
+use mien_simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use mien_stages::base::time::Timestamp;
+use mien_stages::face_model::FaceModel;
+use mien_stages::users::{Policy, TrackingState};
 
 use crate::common::program;
 

@@ -9,15 +9,15 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use mien::appliance::settings::Settings;
-use mien::base::geometry::{Point, Rotation, Vector};
-use mien::expression::{Measure, measures};
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
-use mien::sensor::Frame;
-use mien::sensor::kinect::recording::Recording;
-use mien::simulator::simulated::Simulated;
-use mien::{expression, landmarks, pose};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_sensors::Frame;
+use mien_sensors::kinect::recording::Recording;
+use mien_simulator::simulated::Simulated;
+use mien_stages::base::geometry::{Point, Rotation, Vector};
+use mien_stages::expression::{Measure, measures};
+use mien_stages::face_model::FaceModel;
+use mien_stages::{expression, landmarks, pose};
 
 use crate::common;
 #[cfg(feature = "studio")]
@@ -27,7 +27,7 @@ const FRAMES: u32 = 300;
 
 fn settings() -> Settings {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/paper.toml");
-    mien::appliance::service::settings(Some(&file)).expect("the shipped file")
+    mien_appliance::service::settings(Some(&file)).expect("the shipped file")
 }
 
 fn correlation(pairs: &[[f32; 2]]) -> f32 {
@@ -60,7 +60,7 @@ fn the_papers_system_follows_the_actor() {
     let mut source = Simulated::new(Some("acted")).expect("a scene");
     let mut pipeline = Pipeline::new(
         &settings().stages,
-        &mien::sensor::kinect::geometry::nominal(),
+        &mien_sensors::kinect::geometry::nominal(),
         &model,
     )
     .expect("the shipped model");
@@ -121,9 +121,9 @@ fn the_papers_system_follows_the_actor() {
 #[cfg(feature = "studio")]
 #[test]
 fn a_person_never_trained_on_is_followed_by_the_papers_system() {
-    use mien::studio::evaluate::sessions::{Sessions, Trial};
-    use mien::studio::evaluate::table::play;
-    use mien::studio::people_split::Split;
+    use mien_training::evaluate::sessions::{Sessions, Trial};
+    use mien_training::evaluate::table::play;
+    use mien_workbench::people_split::Split;
 
     let Some(data) = common::data::only([Set::FacesFrl189, Set::IctFacekit]) else {
         return;

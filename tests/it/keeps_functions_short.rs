@@ -2,7 +2,7 @@
 //!
 //! Lines are counted from `fn` to the brace that closes it, as `cargo fmt` lays them out. Tests inside files may be longer.
 
-use crate::keeps_its_rooms_apart::{files, name, without_tests};
+use crate::keeps_its_modules_apart::{files, name, without_tests};
 
 /// Lines of a function.
 const MOST: usize = 80;

@@ -6,12 +6,12 @@
 //! `cargo test --test it learns_a_range -- --nocapture`.
 
 use crate::common::actors::{ACTED, Acting, FRAME_S, Jitter, Person};
-use mien::base::capacity::LEARNT_MEASURES;
-use mien::base::frames::SensorFromFace;
-use mien::base::geometry::Rigid;
-use mien::base::time::Timestamp;
-use mien::expression::{Expression, Measure, Method, Settings, Units};
-use mien::landmarks::Landmarks;
+use mien_stages::base::capacity::LEARNT_MEASURES;
+use mien_stages::base::frames::SensorFromFace;
+use mien_stages::base::geometry::Rigid;
+use mien_stages::base::time::Timestamp;
+use mien_stages::expression::{Expression, Measure, Method, Settings, Units};
+use mien_stages::landmarks::Landmarks;
 
 const PEOPLE: u64 = 6;
 

@@ -1,4 +1,4 @@
-//! The promises of the programs and of the library, one a module: `cargo test --features studio --test it <module>` runs one.
+//! The promises of the programs and of the library, one a module: `cargo test --test it <module>` runs one.
 //!
 //! One program, because linking each with the crate takes longer than most of them run. What counts the memory of its whole
 //! process is in `tests/memory`.
@@ -19,7 +19,7 @@ mod fills_avatar_templates;
 mod follows_several_people;
 mod follows_the_paper;
 mod keeps_functions_short;
-mod keeps_its_rooms_apart;
+mod keeps_its_modules_apart;
 mod keeps_the_log_short;
 mod learns_a_range;
 mod lives_as_a_service;

@@ -1,7 +1,7 @@
 //! Promise: a depth pixel is found in the colour picture where the Kinect's own drivers find it, and at their distance.
 
-use mien::base::capacity::{HEIGHT, WIDTH};
-use mien::sensor::kinect::registration::Registration;
+use mien_sensors::kinect::registration::Registration;
+use mien_stages::base::capacity::{HEIGHT, WIDTH};
 
 use crate::common::drivers_table::{DriversTable, depth_mm};
 

@@ -6,14 +6,14 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use mien::studio::bake::command::{self, Joined, Request};
-use mien::studio::bake::glb::Glb;
-use mien::studio::bake::head::Head;
-use mien::studio::bake::mesh::{Corner, Mesh, Vec3};
-use mien::studio::bake::obj;
-use mien::studio::bake::patch::Foreign;
-use mien::studio::bake::shape::Shape;
-use mien::studio::heads::hero::Hero;
+use mien_baking::bake::command::{self, Joined, Request};
+use mien_baking::bake::glb::Glb;
+use mien_baking::bake::head::Head;
+use mien_baking::bake::mesh::{Corner, Mesh, Vec3};
+use mien_baking::bake::obj;
+use mien_baking::bake::patch::Foreign;
+use mien_baking::bake::shape::Shape;
+use mien_baking::heads::hero::Hero;
 
 /// The built-in head without an inside of the mouth, its lips one line of vertices; and its landmarks.
 fn joined() -> (Mesh, Vec<u64>) {
@@ -165,7 +165,7 @@ fn a_viseme_is_the_sum_that_the_recipe_says() {
     let names: Vec<&str> = visemes.map(|s| &s.name[7..]).collect();
     let usual = "sil PP FF TH DD kk CH SS nn RR aa E ih oh ou";
     assert_eq!(names.join(" "), usual);
-    let recipe = mien::studio::bake::recipe::SHIPPED;
+    let recipe = mien_baking::bake::recipe::SHIPPED;
     let recipe: toml::Table = recipe.parse().unwrap();
     for viseme in recipe["viseme"].as_array().unwrap() {
         let shape = all.shape(viseme["name"].as_str().unwrap());
@@ -217,7 +217,7 @@ fn joined_lips_are_kept_when_asked_for_and_refused_where_they_cannot_be_cut() {
     let [mesh, landmarks] = written(folder.path());
     // The jaw alone is enough.
     let recipe = folder.path().join("jaw.toml");
-    let shipped = mien::studio::bake::recipe::SHIPPED;
+    let shipped = mien_baking::bake::recipe::SHIPPED;
     let jaw = shipped
         .split("[[shape]]")
         .find(|s| s.contains("\"jawOpen\"\nunit"));

@@ -1,12 +1,12 @@
 //! Promise: a model file with a valid checksum and wrong numbers is refused, or stages are built from it; nothing aborts.
 //!
-//! `MIEN_MODELS=1000000 cargo test --features studio --test it outlasts_odd_models -- --nocapture` takes 20 minutes; with
+//! `MIEN_MODELS=1000000 cargo test --test it outlasts_odd_models -- --nocapture` takes 20 minutes; with
 //! `ulimit -v 524288` it also shows that no model asks for half a gigabyte.
 
-use mien::appliance::settings::Settings;
-use mien::base::checksum::crc32;
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_stages::base::checksum::crc32;
+use mien_stages::face_model::FaceModel;
 
 use crate::common::small_model::small_model;
 

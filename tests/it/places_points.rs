@@ -7,11 +7,11 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use mien::studio::bake::mesh::{Mesh, Vec3};
-use mien::studio::bake::order::Ordered;
-use mien::studio::bake::{glb::Glb, obj, patch::Foreign, source};
-use mien::studio::heads::default_head;
-use mien::studio::place::surface::{Ray, Surface};
+use mien_baking::bake::mesh::{Mesh, Vec3};
+use mien_baking::bake::order::Ordered;
+use mien_baking::bake::{glb::Glb, obj, patch::Foreign, source};
+use mien_baking::heads::default_head;
+use mien_studio::place::surface::{Ray, Surface};
 use serde_json::Value;
 
 /// The program on a free port, ended with the test.

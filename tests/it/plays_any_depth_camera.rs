@@ -5,13 +5,13 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use mien::appliance::settings::Settings;
-use mien::appliance::source::Source;
-use mien::base::capacity::WIDTH;
-use mien::base::geometry::Point;
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
-use mien::sensor::{Frame, NO_DEPTH};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_appliance::source::Source;
+use mien_sensors::{Frame, NO_DEPTH};
+use mien_stages::base::capacity::WIDTH;
+use mien_stages::base::geometry::Point;
+use mien_stages::face_model::FaceModel;
 use tempfile::TempDir;
 
 use crate::common;

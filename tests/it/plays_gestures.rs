@@ -3,17 +3,17 @@
 
 use std::io::Write;
 
-use mien::base::geometry::{Rigid, Rotation, rotation_from_yaw_pitch_roll};
-use mien::base::time::Timestamp;
-use mien::face_model::FaceModel;
-use mien::output::csv::Csv;
-use mien::output::gesture::{Gesture, Gestures, PRESETS};
-use mien::output::{Output, Report};
-use mien::pipeline::{Pipeline, Settings};
-use mien::sensor::Frame;
-use mien::simulator::virtual_head::{Light, Scene, Simulator};
-use mien::studio::heads::textured_heads;
-use mien::studio::people_split::Split;
+use mien_appliance::pipeline::{Pipeline, Settings};
+use mien_baking::heads::textured_heads;
+use mien_outputs::csv::Csv;
+use mien_outputs::gesture::{Gesture, Gestures, PRESETS};
+use mien_outputs::{Output, Report};
+use mien_sensors::Frame;
+use mien_simulator::virtual_head::{Light, Scene, Simulator};
+use mien_stages::base::geometry::{Rigid, Rotation, rotation_from_yaw_pitch_roll};
+use mien_stages::base::time::Timestamp;
+use mien_stages::face_model::FaceModel;
+use mien_workbench::people_split::Split;
 
 use crate::common;
 use crate::common::data::Set;
@@ -168,7 +168,7 @@ fn eyes_that_turn_are_read_where_they_look() {
     const HEIGHT: f32 = 0.5;
     let mut frame = Frame::default();
     for (number, mut head) in heads.into_iter().enumerate() {
-        mien::studio::heads::eyes::paint(&mut head.asset, 30 + number as u64);
+        mien_baking::heads::eyes::paint(&mut head.asset, 30 + number as u64);
         let expressions = head.asset.expressions.iter().map(|e| e.name.clone());
         let expressions: Vec<String> = expressions.collect();
         let mut simulator = Simulator::new(head.asset, Scene::Still, 5);
@@ -225,7 +225,7 @@ fn people_act_gestures() {
     for (number, mut head) in heads.into_iter().enumerate() {
         let seed = 77 + number as u64;
         // Irises in a photograph are partly hidden by its lids.
-        mien::studio::heads::eyes::paint(&mut head.asset, seed);
+        mien_baking::heads::eyes::paint(&mut head.asset, seed);
         let expressions: Vec<String> = head
             .asset
             .expressions

@@ -8,16 +8,16 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use mien::appliance::settings::Settings;
-use mien::base::geometry::{Rigid, Vector};
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
-use mien::segment::PixelRect;
-use mien::sensor::Frame;
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::recording::{Recorder, Recording};
-use mien::simulator::simulated::Simulated;
-use mien::users::TrackingState::{self, Absent, Held, Lost, Posed, Tracking, Warming};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_sensors::Frame;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::recording::{Recorder, Recording};
+use mien_simulator::simulated::Simulated;
+use mien_stages::base::geometry::{Rigid, Vector};
+use mien_stages::face_model::FaceModel;
+use mien_stages::segment::PixelRect;
+use mien_stages::users::TrackingState::{self, Absent, Held, Lost, Posed, Tracking, Warming};
 use tempfile::TempDir;
 
 use crate::common::program;

@@ -5,14 +5,14 @@
 //! unit lacks beyond that is the learner's. `cargo test --test it reads_an_acted_face -- --nocapture` prints both. People and
 //! scenes that were not used in development are the business of `mien-studio evaluate`.
 
-use mien::appliance::settings::Settings;
-use mien::base::capacity::MEASURES;
-use mien::base::time::Timestamp;
-use mien::expression::{Measure, measures};
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
-use mien::sensor::Frame;
-use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_sensors::Frame;
+use mien_simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use mien_stages::base::capacity::MEASURES;
+use mien_stages::base::time::Timestamp;
+use mien_stages::expression::{Measure, measures};
+use mien_stages::face_model::FaceModel;
 
 /// The scene is joined ten seconds before its acts begin anew: mixed expressions to learn from, then every act once.
 const FIRST: u64 = 1860;
@@ -76,7 +76,7 @@ fn units_follow_the_actor() {
     let model = FaceModel::shipped();
     let mut pipeline = Pipeline::new(
         &Settings::default().stages,
-        &mien::sensor::kinect::geometry::nominal(),
+        &mien_sensors::kinect::geometry::nominal(),
         &model,
     )
     .expect("the shipped model");

@@ -1,20 +1,20 @@
 //! Promise: the shipped model finds the landmarks of people it has never seen, and follows them into a smile.
 //!
 //! Judges are hand-placed points of portraits, and that a smile widens the mouth and raises its corners. Needs the data sets
-//! `faces_frl189` and `faces_ytfaces68` and skips without. `cargo test --features studio --test it reads_still_portraits --
+//! `faces_frl189` and `faces_ytfaces68` and skips without. `cargo test --test it reads_still_portraits --
 //! --nocapture` prints the figures.
 #![cfg(feature = "studio")]
 
 use std::collections::BTreeMap;
 
-use mien::base::capacity::LANDMARKS;
-use mien::base::geometry::Point;
-use mien::expression::{Measure, measures};
-use mien::face_model::FaceModel;
-use mien::studio::fit::still::{FaceBox, FittedFace, StillFitter};
-use mien::studio::people_split::Split;
-use mien::studio::train::dataset::{Entry, read_folder};
-use mien::studio::train::evaluate::{Errors, differences};
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::geometry::Point;
+use mien_stages::expression::{Measure, measures};
+use mien_stages::face_model::FaceModel;
+use mien_training::train::evaluate::{Errors, differences};
+use mien_workbench::dataset::{Entry, read_folder};
+use mien_workbench::people_split::Split;
+use mien_workbench::still::{FaceBox, FittedFace, StillFitter};
 
 use crate::common;
 use crate::common::data::Set;

@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::Path;
 
-use mien::appliance::source::Source;
-use mien::base::capacity::PIXELS;
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::recording::{Recorder, Recording};
-use mien::sensor::kinect::registration::Registration;
+use mien_appliance::source::Source;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::recording::{Recorder, Recording};
+use mien_sensors::kinect::registration::Registration;
+use mien_stages::base::capacity::PIXELS;
 
 use crate::common;
 #[cfg(feature = "studio")]

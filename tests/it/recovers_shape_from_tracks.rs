@@ -3,10 +3,10 @@
 
 #![cfg(feature = "studio")]
 
-use mien::base::capacity::LANDMARKS;
-use mien::base::geometry::Point;
-use mien::face_model::FaceModel;
-use mien::studio::nrsfm::{Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::geometry::Point;
+use mien_stages::face_model::FaceModel;
+use mien_training::nrsfm::{Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
 use nalgebra::{Rotation3, Vector3};
 use std::path::Path;
 

@@ -266,7 +266,7 @@ fn odd_values_of_every_key_are_accepted_by_all_or_by_none() {
         for value in values {
             let text = format!("[{section}]\n{key} = {value}\n");
             let path = file(folder.path(), "odd.toml", &text);
-            if mien::appliance::service::settings(Some(Path::new(&path))).is_err() {
+            if mien_appliance::service::settings(Some(Path::new(&path))).is_err() {
                 continue;
             }
             // Accepted: a run with it must start.
@@ -285,10 +285,10 @@ fn odd_values_of_every_key_are_accepted_by_all_or_by_none() {
 
 #[test]
 fn whole_models_with_odd_numbers_are_refused_or_used() {
-    use mien::pipeline::Pipeline;
-    let shipped = mien::face_model::SHIPPED;
-    let camera = mien::sensor::kinect::geometry::nominal();
-    let settings = mien::appliance::settings::Settings::default().stages;
+    use mien_appliance::pipeline::Pipeline;
+    let shipped = mien_stages::face_model::SHIPPED;
+    let camera = mien_sensors::kinect::geometry::nominal();
+    let settings = mien_appliance::settings::Settings::default().stages;
     let cases: usize = std::env::var("MIEN_MODELS").map_or(60, |n| n.parse().expect("a number"));
     let mut random = fastrand::Rng::with_seed(31);
     let odd = [1e6_f32, -1e3, 0.31, f32::NAN, f32::INFINITY, 1e-30, 0.0];
@@ -316,9 +316,9 @@ fn whole_models_with_odd_numbers_are_refused_or_used() {
             bytes[at..at + 4].copy_from_slice(&value);
         }
         let body = bytes.len() - 4;
-        let checksum = mien::base::checksum::crc32(&bytes[..body]);
+        let checksum = mien_stages::base::checksum::crc32(&bytes[..body]);
         bytes[body..].copy_from_slice(&checksum.to_le_bytes());
-        if let Ok(model) = mien::face_model::FaceModel::read(&bytes)
+        if let Ok(model) = mien_stages::face_model::FaceModel::read(&bytes)
             && Pipeline::new(&settings, &camera, &model).is_ok()
         {
             used += 1;

@@ -4,15 +4,15 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
-use mien::appliance::settings::Settings;
-use mien::appliance::source::Source;
-use mien::base::time::Timestamp;
-use mien::expression::Measure;
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
-use mien::sensor::Frame;
-use mien::users::memory::Gone;
-use mien::users::saved::{People, read, write};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_appliance::source::Source;
+use mien_sensors::Frame;
+use mien_stages::base::time::Timestamp;
+use mien_stages::expression::Measure;
+use mien_stages::face_model::FaceModel;
+use mien_stages::users::memory::Gone;
+use mien_stages::users::saved::{People, read, write};
 
 use crate::common::program;
 
@@ -60,7 +60,7 @@ fn who_was_there_is_known_after_a_restart() {
     play(&mut after, 30);
     let mut fresh = pipeline();
     play(&mut fresh, 30);
-    let up = |range: &mien::expression::Range| range.high - range.rest;
+    let up = |range: &mien_stages::expression::Range| range.high - range.rest;
     let (mut own, mut strange) = (0.0, 0.0);
     for m in [
         Measure::LipGap,

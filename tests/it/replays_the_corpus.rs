@@ -17,12 +17,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use mien::appliance::settings::Settings;
-use mien::base::geometry::yaw_pitch_roll;
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
-use mien::sensor::Frame;
-use mien::sensor::kinect::recording::Recording;
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_sensors::Frame;
+use mien_sensors::kinect::recording::Recording;
+use mien_stages::base::geometry::yaw_pitch_roll;
+use mien_stages::face_model::FaceModel;
 use tempfile::TempDir;
 
 use crate::common;

@@ -1,11 +1,11 @@
 //! Promise: real Kinect frames without a face never give one. Needs the data sets; skips without.
 #![cfg(feature = "studio")]
 
-use mien::appliance::settings::Settings;
-use mien::appliance::source::Source;
-use mien::face_model::FaceModel;
-use mien::pipeline::Pipeline;
-use mien::sensor::Frame;
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_appliance::source::Source;
+use mien_sensors::Frame;
+use mien_stages::face_model::FaceModel;
 
 use crate::common;
 use crate::common::data::Set;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mien::appliance::settings::Settings;
+use mien_appliance::settings::Settings;
 
 #[test]
 fn the_shipped_file_equals_the_defaults_key_by_key() {
@@ -73,7 +73,7 @@ fn what_security_md_counts_is_so() {
         names.join(", ")
     );
     assert!(told.contains(&unsafe_files), "expected: {unsafe_files}");
-    let commands = include_str!("../../src/output/osc/commands.rs");
+    let commands = include_str!("../../src/outputs/osc/commands.rs");
     let commands = commands.matches("//! | `/face/cmd/").count();
     assert!(
         told.contains(&format!("| {} commands, none", words[commands])),

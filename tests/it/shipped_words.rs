@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use mien::appliance::cli::HELP;
-use mien::expression::unit_words;
+use mien_appliance::cli::HELP;
+use mien_stages::expression::unit_words;
 
 /// Options in a text; completions of fish have them as `-l name`.
 fn options(text: &str) -> BTreeSet<String> {
@@ -68,9 +68,9 @@ fn the_page_of_units_has_every_unit_s_words() {
 #[test]
 #[cfg(feature = "studio")]
 fn the_workstation_s_manual_page_and_completions_know_every_command_and_option() {
-    let grammar = <mien::studio::cli::Line as clap::CommandFactory>::command();
+    let grammar = <mien_studio::cli::Line as clap::CommandFactory>::command();
     let folder = tempfile::tempdir().unwrap();
-    mien::studio::completions::write(grammar.clone(), folder.path()).unwrap();
+    mien_studio::completions::write(grammar.clone(), folder.path()).unwrap();
     for at in [
         "man/man1/mien-studio.1",
         "bash-completion/completions/mien-studio",

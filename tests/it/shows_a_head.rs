@@ -5,10 +5,10 @@
 use std::path::Path;
 use std::process::Command;
 
-use mien::studio::bake::glb::Glb;
-use mien::studio::bake::{command, command::Request, obj};
-use mien::studio::heads::default_head;
-use mien::studio::heads::hero::{self, Hero};
+use mien_baking::bake::glb::Glb;
+use mien_baking::bake::{command, command::Request, obj};
+use mien_baking::heads::default_head;
+use mien_baking::heads::hero::{self, Hero};
 
 fn lines(path: &Path) -> usize {
     std::fs::read_to_string(path).unwrap().lines().count()
@@ -132,7 +132,7 @@ fn the_neck_stays_where_the_head_turns() {
         "frame,time_us,user,state,qx,qy,qz,qw,w_AU26\n0,0,0,tracking,0,0,0,1,0\n1,33000,0,tracking,0,0.2,0,0.98,1\n",
     )
     .unwrap();
-    mien::studio::animate::animate(&mien::studio::animate::Args {
+    mien_studio::animate::animate(&mien_studio::animate::Args {
         mesh: Path::new(&mesh).into(),
         csv: Path::new(&table).into(),
         out: Path::new(&out).into(),

@@ -12,15 +12,15 @@ use std::fmt::Write;
 use std::path::Path;
 
 use crate::common::actors::{self, ACTED, Acting, FRAME_S, Jitter, Person};
-use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
-use mien::base::frames::SensorFromFace;
-use mien::base::geometry::{Point, Rigid};
-use mien::base::time::Timestamp;
-use mien::expression::paper::PaperLearner;
-use mien::expression::robust::{RobustLearner, RobustSettings};
-use mien::expression::units::Kind;
-use mien::expression::{Expression, Measure, Method, Range, Settings, Units};
-use mien::landmarks::Landmarks;
+use mien_stages::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien_stages::base::frames::SensorFromFace;
+use mien_stages::base::geometry::{Point, Rigid};
+use mien_stages::base::time::Timestamp;
+use mien_stages::expression::paper::PaperLearner;
+use mien_stages::expression::robust::{RobustLearner, RobustSettings};
+use mien_stages::expression::units::Kind;
+use mien_stages::expression::{Expression, Measure, Method, Range, Settings, Units};
+use mien_stages::landmarks::Landmarks;
 
 /// People per case.
 const PEOPLE: u64 = 3;

@@ -4,13 +4,13 @@
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-use mien::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
-use mien::base::time::Timestamp;
-use mien::output::osc::vmc::{self, Vmc};
-use mien::output::osc::vrchat::{self, VrChat};
-use mien::output::osc::{self, Osc, Style};
-use mien::output::serial::{self, Encoder, Serial};
-use mien::output::{self, Output, Report, TrackingState, UnitView, View};
+use mien_outputs::osc::vmc::{self, Vmc};
+use mien_outputs::osc::vrchat::{self, VrChat};
+use mien_outputs::osc::{self, Osc, Style};
+use mien_outputs::serial::{self, Encoder, Serial};
+use mien_outputs::{self, Output, Report, TrackingState, UnitView, View};
+use mien_stages::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
+use mien_stages::base::time::Timestamp;
 use rosc::{OscMessage, OscPacket, OscType};
 use serialport::{SerialPort, TTYPort};
 
@@ -258,8 +258,11 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
     send(&command("/face/cmd/forget", vec![OscType::Int(9)]));
     send(&command("/face/cmd/schema", vec![]));
     send(&command("/face/cmd/neutral", vec![OscType::Int(0)]));
-    assert_eq!(osc.next_command(), Some(output::Command::Freeze(0, true)));
-    assert_eq!(osc.next_command(), Some(output::Command::Neutral(0)));
+    assert_eq!(
+        osc.next_command(),
+        Some(mien_outputs::Command::Freeze(0, true))
+    );
+    assert_eq!(osc.next_command(), Some(mien_outputs::Command::Neutral(0)));
     assert_eq!(osc.next_command(), None);
     assert_eq!(osc.tally().commands, [3, 2]);
     assert_eq!(messages(&socket)[0].addr, "/face/schema");
@@ -275,7 +278,7 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
         let mut round = 0;
         while let Some(command) = osc.next_command() {
             round += 1;
-            heard |= command == output::Command::Neutral(3);
+            heard |= command == mien_outputs::Command::Neutral(3);
         }
         assert!(round <= 16, "{round} in one round");
         obeyed += round;
@@ -295,7 +298,7 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
     drop(osc);
     wait_for(|| {
         send(&neutral);
-        waits.next_command() == Some(output::Command::Neutral(3))
+        waits.next_command() == Some(mien_outputs::Command::Neutral(3))
     });
     let refused = Osc::new(second("here"), &UNITS).err().unwrap().to_string();
     assert!(

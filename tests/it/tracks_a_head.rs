@@ -4,17 +4,17 @@
 #![cfg(feature = "studio")]
 #![expect(clippy::print_stdout, reason = "the tables are the point")]
 
-use mien::base::capacity::{PIXELS, WIDTH};
-use mien::base::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
-use mien::base::time::Timestamp;
-use mien::pose::smoothing::Smoothing;
-use mien::pose::{Method, PoseTracker, Settings};
-use mien::segment::{HeadCloud, Segmenter};
-use mien::sensor::{Frame, NO_DEPTH};
-use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
-use mien::studio::heads::ict::IctHead;
-use mien::studio::heads::plain_head;
-use mien::studio::train::standard_head::standard_head;
+use mien_baking::heads::ict::IctHead;
+use mien_baking::heads::plain_head;
+use mien_sensors::{Frame, NO_DEPTH};
+use mien_simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use mien_stages::base::capacity::{PIXELS, WIDTH};
+use mien_stages::base::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
+use mien_stages::base::time::Timestamp;
+use mien_stages::pose::smoothing::Smoothing;
+use mien_stages::pose::{Method, PoseTracker, Settings};
+use mien_stages::segment::{HeadCloud, Segmenter};
+use mien_training::train::standard_head::standard_head;
 
 use crate::common;
 use crate::common::data::Set;
@@ -134,7 +134,7 @@ fn at(k: u64) -> Timestamp {
 fn play(ict: &IctHead, seed: u64, scene: Scene, frames: u64, settings: Settings) -> Run {
     let mut simulator = Simulator::new(stranger(ict, seed), scene, 100 + seed);
     let mut tracker = PoseTracker::new(settings, &standard_head(ict)).unwrap();
-    let mut segmenter = Segmenter::new(mien::segment::Settings::default());
+    let mut segmenter = Segmenter::new(mien_stages::segment::Settings::default());
     let mut frame = Frame::default();
     let mut run = Run::default();
     for k in 0..frames {
@@ -233,7 +233,7 @@ fn the_methods_compared() {
 fn the_first_frame_over_pose_and_distance() {
     let Some(ict) = ict() else { return };
     let mut frame = Frame::default();
-    let mut segmenter = Segmenter::new(mien::segment::Settings::default());
+    let mut segmenter = Segmenter::new(mien_stages::segment::Settings::default());
     let settings = Settings::default();
     let mut tracker = PoseTracker::new(settings, &standard_head(&ict)).unwrap();
     println!(
@@ -316,7 +316,7 @@ fn overlap(segmenter: &Segmenter, frame: &Frame, simulator: &Simulator, truth: &
 #[test]
 fn an_empty_room_gives_nobody_and_who_leaves_is_found_again() {
     let Some(ict) = ict() else { return };
-    let mut segmenter = Segmenter::new(mien::segment::Settings::default());
+    let mut segmenter = Segmenter::new(mien_stages::segment::Settings::default());
     let mut tracker = PoseTracker::new(Settings::default(), &standard_head(&ict)).unwrap();
     let mut frame = Frame::default();
     let mut simulator = Simulator::new(stranger(&ict, 0), Scene::Empty, 1);

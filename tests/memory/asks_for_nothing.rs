@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
-use mien::appliance::cli::Run;
-use mien::appliance::memory::Counting;
+use mien_appliance::cli::Run;
+use mien_appliance::memory::Counting;
 
 #[path = "../common/whole_run.rs"]
 mod whole_run;
@@ -30,7 +30,7 @@ fn main() {
     };
     // Length of the table and requests so far, in memory taken beforehand.
     let mut samples: Vec<(u64, u64)> = Vec::with_capacity(1 << 16);
-    let thread = std::thread::spawn(move || mien::appliance::run::run(&run));
+    let thread = std::thread::spawn(move || mien_appliance::run::run(&run));
     while !thread.is_finished() && samples.len() < samples.capacity() {
         let length = std::fs::metadata(&csv).map_or(0, |file| file.len());
         samples.push((length, MEMORY.requests()));

@@ -7,7 +7,7 @@
 use std::alloc::{GlobalAlloc, Layout};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use mien::appliance::memory;
+use mien_appliance::memory;
 
 pub(crate) struct Counting {
     requests: memory::Counting,

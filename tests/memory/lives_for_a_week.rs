@@ -13,28 +13,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-use mien::appliance::settings::Settings;
-use mien::appliance::source::Source;
-use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
-use mien::base::frames::SensorFromFace;
-use mien::base::geometry::{Point, Rigid, Vector};
-use mien::base::time::Timestamp;
-use mien::expression::{Expression, Measure, Settings as Learning, Units};
-use mien::face_model::FaceModel;
-use mien::landmarks::Landmarks;
-use mien::output::csv::Rows;
-use mien::output::osc::{self, Datagrams, Osc, Targets, faceosc, vmc, vrchat};
-use mien::output::serial::{self, Encoder};
-use mien::output::{Output, Report, TrackingState};
-use mien::pipeline::Pipeline;
-use mien::pose::PoseTracker;
-use mien::sensor::kinect::device::{DeviceError, Model};
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::live::LiveKinect;
-use mien::simulator::virtual_kinect::VirtualKinect;
-use mien::users::likeness::{FaceLengths, Likeness};
-use mien::users::memory::{Gone, Memory};
-use mien::users::{Presence, saved};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_appliance::source::Source;
+use mien_outputs::csv::Rows;
+use mien_outputs::osc::{self, Datagrams, Osc, Targets, faceosc, vmc, vrchat};
+use mien_outputs::serial::{self, Encoder};
+use mien_outputs::{Output, Report, TrackingState};
+use mien_sensors::kinect::device::{DeviceError, Model};
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::live::LiveKinect;
+use mien_simulator::virtual_kinect::VirtualKinect;
+use mien_stages::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien_stages::base::frames::SensorFromFace;
+use mien_stages::base::geometry::{Point, Rigid, Vector};
+use mien_stages::base::time::Timestamp;
+use mien_stages::expression::{Expression, Measure, Settings as Learning, Units};
+use mien_stages::face_model::FaceModel;
+use mien_stages::landmarks::Landmarks;
+use mien_stages::pose::PoseTracker;
+use mien_stages::users::likeness::{FaceLengths, Likeness};
+use mien_stages::users::memory::{Gone, Memory};
+use mien_stages::users::{Presence, saved};
 
 use crate::common::actors::{ACTED, Acting, FRAME_S, Jitter, Person};
 use crate::common::faults::{Faulty, Rates};
@@ -259,7 +259,7 @@ fn a_week_of_visitors() {
     let units = Units::shipped().by_measure();
     let noise = Noise::new();
     let anchor = FaceModel::shipped().standard_head;
-    let pose = PoseTracker::new(mien::pose::Settings::default(), &anchor).unwrap();
+    let pose = PoseTracker::new(mien_stages::pose::Settings::default(), &anchor).unwrap();
     let likeness = Likeness {
         head: pose.signature(),
         face: FaceLengths::default(),
@@ -508,7 +508,7 @@ fn a_sensor_that_fails() {
         let device = VirtualKinect::new(Model::Xbox1414, "A", view);
         Ok(Paced::new(Faulty::new(device, rates, attempt), SPEED))
     };
-    let mut live = LiveKinect::over(open, mien::sensor::kinect::driver::Settings::default());
+    let mut live = LiveKinect::over(open, mien_sensors::kinect::driver::Settings::default());
     let units = Expression::new(Learning::default(), Units::shipped().by_measure());
     let names = units.unit_names().to_vec();
     let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();

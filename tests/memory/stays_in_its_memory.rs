@@ -3,16 +3,16 @@
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use mien::appliance::settings::Settings;
-use mien::base::capacity::{PACKETS, TRANSFERS, USERS, WAITING_FRAMES};
-use mien::face_model::FaceModel;
-use mien::landmarks::Scratch;
-use mien::pipeline::Pipeline;
-use mien::segment::Segmenter;
-use mien::sensor::Frame;
-use mien::sensor::kinect::geometry::nominal;
-use mien::sensor::kinect::packet::LONGEST;
-use mien::sensor::kinect::pairing::Pairing;
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_sensors::Frame;
+use mien_sensors::kinect::geometry::nominal;
+use mien_sensors::kinect::packet::LONGEST;
+use mien_sensors::kinect::pairing::Pairing;
+use mien_stages::base::capacity::{PACKETS, TRANSFERS, USERS, WAITING_FRAMES};
+use mien_stages::face_model::FaceModel;
+use mien_stages::landmarks::Scratch;
+use mien_stages::segment::Segmenter;
 
 use crate::common::program;
 use crate::common::whole_run::{everything_on, has_wires, read_port, record};

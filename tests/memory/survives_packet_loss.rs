@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use mien::sensor::kinect::device::{Model, Stream};
-use mien::sensor::kinect::driver::{Kinect, Settings, develop};
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::pairing::RawPair;
-use mien::sensor::kinect::picture_clock::PictureClock;
-use mien::sensor::kinect::stream::Tally;
-use mien::simulator::virtual_kinect::VirtualKinect;
+use mien_sensors::kinect::device::{Model, Stream};
+use mien_sensors::kinect::driver::{Kinect, Settings, develop};
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::pairing::RawPair;
+use mien_sensors::kinect::picture_clock::PictureClock;
+use mien_sensors::kinect::stream::Tally;
+use mien_simulator::virtual_kinect::VirtualKinect;
 
 use crate::common::faults::{Faulty, Injected, Rates};
 use crate::common::test_pattern;

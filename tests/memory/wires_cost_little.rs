@@ -4,18 +4,18 @@ use std::io::Read;
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
-use mien::appliance::status::Status;
-use mien::base::capacity::LANDMARKS;
-use mien::base::geometry::{Point, Rigid};
-use mien::base::time::Timestamp;
-use mien::expression::UnitRange;
-use mien::landmarks::Landmarks;
-use mien::output::osc::faceosc::{self, FaceOsc};
-use mien::output::osc::vmc::{self, Vmc};
-use mien::output::osc::vrchat::{self, VrChat};
-use mien::output::osc::{self, Osc};
-use mien::output::serial::{self, Serial};
-use mien::output::{Output, Report, TrackingState};
+use mien_appliance::status::Status;
+use mien_outputs::osc::faceosc::{self, FaceOsc};
+use mien_outputs::osc::vmc::{self, Vmc};
+use mien_outputs::osc::vrchat::{self, VrChat};
+use mien_outputs::osc::{self, Osc};
+use mien_outputs::serial::{self, Serial};
+use mien_outputs::{Output, Report, TrackingState};
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::geometry::{Point, Rigid};
+use mien_stages::base::time::Timestamp;
+use mien_stages::expression::UnitRange;
+use mien_stages::landmarks::Landmarks;
 use serialport::{SerialPort, TTYPort};
 
 use crate::{MEMORY, alone};
@@ -167,9 +167,9 @@ fn network(_: &str) -> Vec<Box<dyn Output>> {
 /// All that are features of the build, with a page that reads; the broker is away.
 #[cfg(feature = "wires")]
 fn network(target: &str) -> Vec<Box<dyn Output>> {
-    use mien::output::features::{LiveLinkSettings, MqttSettings, PageSettings, WebSocketSettings};
-    use mien::output::live_link::LiveLink;
-    use mien::output::{mqtt, web};
+    use mien_outputs::features::{LiveLinkSettings, MqttSettings, PageSettings, WebSocketSettings};
+    use mien_outputs::live_link::LiveLink;
+    use mien_outputs::{mqtt, web};
     use std::io::Write;
     use std::net::{TcpListener, TcpStream};
 

@@ -8,13 +8,13 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use mien::base::capacity::{PIXELS, WIDTH};
-use mien::sensor::kinect::device::Stream;
-use mien::sensor::kinect::driver::Settings;
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::sensor::kinect::live::LiveKinect;
-use mien::sensor::kinect::registration::Registration;
-use mien::sensor::kinect::usb_devices;
+use mien_sensors::kinect::device::Stream;
+use mien_sensors::kinect::driver::Settings;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::live::LiveKinect;
+use mien_sensors::kinect::registration::Registration;
+use mien_sensors::kinect::usb_devices;
+use mien_stages::base::capacity::{PIXELS, WIDTH};
 
 #[path = "../common/drivers_table.rs"]
 mod drivers_table;

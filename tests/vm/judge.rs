@@ -13,15 +13,15 @@ use std::io::Write;
 use std::net::UdpSocket;
 use std::process::ExitCode;
 
-use mien::appliance::settings::Settings;
-use mien::appliance::source::Source;
-use mien::base::time::Timestamp;
-use mien::face_model::FaceModel;
-use mien::output::Output;
-use mien::output::csv::Csv;
-use mien::pipeline::Pipeline;
-use mien::sensor::Frame;
-use mien::sensor::camera::Camera;
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_appliance::source::Source;
+use mien_outputs::Output;
+use mien_outputs::csv::Csv;
+use mien_sensors::Frame;
+use mien_stages::base::time::Timestamp;
+use mien_stages::camera::Camera;
+use mien_stages::face_model::FaceModel;
 use rosc::{OscPacket, OscType};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;

@@ -3,8 +3,8 @@
 use toml::de::DeTable;
 
 use super::sections::Settings;
-use crate::base::capacity::GESTURES;
-use crate::output::gesture::{Gesture, PRESETS};
+use mien_outputs::gesture::{Gesture, PRESETS};
+use mien_stages::base::capacity::GESTURES;
 
 /// An error: what was expected, what was found.
 type Refusal = (String, String);

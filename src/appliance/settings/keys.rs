@@ -7,10 +7,10 @@
 use tracing::Level;
 
 use super::sections::Settings;
-use crate::base::settings::{Key, Keys, Kind};
-use crate::expression::measures::Scale;
-use crate::pose::smoothing::Smoothing;
-use crate::{expression, landmarks, pose};
+use mien_stages::base::settings::{Key, Keys, Kind};
+use mien_stages::expression::measures::Scale;
+use mien_stages::pose::smoothing::Smoothing;
+use mien_stages::{expression, landmarks, pose};
 
 /// The section whose keys are the units' names.
 pub(super) const UNITS: &str = "units";

@@ -11,7 +11,7 @@ mod toml_words;
 mod units;
 mod values;
 
-pub(in crate::appliance) use sections::STATUS_PATH;
+pub(crate) use sections::STATUS_PATH;
 pub use sections::{SensorSettings, Settings, StateSettings};
 
 use std::fmt::Write as _;
@@ -22,10 +22,10 @@ use toml::de::{DeTable, DeValue};
 use keys::{GESTURE, SECTIONS, Section, UNITS};
 use toml_words::describe;
 
-use crate::base::bounded_read::{self, reason};
-use crate::base::nearest_word::hint;
-use crate::base::settings::Key;
-use crate::output::gesture::{Gesture, PRESETS};
+use mien_outputs::gesture::{Gesture, PRESETS};
+use mien_stages::base::bounded_read::{self, reason};
+use mien_stages::base::nearest_word::hint;
+use mien_stages::base::settings::Key;
 use values::{as_toml, assign};
 
 /// Largest file, bytes: fifty times ours.
@@ -310,7 +310,7 @@ mod tests {
         };
         let preset = Gesture::named("smile");
         assert_eq!((smile.on, &*smile.key), (preset.on, "space"));
-        assert_eq!(smile.person, crate::output::gesture::Person::Any);
+        assert_eq!(smile.person, mien_outputs::gesture::Person::Any);
         assert_eq!((frown.on, frown.off), (1.0, 0.5));
         assert_eq!(
             Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use crate::appliance::source;
-use crate::base::defaults;
-use crate::base::settings::keyed;
-use crate::output::features::{LiveLinkSettings, MqttSettings, PageSettings, WebSocketSettings};
-use crate::{output, pipeline};
+use crate::pipeline;
+use crate::source;
+use mien_outputs::features::{LiveLinkSettings, MqttSettings, PageSettings, WebSocketSettings};
+use mien_stages::base::defaults;
+use mien_stages::base::settings::keyed;
 
 /// Where the status file is unless another place is named.
-pub(in crate::appliance) const STATUS_PATH: &str = "/run/mien/status.json";
+pub(crate) const STATUS_PATH: &str = "/run/mien/status.json";
 
 defaults! {
     /// Everything that can be configured, in the stages' own types.
@@ -20,19 +20,19 @@ defaults! {
         /// The stages.
         pub stages: pipeline::Settings = pipeline::Settings::default(),
         /// Names and gains of units, for every output.
-        pub units: Vec<output::UnitView> = Vec::new(),
+        pub units: Vec<mien_outputs::UnitView> = Vec::new(),
         /// OSC over UDP.
-        pub osc: output::osc::Settings = output::osc::Settings::default(),
+        pub osc: mien_outputs::osc::Settings = mien_outputs::osc::Settings::default(),
         /// OSC for avatar programs, VMC protocol.
-        pub vmc: output::osc::vmc::Settings = output::osc::vmc::Settings::default(),
+        pub vmc: mien_outputs::osc::vmc::Settings = mien_outputs::osc::vmc::Settings::default(),
         /// OSC for VRChat.
-        pub vrchat: output::osc::vrchat::Settings = output::osc::vrchat::Settings::default(),
+        pub vrchat: mien_outputs::osc::vrchat::Settings = mien_outputs::osc::vrchat::Settings::default(),
         /// OSC as FaceOSC sends it.
-        pub faceosc: output::osc::faceosc::Settings = output::osc::faceosc::Settings::default(),
+        pub faceosc: mien_outputs::osc::faceosc::Settings = mien_outputs::osc::faceosc::Settings::default(),
         /// The serial line.
-        pub serial: output::serial::Settings = output::serial::Settings::default(),
+        pub serial: mien_outputs::serial::Settings = mien_outputs::serial::Settings::default(),
         /// Gestures, and the device that presses their keys.
-        pub gestures: Vec<output::gesture::Gesture> = Vec::new(),
+        pub gestures: Vec<mien_outputs::gesture::Gesture> = Vec::new(),
         /// Path of `uinput` or of a USB HID gadget, which presses keys.
         pub keys_device: String = "/dev/uinput".into(),
         /// Name of the box; empty = the host name.
@@ -80,14 +80,14 @@ keyed! {
 
 impl SensorSettings {
     /// The face model's file, if it is not the built-in one.
-    pub(in crate::appliance) fn model(&self) -> Option<&Path> {
+    pub(crate) fn model(&self) -> Option<&Path> {
         Some(Path::new(&self.model)).filter(|path| !path.as_os_str().is_empty())
     }
 }
 
 impl Settings {
     /// The gesture that is being read or printed.
-    pub(super) fn gesture(&mut self) -> &mut output::gesture::Gesture {
+    pub(super) fn gesture(&mut self) -> &mut mien_outputs::gesture::Gesture {
         let last = self.gestures.last_mut();
         last.expect("keys of gestures are asked for only while there is one")
     }

@@ -2,7 +2,7 @@
 
 use toml::de::DeValue;
 
-use crate::base::json::Quoted;
+use mien_stages::base::json::Quoted;
 
 /// A TOML basic string, with control characters escaped.
 pub(super) fn toml_string(text: &str) -> String {

@@ -3,14 +3,14 @@
 use std::fmt::Write as _;
 use std::ops::Range;
 
-use crate::expression::unit_words;
+use mien_stages::expression::unit_words;
 use toml::Spanned;
 use toml::de::DeValue;
 
 use super::toml_words::{describe, toml_string};
 use super::values;
-use crate::base::settings::Kind;
-use crate::output::{UnitView, all_units, is_name};
+use mien_outputs::{UnitView, all_units, is_name};
+use mien_stages::base::settings::Kind;
 
 /// Largest gain; anything more belongs on the receiving side.
 const LARGEST_GAIN: f32 = 10.0;

@@ -3,7 +3,7 @@
 use toml::de::DeValue;
 
 use super::toml_words::{describe, float, toml_string};
-use crate::base::settings::Kind;
+use mien_stages::base::settings::Kind;
 
 /// What is allowed, and the value as TOML.
 pub(super) fn as_toml(kind: &Kind<'_>) -> (String, String) {

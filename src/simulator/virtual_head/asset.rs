@@ -6,8 +6,8 @@
 
 use std::sync::Arc;
 
-use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::{Point, Rotation, Vector};
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::geometry::{Point, Rotation, Vector};
 
 /// What a triangle shows; training renders vary the look of each part on its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -76,7 +76,7 @@ impl Site {
     }
 
     /// What vertices have of something, by the corners' shares.
-    pub(crate) fn mix(&self, of: impl Fn(u32) -> Vector) -> Vector {
+    pub fn mix(&self, of: impl Fn(u32) -> Vector) -> Vector {
         let corners = self.vertices.iter().zip(self.shares);
         let counting = corners.filter(|corner| corner.1 != 0.0);
         counting.fold(Vector::zeros(), |sum, (&v, share)| sum + of(v) * share)
@@ -200,7 +200,7 @@ impl HeadAsset {
 
     /// The 68 points while one expression, if there is one, is acted by so much.
     #[cfg(feature = "studio")]
-    pub(crate) fn acting(&self, expression: Option<usize>, weight: f32) -> [Point; LANDMARKS] {
+    pub fn acting(&self, expression: Option<usize>, weight: f32) -> [Point; LANDMARKS] {
         let of = |k: usize| if Some(k) == expression { weight } else { 0.0 };
         let weights: Vec<f32> = (0..self.expressions.len()).map(of).collect();
         let mut vertices = self.neutral.clone();
@@ -209,7 +209,7 @@ impl HeadAsset {
     }
 
     /// Adds what expressions of these weights, one each, do to the vertices of a face.
-    pub(crate) fn express(&self, weights: &[f32], out: &mut [Point]) {
+    pub fn express(&self, weights: &[f32], out: &mut [Point]) {
         for (expression, &weight) in self.expressions.iter().zip(weights) {
             if weight != 0.0 {
                 for (&v, offset) in expression.vertices.iter().zip(&expression.offsets) {

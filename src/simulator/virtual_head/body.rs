@@ -1,11 +1,11 @@
 //! What stands around the head, from simple shapes: shoulders and chest, a hand, furniture, a wall. Enough that a head must be cut
 //! from a body and from a background; nothing here is meant to be looked at.
 
-use crate::base::geometry::{Point, Vector};
+use mien_stages::base::geometry::{Point, Vector};
 
 /// A coloured closed surface, corners of its triangles clockwise seen from outside.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Shape {
+pub struct Shape {
     pub(crate) vertices: Vec<Point>,
     pub(crate) normals: Vec<Vector>,
     pub(crate) colour: Vec<[f32; 3]>,
@@ -82,7 +82,7 @@ impl Shape {
     }
 
     /// Shoulders, chest and upper arms. Origin and axes as of a head that looks straight ahead above them.
-    pub(crate) fn bust(colour: [f32; 3]) -> Self {
+    pub fn bust(colour: [f32; 3]) -> Self {
         let mut shape = Self::default();
         shape.ellipsoid([0.0, 0.245, 0.10], [0.20, 0.075, 0.085], colour);
         shape.ellipsoid([0.0, 0.46, 0.10], [0.19, 0.27, 0.115], colour);

@@ -6,8 +6,8 @@
 use super::asset::{HeadAsset, Part};
 use super::body::Shape;
 use super::raster::{Corner, DepthBuffer, Window, mix, project, sum_normals};
-use crate::base::defaults;
-use crate::base::geometry::{Point, Rigid, Rotation, Vector};
+use mien_stages::base::defaults;
+use mien_stages::base::geometry::{Point, Rigid, Rotation, Vector};
 
 defaults! {
     /// The light of a scene.
@@ -32,13 +32,16 @@ impl Light {
 }
 
 /// A colour picture with its depth buffer.
-pub(crate) struct Canvas {
-    pub(crate) depth: DepthBuffer,
-    pub(crate) rgb: Vec<[u8; 3]>,
+pub struct Canvas {
+    /// Depth of what each pixel shows.
+    pub depth: DepthBuffer,
+    /// Colours, row by row.
+    pub rgb: Vec<[u8; 3]>,
 }
 
 impl Canvas {
-    pub(crate) fn new(width: usize, height: usize) -> Self {
+    /// A black image of this size.
+    pub fn new(width: usize, height: usize) -> Self {
         Self {
             depth: DepthBuffer::new(width, height),
             rgb: vec![[0; 3]; width * height],
@@ -47,7 +50,7 @@ impl Canvas {
 
     /// Another size, empty depth; keeps its memory.
     #[cfg(feature = "studio")]
-    pub(crate) fn resize(&mut self, width: usize, height: usize) {
+    pub fn resize(&mut self, width: usize, height: usize) {
         self.depth.width = width;
         self.depth.height = height;
         self.depth.inverse.clear();
@@ -68,9 +71,9 @@ fn turned(triangle: [u32; 3], mirrored: bool) -> [usize; 3] {
 }
 
 /// Work space for one head.
-pub(crate) struct HeadPainter {
+pub struct HeadPainter {
     /// Deformed vertices, head frame.
-    pub(crate) deformed: Vec<Point>,
+    pub deformed: Vec<Point>,
     /// Deformed vertices, sensor frame.
     pub(crate) placed: Vec<Point>,
     normals: Vec<Vector>,
@@ -79,14 +82,15 @@ pub(crate) struct HeadPainter {
     /// How far each vertex stays with the shoulders when the head turns, 0…1.
     neck: Vec<f32>,
     /// The deformed vertices are a mirror image, so triangles turn the other way round.
-    pub(crate) mirrored: bool,
+    pub mirrored: bool,
 }
 
 /// Height below the eyes at which the neck begins to stay behind, and at which it does so fully, metres.
 const NECK_M: [f32; 2] = [0.125, 0.21];
 
 impl HeadPainter {
-    pub(crate) fn new(asset: &HeadAsset) -> Self {
+    /// Buffers for this head.
+    pub fn new(asset: &HeadAsset) -> Self {
         let n = asset.neutral.len();
         let stays = |p: &Point| ((p.y - NECK_M[0]) / (NECK_M[1] - NECK_M[0])).clamp(0.0, 1.0);
         Self {
@@ -102,7 +106,7 @@ impl HeadPainter {
 
     /// Sets the pose of what is in `deformed`, above upright shoulders.
     #[cfg(feature = "studio")]
-    pub(crate) fn place_deformed(&mut self, sensor_from_head: &Rigid) {
+    pub fn place_deformed(&mut self, sensor_from_head: &Rigid) {
         let upright = shoulders_below(sensor_from_head, &Rotation::identity());
         self.place_above(sensor_from_head, &upright);
     }
@@ -120,7 +124,7 @@ impl HeadPainter {
     }
 
     /// Lights the placed vertices.
-    pub(crate) fn light(&mut self, asset: &HeadAsset, light: &Light) {
+    pub fn light(&mut self, asset: &HeadAsset, light: &Light) {
         let triangles = asset.triangles.iter().map(|t| turned(*t, self.mirrored));
         sum_normals(triangles, &self.placed, &mut self.normals);
         for (bright, normal) in self.bright.iter_mut().zip(&self.normals) {
@@ -147,7 +151,7 @@ impl HeadPainter {
     }
 
     /// Draws colour; call [`HeadPainter::light`] before.
-    pub(crate) fn draw_colour(
+    pub fn draw_colour(
         &mut self,
         asset: &HeadAsset,
         light: &Light,
@@ -210,20 +214,21 @@ const PIVOT: Vector = Vector::new(0.0, 0.08, 0.09);
 
 /// Where the shoulders are: below a head that turns about the top of its neck, and as upright as the world's vertical, which
 /// is turned by `tilt` in the sensor's view.
-pub(crate) fn shoulders_below(sensor_from_head: &Rigid, tilt: &Rotation) -> Rigid {
+pub fn shoulders_below(sensor_from_head: &Rigid, tilt: &Rotation) -> Rigid {
     let neck = sensor_from_head.translation.vector + sensor_from_head.rotation * PIVOT;
     Rigid::from_parts((neck - tilt * PIVOT).into(), *tilt)
 }
 
 /// Work space for one simple shape.
-pub(crate) struct ShapePainter {
+pub struct ShapePainter {
     shape: Shape,
     placed: Vec<Point>,
     corners: Vec<Corner>,
 }
 
 impl ShapePainter {
-    pub(crate) fn new(shape: Shape) -> Self {
+    /// Buffers for this shape.
+    pub fn new(shape: Shape) -> Self {
         Self {
             placed: shape.vertices.clone(),
             corners: vec![Corner::default(); shape.vertices.len()],
@@ -231,7 +236,8 @@ impl ShapePainter {
         }
     }
 
-    pub(crate) fn place(&mut self, sensor_from_shape: &Rigid) {
+    /// Moves the shape into the sensor frame.
+    pub fn place(&mut self, sensor_from_shape: &Rigid) {
         for (placed, p) in self.placed.iter_mut().zip(&self.shape.vertices) {
             *placed = sensor_from_shape * p;
         }
@@ -250,7 +256,7 @@ impl ShapePainter {
     }
 
     /// The shape must not be turned: its normals are used as they are.
-    pub(crate) fn draw_colour(
+    pub fn draw_colour(
         &mut self,
         light: &Light,
         pixel: impl Fn(&Point) -> [f32; 2],

@@ -6,8 +6,8 @@
 //! of a simulation comes from the head as read, so quantisation is no error. Heads are built in: they are read without being
 //! doubted. Reading and writing are the same lines, so that they cannot differ.
 
-use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::{Point, Vector};
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::geometry::{Point, Vector};
 
 use super::asset::{Expression, HeadAsset, Part, Site, Texture};
 use super::range::Coder;
@@ -241,7 +241,7 @@ impl HeadAsset {
         coder.head(&mut self.clone());
         let body = coder.finish();
         let mut bytes = b"MIENHEAD\x02\0\0\0".to_vec();
-        bytes.extend(crate::base::checksum::crc32(&body).to_le_bytes());
+        bytes.extend(mien_stages::base::checksum::crc32(&body).to_le_bytes());
         bytes.extend(body);
         bytes
     }

@@ -14,14 +14,14 @@
 
 mod appearance;
 mod asset;
-pub(crate) mod body;
-pub(crate) mod draw;
+pub mod body;
+pub mod draw;
 mod file;
 mod noise;
 mod person;
 pub(crate) mod random;
 mod range;
-pub(crate) mod raster;
+pub mod raster;
 mod real_noise;
 mod script;
 mod sensor;
@@ -33,16 +33,16 @@ pub use person::{EXPRESSIONS, Truth};
 pub use script::Scene;
 pub use sensor::Sensor;
 
-use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::base::geometry::{Point, Rigid};
-use crate::base::time::Timestamp;
-use crate::sensor::Frame;
-use crate::sensor::camera::Camera;
-use crate::sensor::kinect::colour;
-use crate::sensor::kinect::frame::{Developed, Original};
 use appearance::{OutfitPainter, Stuff};
 use body::Shape;
 use draw::{Canvas, ShapePainter};
+use mien_sensors::Frame;
+use mien_sensors::kinect::colour;
+use mien_sensors::kinect::frame::{Developed, Original};
+use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
+use mien_stages::base::geometry::{Point, Rigid};
+use mien_stages::base::time::Timestamp;
+use mien_stages::camera::Camera;
 use noise::{DepthReading, Tiles};
 use person::{CLOTHES, OTHERS, Person};
 use raster::{DepthBuffer, Window};
@@ -96,7 +96,7 @@ impl Simulator {
     /// Prepares a scene with the nominal camera. Expressions of the asset beyond [`EXPRESSIONS`] stay at 0. Where a scene has
     /// several people, the others have the same head, stretched; see [`Simulator::joined_by`].
     pub fn new(asset: HeadAsset, scene: Scene, seed: u64) -> Self {
-        let camera = crate::sensor::kinect::geometry::nominal();
+        let camera = mien_sensors::kinect::geometry::nominal();
         let light = Light::default();
         let [chair, furniture] = [Scene::Empty, Scene::Furnished].map(|with| scene == with);
         let mut painter = ShapePainter::new(Shape::room(WALL_M, chair, furniture, seed));

@@ -12,9 +12,9 @@
 //! random-number generation and is the same on every machine. Limitation: the tile repeats after 256 pixels.
 
 use super::random::{hash, uniform};
-use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::sensor::NO_DEPTH;
-use crate::sensor::camera::Camera;
+use mien_sensors::NO_DEPTH;
+use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
+use mien_stages::camera::Camera;
 
 /// Side of the tile, a power of two.
 pub(super) const SIDE: usize = 256;
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     fn reading() -> DepthReading {
-        DepthReading::from_camera(&crate::sensor::kinect::geometry::nominal())
+        DepthReading::from_camera(&mien_sensors::kinect::geometry::nominal())
     }
 
     fn boxed() -> Box<[u16; PIXELS]> {
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn the_noise_of_a_wall_is_half_a_raw_unit_and_unbiased() {
-        let (camera, tiles) = (crate::sensor::kinect::geometry::nominal(), Tiles::new(7));
+        let (camera, tiles) = (mien_sensors::kinect::geometry::nominal(), Tiles::new(7));
         let mut depth = boxed();
         let (mut sum, mut squares, mut n) = (0.0f64, 0.0f64, 0.0f64);
         for k in 0..20 {

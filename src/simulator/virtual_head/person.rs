@@ -7,10 +7,10 @@ use super::asset::HeadAsset;
 use super::body::Shape;
 use super::draw::{Canvas, HeadPainter, Light, ShapePainter, shoulders_below};
 use super::raster::{DepthBuffer, Window};
-use crate::base::capacity::{LANDMARKS, USERS};
+use mien_stages::base::capacity::{LANDMARKS, USERS};
 #[cfg(feature = "studio")]
-use crate::base::geometry::Vector;
-use crate::base::geometry::{Point, Rigid, Rotation};
+use mien_stages::base::geometry::Vector;
+use mien_stages::base::geometry::{Point, Rigid, Rotation};
 
 /// Expressions a head may have.
 pub const EXPRESSIONS: usize = 64;

@@ -6,16 +6,17 @@
 //! Pixel centres are integers. Cost: set-up of about 30 operations per triangle, then one row at a time. A triangle
 //! seen edge-on, beyond the picture or behind the camera draws nothing.
 
-use crate::base::geometry::{Point, Vector};
+use mien_stages::base::geometry::{Point, Vector};
 
 /// A corner on the screen.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Corner {
-    /// Column and row, pixels.
-    pub(crate) x: f32,
-    pub(crate) y: f32,
+pub struct Corner {
+    /// Column, pixels.
+    pub x: f32,
+    /// Row, pixels.
+    pub y: f32,
     /// 1/z, 1/metres; 0 = not drawable.
-    pub(crate) inverse: f32,
+    pub inverse: f32,
 }
 
 /// Projects places in the sensor's frame, metres, with `pixel`; what is behind the camera is not drawable.
@@ -39,7 +40,7 @@ pub(crate) fn mix([a, b, c]: [f32; 3], u: f32, v: f32) -> f32 {
 
 /// The sums of the normals of the triangles around each vertex. Corners are clockwise in a picture whose y points down, and z
 /// away: outwards is this way round.
-pub(crate) fn sum_normals(
+pub fn sum_normals(
     triangles: impl Iterator<Item = [usize; 3]>,
     vertices: &[Point],
     normals: &mut [Vector],
@@ -56,7 +57,7 @@ pub(crate) fn sum_normals(
 
 /// Part of a picture that was drawn to: column and row of its first pixel, and one past those of its last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Window(pub(crate) [usize; 2], pub(crate) [usize; 2]);
+pub struct Window(pub(crate) [usize; 2], pub(crate) [usize; 2]);
 
 impl Window {
     pub(crate) const NOTHING: Self = Self([usize::MAX; 2], [0; 2]);
@@ -71,14 +72,17 @@ impl Window {
 }
 
 /// Inverse distance of what is nearest so far, per pixel.
-pub(crate) struct DepthBuffer {
-    pub(crate) width: usize,
+pub struct DepthBuffer {
+    /// Pixels in a row.
+    pub width: usize,
     pub(crate) height: usize,
-    pub(crate) inverse: Vec<f32>,
+    /// 1/z of each pixel, row by row, 1/metres; 0 = nothing.
+    pub inverse: Vec<f32>,
 }
 
 impl DepthBuffer {
-    pub(crate) fn new(width: usize, height: usize) -> Self {
+    /// An empty buffer of this size.
+    pub fn new(width: usize, height: usize) -> Self {
         Self {
             width,
             height,
@@ -89,7 +93,7 @@ impl DepthBuffer {
     /// Draws one triangle, corners clockwise in the picture; calls `paint(pixel, shares of b and c)` where it is the
     /// nearest so far. Returns what it may have touched.
     #[inline]
-    pub(crate) fn triangle(
+    pub fn triangle(
         &mut self,
         corners: [Corner; 3],
         mut paint: impl FnMut(usize, f32, f32),
@@ -102,7 +106,7 @@ impl DepthBuffer {
 
     /// As [`DepthBuffer::triangle`], for a surface with gaps: `paint` says whether there is anything.
     #[inline]
-    pub(crate) fn triangle_where(
+    pub fn triangle_where(
         &mut self,
         [a, b, c]: [Corner; 3],
         mut paint: impl FnMut(usize, f32, f32) -> bool,

@@ -24,8 +24,8 @@ use super::noise::{
     NEAREST_RAW, SIDE, Tiles, blurred, line,
 };
 use super::random::{hash, uniform};
-use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::sensor::NO_DEPTH;
+use mien_sensors::NO_DEPTH;
+use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
 /// Width of the rim in which readings fail more often.
 const RIM_PX: usize = 3;
@@ -309,7 +309,7 @@ mod tests {
     use super::*;
 
     fn reading() -> DepthReading {
-        DepthReading::from_camera(&crate::sensor::kinect::geometry::nominal())
+        DepthReading::from_camera(&mien_sensors::kinect::geometry::nominal())
     }
 
     fn boxed() -> Box<[u16; PIXELS]> {

@@ -5,7 +5,7 @@
 //! Acts and seats are tables; what moves besides is in [`Scene::play_person`].
 
 use super::random::uniform;
-use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll, smoothstep};
+use mien_stages::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll, smoothstep};
 
 /// What is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -177,7 +177,7 @@ type Placement = ([f32; 2], [f32; 3], [f32; 3]);
 impl Scene {
     /// As [`Self::play_person`], of the first person.
     #[cfg(any(test, feature = "studio"))]
-    pub(crate) fn play(self, seed: u64, t: f32, set: impl FnMut(&str, f32)) -> Option<Rigid> {
+    pub fn play(self, seed: u64, t: f32, set: impl FnMut(&str, f32)) -> Option<Rigid> {
         self.play_person(0, seed, t, set)
     }
 
@@ -436,7 +436,7 @@ fn gaze(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::geometry::yaw_pitch_roll;
+    use mien_stages::base::geometry::yaw_pitch_roll;
 
     #[test]
     fn an_acted_minute_covers_the_range_smoothly() {

@@ -1,8 +1,8 @@
 //! How a simulated sensor is imperfect.
 
-use crate::base::capacity::{HEIGHT, WIDTH};
-use crate::base::defaults;
-use crate::base::geometry::{Rigid, Rotation, Vector};
+use mien_stages::base::capacity::{HEIGHT, WIDTH};
+use mien_stages::base::defaults;
+use mien_stages::base::geometry::{Rigid, Rotation, Vector};
 
 /// Focal length of the colour camera, pixels: only for its distortion.
 const COLOUR_FOCAL_PX: f32 = 525.0;

@@ -3,9 +3,9 @@
 use nalgebra::Translation3;
 
 use super::*;
-use crate::base::geometry::{Vector, rotation_from_yaw_pitch_roll};
-use crate::sensor::NO_DEPTH;
-use crate::sensor::kinect::frame::KinectFrame;
+use mien_sensors::NO_DEPTH;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_stages::base::geometry::{Vector, rotation_from_yaw_pitch_roll};
 
 fn facing(z: f32, yaw: f32) -> Rigid {
     Rigid::from_parts(
@@ -35,7 +35,7 @@ fn the_depth_at_a_landmark_is_the_truth_within_the_noise() {
     let weights = vec![0.0; simulator.asset().expressions.len()];
     for (z, yaw) in [(0.7, 0.0), (0.9, 0.3), (0.65, -0.2)] {
         let truth = simulator.draw_pose(&facing(z, yaw), &weights, at(z.into()), &mut frame);
-        let camera = crate::sensor::kinect::geometry::nominal();
+        let camera = mien_sensors::kinect::geometry::nominal();
         // Points of flat, open surface: bridge of the nose, lips.
         for k in [27, 28, 51, 57] {
             let p = truth.sensor_from_head * truth.landmarks_head[k];
@@ -115,7 +115,7 @@ fn an_empty_room_has_nobody_and_a_face_covers_a_tenth_at_most() {
     assert!(empty.draw(at(1.0), &mut frame).is_none());
     let nearest = frame.depth.iter().filter(|raw| **raw != NO_DEPTH).min();
     assert!(
-        nearest.is_some_and(|&raw| crate::sensor::kinect::geometry::nominal().depth_m(raw) > 1.0)
+        nearest.is_some_and(|&raw| mien_sensors::kinect::geometry::nominal().depth_m(raw) > 1.0)
     );
     let mut still = Simulator::new(HeadAsset::shipped(), Scene::Still, 1);
     let truth = still.draw(at(1.0), &mut frame).expect("somebody");
@@ -152,7 +152,7 @@ fn hair_stands_off_the_head_and_both_cameras_see_it() {
         clothes: [120.0, 120.0, 120.0],
         ..Look::default()
     };
-    let camera = crate::sensor::kinect::geometry::nominal();
+    let camera = mien_sensors::kinect::geometry::nominal();
     let (bald, truth) = drawn(&mut dressed(look(HairStyle::Bald)), 0.5);
     let (bushy, _) = drawn(&mut dressed(look(HairStyle::Bushy)), 0.5);
     let (long, _) = drawn(&mut dressed(look(HairStyle::Long)), 0.5);

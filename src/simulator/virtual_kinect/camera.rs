@@ -1,10 +1,10 @@
 //! The camera's side of the command channel, of the motor device and of the audio device.
 
-use crate::sensor::kinect::calibration::{Block, emit_block, emit_fixed};
-use crate::sensor::kinect::command::{self, Command, image_sensor, register};
-use crate::sensor::kinect::device::{Model, Stream};
-use crate::sensor::kinect::motor::{self, audio};
-use crate::sensor::kinect::registration::Registration;
+use mien_sensors::kinect::calibration::{Block, emit_block, emit_fixed};
+use mien_sensors::kinect::command::{self, Command, image_sensor, register};
+use mien_sensors::kinect::device::{Model, Stream};
+use mien_sensors::kinect::motor::{self, audio};
+use mien_sensors::kinect::registration::Registration;
 
 /// Registers, calibration and motor of a camera, and the reply that waits.
 pub struct VirtualCamera {

@@ -2,11 +2,11 @@
 
 use core::time::Duration;
 
-use crate::sensor::kinect::device::{Received, Stream};
-use crate::sensor::kinect::frame::KinectFrame;
-use crate::sensor::kinect::packet::LONGEST;
-use crate::sensor::kinect::stream::Cutter;
-use crate::sensor::kinect::unpack::{PACKED_DEPTH, pack_depth};
+use mien_sensors::kinect::device::{Received, Stream};
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::packet::LONGEST;
+use mien_sensors::kinect::stream::Cutter;
+use mien_sensors::kinect::unpack::{PACKED_DEPTH, pack_depth};
 
 /// Share of a picture's time within which its packets go out; the rest of the microframes are empty.
 const BUSY: f64 = 0.95;

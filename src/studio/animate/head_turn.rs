@@ -9,9 +9,9 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::Value;
 
-use crate::studio::bake::glb::{Glb, list};
-use crate::studio::bake::patch::position;
-use crate::studio::bake::scene::{self, Parents};
+use mien_baking::bake::glb::{Glb, list};
+use mien_baking::bake::patch::position;
+use mien_baking::bake::scene::{self, Parents};
 
 /// A node and how it turns.
 pub(super) struct Turned {

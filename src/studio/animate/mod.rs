@@ -14,14 +14,14 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::studio::bake::command::written;
-use crate::studio::bake::files::{read, read_bytes, write};
-use crate::studio::bake::glb::{Glb, list, push};
-use crate::studio::bake::recipe::{Recipe, SHIPPED};
-use crate::studio::bake::shape::pair;
-use crate::studio::csv;
-use crate::studio::fault::Fault;
 use head_turn::Turned;
+use mien_baking::bake::command::written;
+use mien_baking::bake::files::{read, read_bytes, write};
+use mien_baking::bake::glb::{Glb, list, push};
+use mien_baking::bake::recipe::{Recipe, SHIPPED};
+use mien_baking::bake::shape::pair;
+use mien_workbench::csv;
+use mien_workbench::fault::Fault;
 
 /// Whose performance moves what.
 #[derive(clap::Args)]

@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-use crate::studio::chart::{self, Plot};
+use crate::chart::{self, Plot};
 
 /// All of it.
 #[derive(Default)]
@@ -89,7 +89,7 @@ impl Album {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::studio::chart::Curve;
+    use crate::chart::Curve;
 
     fn album() -> Album {
         Album {

@@ -6,10 +6,10 @@
 
 use image::RgbImage;
 
-use super::canvas;
-use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::sensor::NO_DEPTH;
-use crate::sensor::camera::Camera;
+use mien_sensors::NO_DEPTH;
+use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
+use mien_stages::camera::Camera;
+use mien_workbench::canvas;
 
 /// Bins from 1/[`FAR_M`] to 1/[`NEAR_M`].
 const BINS: usize = 1024;
@@ -19,7 +19,7 @@ const FAR_M: f32 = 8.0;
 const LINEAR: f64 = 0.2;
 
 /// What was measured, and which colour it gets.
-pub(in crate::studio) struct DepthColours {
+pub(crate) struct DepthColours {
     seen: Vec<f64>,
     share: Vec<f32>,
 }
@@ -45,14 +45,14 @@ fn depth_m(raw: u16, camera: &Camera) -> Option<f32> {
 
 impl DepthColours {
     /// Takes a frame into account.
-    pub(in crate::studio) fn add(&mut self, depth: &[u16; PIXELS], camera: &Camera) {
+    pub(crate) fn add(&mut self, depth: &[u16; PIXELS], camera: &Camera) {
         for z in depth.iter().filter_map(|&raw| depth_m(raw, camera)) {
             self.seen[bin(z)] += f64::from(1.0 / (z * z));
         }
     }
 
     /// With the colours of what was added.
-    pub(in crate::studio) fn fitted(mut self) -> Self {
+    pub(crate) fn fitted(mut self) -> Self {
         let all: f64 = self.seen.iter().sum();
         let is_seen = |seen: &f64| *seen > 0.0;
         let first = self.seen.iter().position(is_seen).unwrap_or(0);
@@ -68,7 +68,7 @@ impl DepthColours {
     }
 
     /// Depth in these colours: near is light, far is dark, no measurement is black.
-    pub(in crate::studio) fn picture(&self, depth: &[u16; PIXELS], camera: &Camera) -> RgbImage {
+    pub(crate) fn picture(&self, depth: &[u16; PIXELS], camera: &Camera) -> RgbImage {
         RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |x, y| {
             let z = depth_m(depth[y as usize * WIDTH + x as usize], camera);
             image::Rgb(z.map_or([0; 3], |z| canvas::false_colour(self.share[bin(z)])))
@@ -76,7 +76,7 @@ impl DepthColours {
     }
 
     /// Depths at which the colours are 0, 1/4, 2/4, 3/4 and 1 of the way from far to near, metres.
-    pub(in crate::studio) fn key_m(&self) -> [f32; 5] {
+    pub(crate) fn key_m(&self) -> [f32; 5] {
         let is_seen = |&k: &usize| self.seen[k] > 0.0;
         [0.0, 0.25, 0.5, 0.75, 1.0].map(|share: f32| {
             let bins = (0..BINS).filter(is_seen);
@@ -91,7 +91,7 @@ impl DepthColours {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::kinect::geometry;
+    use mien_sensors::kinect::geometry;
 
     /// A wall at 2.5 m, and before it over a fifth of the picture a head and shoulders from 0.9 to 1.1 m.
     #[test]

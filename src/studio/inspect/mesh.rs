@@ -7,12 +7,12 @@ use image::RgbImage;
 use nalgebra::Rotation3;
 
 use super::album::Album;
-use crate::studio::bake::glb::{Glb, unexpected};
-use crate::studio::bake::mesh::{Mesh, Vec3, extent_of};
-use crate::studio::bake::obj;
-use crate::studio::bake::patch::{Foreign, position};
-use crate::studio::bake::render::paint;
-use crate::studio::fault::Fault;
+use mien_baking::bake::glb::{Glb, unexpected};
+use mien_baking::bake::mesh::{Mesh, Vec3, extent_of};
+use mien_baking::bake::obj;
+use mien_baking::bake::patch::{Foreign, position};
+use mien_baking::bake::render::paint;
+use mien_workbench::fault::Fault;
 
 const SIZE: u32 = 420;
 /// Grey of what faces the lamp.
@@ -135,7 +135,7 @@ pub(super) fn inspect_glb(name: &str, bytes: &[u8]) -> Result<Album, Fault> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::studio::heads::{default_head, hero::Hero};
+    use mien_baking::heads::{default_head, hero::Hero};
 
     #[test]
     fn a_baked_head_is_shown_with_its_targets() {

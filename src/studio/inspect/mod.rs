@@ -10,7 +10,6 @@
 //! mesh. The page needs only a browser. Nothing is written unless everything succeeded.
 
 pub mod album;
-pub mod canvas;
 mod depth_colours;
 mod mesh;
 mod model;
@@ -19,18 +18,18 @@ mod ranges;
 mod recording;
 mod run;
 
-pub(in crate::studio) use depth_colours::DepthColours;
-pub(in crate::studio) use recording::colour_picture;
+pub(crate) use depth_colours::DepthColours;
+pub(crate) use recording::colour_picture;
 
 use std::path::{Path, PathBuf};
 
-use crate::appliance::settings::Settings;
-use crate::face_model::{FaceModel, file::MAGIC};
-use crate::studio::atomic_write::{write_beside, write_out};
-use crate::studio::fault::Fault;
-use crate::studio::picture_files::png;
-use crate::studio::text_files::{MOST, decoded, name_of};
 use album::Album;
+use mien_appliance::settings::Settings;
+use mien_stages::face_model::{FaceModel, file::MAGIC};
+use mien_workbench::atomic_write::{write_beside, write_out};
+use mien_workbench::fault::Fault;
+use mien_workbench::picture_files::png;
+use mien_workbench::text_files::{MOST, decoded, name_of};
 
 /// Largest table, bytes: an hour of a run, which takes five times as much memory.
 const CSV_MOST: usize = 256 << 20;
@@ -49,7 +48,7 @@ pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Albu
     if std::fs::metadata(path).map_err(&unreadable)?.is_dir() {
         return recording::inspect(&name, path, model, settings);
     }
-    let bytes = crate::base::bounded_read::read(path, MOST).map_err(&unreadable)?;
+    let bytes = mien_stages::base::bounded_read::read(path, MOST).map_err(&unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
     of_file(&name, ending.to_str(), &bytes).map_err(Fault::within(path))
 }
@@ -110,9 +109,9 @@ mod tests {
     use std::fmt::Write as _;
 
     use super::*;
-    use crate::appliance::source::Source;
-    use crate::studio::golden::{coloured, hold_every};
-    use crate::studio::record::record;
+    use crate::golden::{coloured, hold_every};
+    use crate::record::record;
+    use mien_appliance::source::Source;
 
     #[test]
     fn a_bad_path_is_one_sentence() {

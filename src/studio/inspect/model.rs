@@ -3,11 +3,11 @@
 use image::RgbImage;
 
 use super::album::Album;
-use super::canvas::{self, Colour};
-use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::Point;
-use crate::face_model::{FaceModel, MAX_MODES, scheme};
-use crate::studio::chart::{self, Curve, Plot};
+use crate::chart::{self, Curve, Plot};
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::geometry::Point;
+use mien_stages::face_model::{FaceModel, MAX_MODES, scheme};
+use mien_workbench::canvas::{self, Colour};
 
 const FRONT: fn(&Point) -> [f32; 2] = |p| [p.x, p.y];
 /// From the subject's left: the nose points to the left of the picture.

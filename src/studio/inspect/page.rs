@@ -13,10 +13,10 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use serde_json::{Value, json};
 
 use super::album::Album;
-use crate::expression::unit_words;
-use crate::studio::chart::Plot;
-use crate::studio::picture_files::png;
-use crate::studio::preview;
+use crate::chart::Plot;
+use crate::preview;
+use mien_stages::expression::unit_words;
+use mien_workbench::picture_files::png;
 
 /// Places on the time axis of a curve in the page.
 const MOST_PLACES: usize = 4000;
@@ -174,7 +174,7 @@ impl Album {
                 "depth": data_uri("jpeg", &frame.depth),
             })
         });
-        let colours = super::canvas::DEPTHS.map(|[r, g, b]| format!("rgb({r}, {g}, {b})"));
+        let colours = mien_workbench::canvas::DEPTHS.map(|[r, g, b]| format!("rgb({r}, {g}, {b})"));
         json!({
             "frames": frames.collect::<Vec<_>>(),
             "faces": self.faces,
@@ -190,7 +190,7 @@ mod tests {
     use image::RgbImage;
 
     use super::*;
-    use crate::studio::chart::Curve;
+    use crate::chart::Curve;
 
     fn album(x_name: &str) -> Album {
         let blink = |i: usize| Some(if i == 7001 { 1.0 } else { 0.1 });

@@ -1,4 +1,4 @@
-//! Learned ranges of people, from the file of remembered people ([`crate::users::saved`]), as a picture of each range next to
+//! Learned ranges of people, from the file of remembered people ([`mien_stages::users::saved`]), as a picture of each range next to
 //! the population's, and as a table.
 //!
 //! Units: inner-eye-corner distances. A picture has one row per measure: the population's range in grey, the person's in blue, a
@@ -9,12 +9,12 @@ use std::time::SystemTime;
 use image::{Rgb, RgbImage};
 
 use super::album::Album;
-use super::canvas;
-use crate::expression::units::{Prior, Units};
-use crate::expression::{Measure, Range};
-use crate::studio::chart;
-use crate::studio::fault::Fault;
-use crate::users::saved;
+use crate::chart;
+use mien_stages::expression::units::{Prior, Units};
+use mien_stages::expression::{Measure, Range};
+use mien_stages::users::saved;
+use mien_workbench::canvas;
+use mien_workbench::fault::Fault;
 
 /// Picture of ranges: a row's height, left margin for names, width of the scale, pixels.
 const ROW: u32 = 22;
@@ -102,10 +102,10 @@ pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::time::Timestamp;
-    use crate::expression::Learned;
-    use crate::users::likeness::Likeness;
-    use crate::users::memory::Gone;
+    use mien_stages::base::time::Timestamp;
+    use mien_stages::expression::Learned;
+    use mien_stages::users::likeness::Likeness;
+    use mien_stages::users::memory::Gone;
 
     #[test]
     fn remembered_people_stand_beside_the_population() {

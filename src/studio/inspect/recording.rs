@@ -9,23 +9,23 @@ use std::path::Path;
 use image::RgbImage;
 
 use super::album::{Album, Shown};
-use super::canvas;
 use super::depth_colours::DepthColours;
 use super::run::{plot, weight_groups};
-use crate::appliance::settings::Settings;
-use crate::appliance::source::Source;
-use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
-use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
-use crate::face_model::FaceModel;
-use crate::pipeline::Pipeline;
-use crate::segment::{HeadCloud, PixelRect, Segmenter};
-use crate::sensor::camera::Camera;
-use crate::sensor::kinect::colour;
-use crate::sensor::kinect::frame::KinectFrame;
-use crate::studio::chart::{self, Plot};
-use crate::studio::fault::Fault;
-use crate::studio::picture_files::jpeg;
-use crate::users::TrackingState;
+use crate::chart::{self, Plot};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::settings::Settings;
+use mien_appliance::source::Source;
+use mien_sensors::kinect::colour;
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_stages::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
+use mien_stages::base::geometry::{Point, Rigid, yaw_pitch_roll};
+use mien_stages::camera::Camera;
+use mien_stages::face_model::FaceModel;
+use mien_stages::segment::{HeadCloud, PixelRect, Segmenter};
+use mien_stages::users::TrackingState;
+use mien_workbench::canvas;
+use mien_workbench::fault::Fault;
+use mien_workbench::picture_files::jpeg;
 
 /// Frames of a recording on the sheet, and in the page at most: some 17 MB.
 const ON_SHEET: usize = 6;
@@ -48,14 +48,14 @@ fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera, colour:
 }
 
 /// The colour picture.
-pub(in crate::studio) fn colour_picture(bayer: &[u8; PIXELS]) -> RgbImage {
+pub(crate) fn colour_picture(bayer: &[u8; PIXELS]) -> RgbImage {
     let mut rgb = vec![0; 3 * PIXELS];
     colour::rgb_from_bayer(bayer, &mut rgb);
     RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, rgb).expect("three bytes a pixel")
 }
 
 /// Red x, green y, blue outwards (−z), 5 cm each.
-pub(in crate::studio) fn draw_axes(
+pub(crate) fn draw_axes(
     picture: &mut RgbImage,
     sensor_from_head: &Rigid,
     pixel: impl Fn(&Point) -> [f32; 2],

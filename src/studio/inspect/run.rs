@@ -6,9 +6,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::album::Album;
-use crate::studio::chart::{Curve, Plot};
-use crate::studio::csv;
-use crate::studio::fault::Fault;
+use crate::chart::{Curve, Plot};
+use mien_workbench::csv;
+use mien_workbench::fault::Fault;
 
 struct Row {
     seconds: f64,

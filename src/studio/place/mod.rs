@@ -16,20 +16,20 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use super::atomic_write;
-use super::bake::head::{Head, apart, miscounted};
-use super::bake::locate::LOW;
-use super::bake::mesh::{Mesh, Vec3};
-use super::bake::names::{LANDMARKS, NAMES, mirrored};
-use super::bake::order::Ordered;
-use super::bake::shape::{Shape, shown};
-use super::bake::source::{Source, landmark_text};
-use super::bake::{files, morphs};
-use super::fault::Fault;
-use super::heads::default_head;
 use super::preview;
 use super::preview::http::{self, Answer, Request as Asked, Site};
-use super::text_files::name_of;
+use mien_baking::bake::head::{Head, apart, miscounted};
+use mien_baking::bake::locate::LOW;
+use mien_baking::bake::mesh::{Mesh, Vec3};
+use mien_baking::bake::names::{LANDMARKS, NAMES, mirrored};
+use mien_baking::bake::order::Ordered;
+use mien_baking::bake::shape::{Shape, shown};
+use mien_baking::bake::source::{Source, landmark_text};
+use mien_baking::bake::{files, morphs};
+use mien_baking::heads::default_head;
+use mien_workbench::atomic_write;
+use mien_workbench::fault::Fault;
+use mien_workbench::text_files::name_of;
 use surface::{Ray, Surface};
 
 /// Port of the page.

@@ -6,9 +6,9 @@
 //! Units and frame: the mesh's. Cost: linear in the mesh per point, milliseconds. Limits: a head that is not its own mirror
 //! image is mirrored about the middle of its present points.
 
-use crate::studio::bake::mesh::{Mesh, Nearest, Vec3, extent_of};
-use crate::studio::bake::names::{LANDMARKS, mirrored};
-use crate::studio::bake::order::Ordered;
+use mien_baking::bake::mesh::{Mesh, Nearest, Vec3, extent_of};
+use mien_baking::bake::names::{LANDMARKS, mirrored};
+use mien_baking::bake::order::Ordered;
 
 /// Cosine between a normal and the line of sight from which a vertex looks away.
 const AWAY: f64 = 0.5;

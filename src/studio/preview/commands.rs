@@ -1,13 +1,13 @@
 //! The page's commands forget, neutral and freeze: executed here if this process does the tracking, otherwise sent to the box
-//! whose stream is shown, in the format of [`crate::output::osc::commands`].
+//! whose stream is shown, in the format of [`mien_outputs::osc::commands`].
 
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::mpsc::SyncSender;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use crate::output::Command;
-use crate::output::osc::packet::{Argument, Packet};
+use mien_outputs::Command;
+use mien_outputs::osc::packet::{Argument, Packet};
 
 /// Where a box listens for commands, as shipped.
 pub const PORT: u16 = 9131;
@@ -83,7 +83,7 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
         Command::Level(gesture, level) => ("level", gesture, Some(level.into())),
     };
     let numbers = [Some(slot as i32), on].into_iter().flatten();
-    let mut packet = Packet::new();
+    let mut packet = Packet::default();
     packet.push(
         "/face/cmd/",
         format_args!("{name}"),
@@ -110,7 +110,7 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::osc::commands::{Request, requests};
+    use mien_outputs::osc::commands::{Request, requests};
 
     #[test]
     fn a_box_understands_what_it_is_asked() {

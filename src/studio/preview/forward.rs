@@ -12,12 +12,12 @@ use std::time::{Duration, Instant};
 
 use super::hub::{Hub, Passed};
 use super::sample::Sample;
-use crate::appliance::settings::Settings;
-use crate::appliance::wires;
-use crate::base::geometry::Rigid;
-use crate::base::time::Timestamp;
-use crate::expression::units::Units;
-use crate::output::{Output, Report, TrackingState};
+use mien_appliance::settings::Settings;
+use mien_appliance::wires;
+use mien_outputs::{Output, Report, TrackingState};
+use mien_stages::base::geometry::Rigid;
+use mien_stages::base::time::Timestamp;
+use mien_stages::expression::units::Units;
 
 /// A receiver that can be connected by name, as the page gets it.
 #[derive(serde::Serialize, serde::Deserialize)]

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use toml_edit::{DocumentMut, InlineTable, Item, Table, Value};
 
-use crate::appliance::settings::Settings;
-use crate::studio::{atomic_write, text_files};
+use mien_appliance::settings::Settings;
+use mien_workbench::{atomic_write, text_files};
 
 /// Multiplies the gains in a configuration by those of a query, `AU26=1.5&AU12L=0.8`, and writes it; what to say then.
 ///

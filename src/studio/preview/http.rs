@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-use crate::studio::fault::Fault;
+use mien_workbench::fault::Fault;
 
 /// Connections at once.
 const CONNECTIONS: usize = 64;

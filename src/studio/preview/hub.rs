@@ -13,7 +13,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::sample::{Sample, UnitRange, ranges_json};
-use crate::expression::unit_words;
+use mien_stages::expression::unit_words;
 
 /// Events of a live source that wait for pages at most: some ten seconds of four users.
 const LIVE_LINES: usize = 1200;

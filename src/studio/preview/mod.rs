@@ -34,20 +34,20 @@ use std::time::{Duration, Instant};
 use clap::ValueEnum as _;
 use serde_json::{Value, json};
 
-use super::bake::glb::Glb;
-use super::bake::recipe::{Recipe, SHIPPED};
-use crate::appliance::service;
-use crate::appliance::source;
-use crate::output::Command;
-use crate::pipeline::Pipeline;
-use crate::studio::fault::Fault;
-use crate::studio::heads::default_head;
-use crate::studio::heads::hero::Hero;
-use crate::studio::text_files::{self, name_of};
 use commands::Obeys;
 use forward::{Forwarder, Wish};
 use http::{Answer, Request as Asked, Site};
 use hub::Hub;
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::service;
+use mien_appliance::source;
+use mien_baking::bake::glb::Glb;
+use mien_baking::bake::recipe::{Recipe, SHIPPED};
+use mien_baking::heads::default_head;
+use mien_baking::heads::hero::Hero;
+use mien_outputs::Command;
+use mien_workbench::fault::Fault;
+use mien_workbench::text_files::{self, name_of};
 
 /// Where the page is served.
 pub const PAGE_AT: &str = "127.0.0.1:9180";
@@ -59,9 +59,9 @@ const COMMANDS: usize = 16;
 const COUNTS_EVERY: Duration = Duration::from_millis(500);
 
 /// What the box's own page and the player of `inspect` look like too.
-pub const LOOK: &str = include_str!("../../output/web/page/look.css");
+pub const LOOK: &str = include_str!("../../outputs/web/page/look.css");
 /// Rows of units, of the box's page too.
-pub const UNITS: &str = include_str!("../../output/web/page/units.js");
+pub const UNITS: &str = include_str!("../../outputs/web/page/units.js");
 /// Curves and faces, of the player too.
 pub const DRAWING: &str = include_str!("page/drawing.js");
 
@@ -305,7 +305,7 @@ impl Site for Preview {
 }
 
 fn read_mesh(path: &Path) -> Result<Arc<[u8]>, Fault> {
-    let bytes = crate::base::bounded_read::read(path, text_files::MOST)
+    let bytes = mien_stages::base::bounded_read::read(path, text_files::MOST)
         .map_err(|error| Fault::within(path)(format!("cannot be read: {error}")))?;
     Glb::parse(&bytes).map_err(Fault::within(path))?;
     Ok(bytes.into())

@@ -1,4 +1,4 @@
-//! Receives the native OSC schema that [`crate::output::osc`] sends, over UDP.
+//! Receives the native OSC schema that [`mien_outputs::osc`] sends, over UDP.
 //!
 //! Any prefix is accepted: `…/<user>/frame` is what counts. Input is untrusted: a message that is malformed or unknown, has
 //! other arguments, names an impossible slot or unit, or contains a non-finite number is counted and otherwise ignored.
@@ -8,10 +8,10 @@ use std::net::UdpSocket;
 
 use super::hub::Hub;
 use super::sample::{Sample, UnitRange};
-use crate::base::capacity::USERS;
-use crate::output::is_name;
-use crate::output::osc::packet::Argument::{self, Bool, Float, Int, Text};
-use crate::output::osc::packet::{messages, parse};
+use mien_outputs::is_name;
+use mien_outputs::osc::packet::Argument::{self, Bool, Float, Int, Text};
+use mien_outputs::osc::packet::{messages, parse};
+use mien_stages::base::capacity::USERS;
 
 /// Longest datagram there is.
 const LARGEST: usize = 65_536;
@@ -246,11 +246,11 @@ fn floats(values: &[Argument]) -> Option<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::geometry::Rigid;
-    use crate::base::time::Timestamp;
-    use crate::expression::UnitRange;
-    use crate::output::osc::{Osc, Settings};
-    use crate::output::{Output, Report, TrackingState};
+    use mien_outputs::osc::{Osc, Settings};
+    use mien_outputs::{Output, Report, TrackingState};
+    use mien_stages::base::geometry::Rigid;
+    use mien_stages::base::time::Timestamp;
+    use mien_stages::expression::UnitRange;
     use std::net::UdpSocket;
     use std::time::Duration;
 

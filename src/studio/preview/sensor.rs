@@ -10,13 +10,13 @@ use std::time::Instant;
 
 use super::hub::{Hub, Seen};
 use super::sample::{Sample, UnitRange};
-use crate::appliance::source::{Pacer, Source, SourceError};
-use crate::output::{Command, Report};
-use crate::pipeline::Pipeline;
-use crate::sensor::kinect::frame::KinectFrame;
-use crate::sensor::kinect::geometry;
-use crate::studio::inspect::{DepthColours, colour_picture};
-use crate::studio::picture_files::jpeg;
+use crate::inspect::{DepthColours, colour_picture};
+use mien_appliance::pipeline::Pipeline;
+use mien_appliance::source::{Pacer, Source, SourceError};
+use mien_outputs::{Command, Report};
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::geometry;
+use mien_workbench::picture_files::jpeg;
 
 /// Between two tellings of the ranges, seconds of the stream.
 const RANGES_EVERY_S: f64 = 0.5;

@@ -1,4 +1,4 @@
-//! Receives a serial line in any of the three styles that [`crate::output::serial`] sends, told apart by what arrives. An
+//! Receives a serial line in any of the three styles that [`mien_outputs::serial`] sends, told apart by what arrives. An
 //! absent port is retried every second.
 //!
 //! A text line needs a valid checksum, a binary frame a valid CRC; a plot line has neither and must consist of `name:number`
@@ -12,11 +12,11 @@ use std::time::Duration;
 
 use super::hub::Hub;
 use super::sample::Sample;
-use crate::base::capacity::USERS;
-use crate::base::checksum::crc16;
-use crate::base::geometry::rotation_from_yaw_pitch_roll;
-use crate::output::is_name;
-use crate::users::TrackingState;
+use mien_outputs::is_name;
+use mien_stages::base::capacity::USERS;
+use mien_stages::base::checksum::crc16;
+use mien_stages::base::geometry::rotation_from_yaw_pitch_roll;
+use mien_stages::users::TrackingState;
 
 const RETRY: Duration = Duration::from_secs(1);
 /// How long a read waits before the port is asked again.

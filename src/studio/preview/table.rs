@@ -1,4 +1,4 @@
-//! Plays the CSV of a run ([`crate::output::csv`]), or any table with `time_us`, `user` and `w_…`: columns are found by name.
+//! Plays the CSV of a run ([`mien_outputs::csv`]), or any table with `time_us`, `user` and `w_…`: columns are found by name.
 //!
 //! Every row is sent as it is read and kept by the hub, so that the page can scrub back. Damaged rows are counted and skipped.
 //! From standard input (`-`) rows are shown as they arrive.
@@ -8,11 +8,11 @@ use std::path::Path;
 
 use super::hub::Hub;
 use super::sample::Sample;
-use crate::base::capacity::USERS;
-use crate::studio::csv;
-use crate::studio::fault::Fault;
-use crate::studio::text_files::decoded;
-use crate::users::TrackingState;
+use mien_stages::base::capacity::USERS;
+use mien_stages::users::TrackingState;
+use mien_workbench::csv;
+use mien_workbench::fault::Fault;
+use mien_workbench::text_files::decoded;
 
 /// Bytes of the longest line: a row has some 3 kB.
 const LINE: u64 = 1 << 16;

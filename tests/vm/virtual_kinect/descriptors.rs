@@ -1,6 +1,6 @@
 //! What enumeration shows of the virtual Kinect's functions.
 
-use mien::sensor::kinect::device::Model;
+use mien_sensors::kinect::device::Model;
 
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Function {

@@ -28,10 +28,10 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use mien::appliance::source::Source;
-use mien::sensor::kinect::device::{Model, PacketSource, Stream};
-use mien::sensor::kinect::frame::KinectFrame;
-use mien::simulator::virtual_kinect::VirtualKinect;
+use mien_appliance::source::Source;
+use mien_sensors::kinect::device::{Model, PacketSource, Stream};
+use mien_sensors::kinect::frame::KinectFrame;
+use mien_simulator::virtual_kinect::VirtualKinect;
 
 use descriptors::{Descriptors, Function};
 use faults::{Faulty, Rates};

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::time::Duration;
 
-use mien::sensor::kinect::device::{Model, PacketSource, Request, Stream};
+use mien_sensors::kinect::device::{Model, PacketSource, Request, Stream};
 
 use crate::Device;
 use crate::descriptors::{Descriptors, Function};

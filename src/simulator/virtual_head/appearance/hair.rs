@@ -4,7 +4,7 @@ use super::look::{HairStyle, Headgear, Look};
 use super::outfit::{Cloth, FREE, Knot, Outfit, path};
 use super::skull::{HANGS, Skull};
 use super::stuff::{along, grain, part, share, slope};
-use crate::base::geometry::{Point, Vector};
+use mien_stages::base::geometry::{Point, Vector};
 
 /// Height of the hairline (y, metres) by angle from the face: forehead, temples, before the ear, above it, behind, nape.
 const LINE: [[f32; 2]; 8] = [

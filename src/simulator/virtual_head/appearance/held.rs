@@ -3,7 +3,7 @@
 use super::look::{Held, Look};
 use super::outfit::{Cloth, Outfit, path};
 use super::stuff::{Stuff, part, share};
-use crate::base::geometry::{Point, Vector, smoothstep};
+use mien_stages::base::geometry::{Point, Vector, smoothstep};
 
 const SKIN: [f32; 3] = [198.0, 152.0, 128.0];
 
@@ -120,7 +120,7 @@ impl Outfit {
 
 impl Held {
     /// Where the hand is at `t` seconds: its place in the head frame, and how far up it is; `None`: out of the picture.
-    pub(crate) fn position_at(self, t: f32) -> Option<Point> {
+    pub fn position_at(self, t: f32) -> Option<Point> {
         let place = match self {
             Self::None => return None,
             Self::Chin => Point::new(0.0, 0.112, -0.030),

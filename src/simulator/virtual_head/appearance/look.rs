@@ -4,7 +4,7 @@ use super::stuff::Stuff;
 #[cfg(feature = "studio")]
 use super::stuff::share;
 #[cfg(feature = "studio")]
-use crate::simulator::virtual_head::random::hash;
+use crate::virtual_head::random::hash;
 
 /// Hair styles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

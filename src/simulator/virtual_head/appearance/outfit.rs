@@ -2,7 +2,7 @@
 
 use super::skull;
 use super::stuff::Stuff;
-use crate::base::geometry::{Point, Vector};
+use mien_stages::base::geometry::{Point, Vector};
 
 /// A point of the head frame, not tied to a vertex of the face.
 pub(super) const FREE: u32 = u32::MAX;

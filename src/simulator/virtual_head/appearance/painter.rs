@@ -2,11 +2,9 @@
 
 use super::outfit::{Knot, Outfit};
 use super::stuff::{Stuff, grain};
-use crate::base::geometry::{Point, Rigid, Vector};
-use crate::simulator::virtual_head::draw::{Canvas, Light};
-use crate::simulator::virtual_head::raster::{
-    Corner, DepthBuffer, Window, mix, project, sum_normals,
-};
+use crate::virtual_head::draw::{Canvas, Light};
+use crate::virtual_head::raster::{Corner, DepthBuffer, Window, mix, project, sum_normals};
+use mien_stages::base::geometry::{Point, Rigid, Vector};
 
 /// Work space for one outfit.
 pub(crate) struct OutfitPainter {

@@ -2,7 +2,7 @@
 
 use super::outfit::{Cloth, Outfit};
 use super::stuff::{Stuff, share};
-use crate::base::geometry::Point;
+use mien_stages::base::geometry::Point;
 
 impl Outfit {
     /// A board facing the sensor: left, top, right, bottom, distance, metres.

@@ -1,7 +1,7 @@
 //! The outside of a head as a distance from its middle in every direction: what hair and hats stand on.
 
-use crate::base::geometry::{Point, Vector};
-use crate::simulator::virtual_head::asset::{HeadAsset, Part};
+use crate::virtual_head::asset::{HeadAsset, Part};
+use mien_stages::base::geometry::{Point, Vector};
 
 /// Middle of the skull, head frame.
 const MIDDLE: [f32; 3] = [0.0, -0.02, 0.08];

@@ -1,6 +1,6 @@
 //! What surfaces are made of, and the noise that cuts strands and folds out of them.
 
-use crate::simulator::virtual_head::random::{hash, uniform};
+use crate::virtual_head::random::{hash, uniform};
 
 /// What a surface is made of, as far as the sensor tells: how it answers infrared light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -4,9 +4,9 @@ use super::look::{Beard, HairStyle, Headgear, Look, Neck};
 use super::outfit::{Cloth, Knot, Outfit, path};
 use super::skull::{HANGS, Skull};
 use super::stuff::{Stuff, along, grain, part, share, slope};
-use crate::base::geometry::{Point, Vector};
-use crate::simulator::virtual_head::asset::{HeadAsset, Part};
-use crate::simulator::virtual_head::raster::sum_normals;
+use crate::virtual_head::asset::{HeadAsset, Part};
+use crate::virtual_head::raster::sum_normals;
+use mien_stages::base::geometry::{Point, Vector};
 
 /// Upper edge of a beard (y, metres) by distance from the middle of the face.
 const BEARD_LINE: [[f32; 2]; 5] = [

@@ -3,7 +3,7 @@
 use super::look::Look;
 use super::outfit::{Cloth, Outfit, path};
 use super::stuff::{grain, part, share, slope};
-use crate::base::geometry::{Point, Vector};
+use mien_stages::base::geometry::{Point, Vector};
 
 /// Half width, half depth and height (y) of the trunk, from the neck down, metres, head frame.
 const TRUNK: [[f32; 3]; 10] = [

@@ -1,0 +1,32 @@
+//! The program `mien`: the stages in order for every person (`pipeline`), command line and settings, the service that runs the pipeline, and its status.
+
+pub mod bench;
+pub mod cli;
+pub mod devices;
+pub mod doctor;
+pub mod log;
+pub mod memory;
+mod pipe;
+pub mod pipeline;
+pub mod run;
+pub mod send_test;
+pub mod service;
+pub mod service_manager;
+pub mod settings;
+mod signals;
+pub mod source;
+pub mod status;
+mod terminal;
+pub mod wires;
+
+#[cfg(test)]
+#[allow(dead_code, reason = "each crate uses some of it")]
+#[path = "../../tests/common/data.rs"]
+mod data;
+#[cfg(test)]
+#[allow(dead_code, reason = "each crate uses some of it")]
+#[path = "../../tests/common/hold.rs"]
+mod hold;
+#[cfg(test)]
+#[path = "../../tests/common/toy_face.rs"]
+mod toy_face;

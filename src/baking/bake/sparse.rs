@@ -1,0 +1,556 @@
+//! Symmetric sparse matrices by rows, and Cholesky factors of their parts through `faer` (supernodal). The whole matrix is
+//! ordered once (AMD): in that order a part never fills in more than the whole does.
+//!
+//! Solving is done here, a few right-hand sides side by side: faer's own is made for many at once and takes five times as
+//! long for three. Four columns of the factor are taken at once: loading and storing the right-hand sides takes longer than the products.
+//!
+//! Memory: 12 bytes per stored entry. Cost of a factor: about n^1.5 for meshes.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::amd;
+use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
+    factorize_symbolic_cholesky,
+};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::{Par, Side};
+
+use super::mesh::Vec3;
+use mien_stages::base::vectors::wide;
+use mien_workbench::fault::Fault;
+
+/// No place: a row that is given.
+const GIVEN: u32 = u32::MAX;
+
+/// A square matrix by rows; columns of a row ascend.
+#[derive(Clone, Debug, Default)]
+pub struct Rows {
+    starts: Vec<u32>,
+    columns: Vec<u32>,
+    values: Vec<f64>,
+}
+
+/// The sums of triplets (row, column, value) that stand together where they are in the same place.
+pub(super) fn summed(triplets: &[(u32, u32, f64)]) -> impl Iterator<Item = (u32, u32, f64)> {
+    let places = triplets.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
+    places.map(|same| (same[0].0, same[0].1, same.iter().map(|t| t.2).sum()))
+}
+
+impl Rows {
+    /// Sums triplets (row, column, value) into a matrix of `n` rows.
+    pub fn from_triplets(n: usize, mut triplets: Vec<(u32, u32, f64)>) -> Self {
+        triplets.sort_by_key(|&(r, c, _)| u64::from(r) << 32 | u64::from(c));
+        let mut out = Self {
+            starts: vec![0; n + 1],
+            ..Self::default()
+        };
+        for (r, c, value) in summed(&triplets) {
+            out.starts[r as usize + 1] += 1;
+            out.columns.push(c);
+            out.values.push(value);
+        }
+        for r in 0..n {
+            out.starts[r + 1] += out.starts[r];
+        }
+        out
+    }
+
+    /// Number of rows.
+    fn count(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Column and value of every entry of a row.
+    pub fn row(&self, r: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let range = self.starts[r] as usize..self.starts[r + 1] as usize;
+        let columns = self.columns[range.clone()].iter();
+        let entries = columns.zip(&self.values[range]);
+        entries.map(|(&c, &v)| (c as usize, v))
+    }
+
+    /// One row times a field of vectors.
+    pub fn row_times(&self, r: usize, field: &[Vec3]) -> Vec3 {
+        self.row(r)
+            .fold(Vec3::zeros(), |sum, (c, v)| sum + field[c] * v)
+    }
+
+    /// A Laplacian whose entries off the diagonal are all at most `-least`, with the diagonal that makes rows sum to 0.
+    pub(super) fn positive(&self, least: f64) -> Self {
+        let mut out = self.clone();
+        for (r, ends) in self.starts.windows(2).enumerate() {
+            let range = ends[0] as usize..ends[1] as usize;
+            let (mut sum, mut diagonal) = (0.0, None);
+            for k in range {
+                if self.columns[k] as usize == r {
+                    diagonal = Some(k);
+                } else {
+                    out.values[k] = self.values[k].min(-least);
+                    sum -= out.values[k];
+                }
+            }
+            if let Some(k) = diagonal {
+                out.values[k] = sum;
+            }
+        }
+        out
+    }
+
+    /// The rows of a symmetric matrix in an order of elimination that leaves few entries in a factor (AMD).
+    ///
+    /// # Panics
+    /// If memory ends.
+    pub fn elimination(&self) -> Vec<u32> {
+        let n = self.count();
+        let (mut order, mut place) = (vec![0_u32; n], vec![0_u32; n]);
+        let room = amd::order_maybe_unsorted_scratch::<u32>(n, self.columns.len());
+        let stack = &mut MemBuffer::new(room);
+        amd::order_maybe_unsorted(
+            &mut order,
+            &mut place,
+            self.pattern(),
+            amd::Control::default(),
+            MemStack::new(stack),
+        )
+        .expect("memory, and fewer entries than an index can count");
+        order
+    }
+
+    /// `Lᵀ W L` for a symmetric matrix `L` and a diagonal `W`.
+    pub fn squared(&self, weight: &[f64]) -> Self {
+        let n = self.count();
+        let mut out = Self {
+            starts: vec![0],
+            ..Self::default()
+        };
+        let (mut sum, mut seen) = (vec![0.0_f64; n], vec![false; n]);
+        let mut touched: Vec<u32> = Vec::new();
+        for r in 0..n {
+            for (m, a) in self.row(r) {
+                let a = a * weight[m];
+                for (c, b) in self.row(m) {
+                    if !std::mem::replace(&mut seen[c], true) {
+                        touched.push(c as u32);
+                    }
+                    sum[c] += a * b;
+                }
+            }
+            touched.sort_unstable();
+            for c in touched.drain(..) {
+                out.columns.push(c);
+                out.values.push(std::mem::take(&mut sum[c as usize]));
+                seen[c as usize] = false;
+            }
+            out.starts.push(out.columns.len() as u32);
+        }
+        out
+    }
+
+    /// The same rows in another order: those that a part takes lie side by side.
+    pub fn arranged(&self, order: &[u32]) -> Self {
+        let mut out = Self {
+            starts: vec![0],
+            ..Self::default()
+        };
+        for &r in order {
+            let range = self.starts[r as usize] as usize..self.starts[r as usize + 1] as usize;
+            out.columns.extend_from_slice(&self.columns[range.clone()]);
+            out.values.extend_from_slice(&self.values[range]);
+            out.starts.push(out.columns.len() as u32);
+        }
+        out
+    }
+
+    /// Of a symmetric matrix, arranged, the part that belongs to the unknowns, with `diagonal` added by their places: its upper
+    /// half without values, its lower half, and what is left of the rows, by place and column.
+    fn part(
+        &self,
+        unknowns: &Unknowns,
+        diagonal: impl Fn(usize) -> f64,
+    ) -> (Self, Self, Vec<(u32, u32, f64)>) {
+        let half = || Self {
+            starts: vec![0],
+            ..Self::default()
+        };
+        let (mut upper, mut lower, mut given) = (half(), half(), Vec::new());
+        for (k, &position) in unknowns.positions.iter().enumerate() {
+            for (c, value) in self.row(position as usize) {
+                let Some(at) = unknowns.place(c) else {
+                    given.push((k as u32, c as u32, value));
+                    continue;
+                };
+                if at <= k {
+                    upper.columns.push(at as u32);
+                }
+                if at >= k {
+                    lower.columns.push(at as u32);
+                    let value = if at == k { value + diagonal(k) } else { value };
+                    lower.values.push(value);
+                }
+            }
+            upper.starts.push(upper.columns.len() as u32);
+            lower.starts.push(lower.columns.len() as u32);
+        }
+        (upper, lower, given)
+    }
+
+    /// Its entries as faer has them: symmetry lets a row stand for a column.
+    fn pattern(&self) -> SymbolicSparseColMatRef<'_, u32> {
+        let n = self.count();
+        SymbolicSparseColMatRef::new_unsorted_checked(n, n, &self.starts, None, &self.columns)
+    }
+}
+
+/// The unknowns among the rows of a system, in the order in which they are eliminated.
+pub struct Unknowns {
+    /// Their rows.
+    pub rows: Vec<u32>,
+    /// Where these are in the order of all rows.
+    positions: Vec<u32>,
+    place: Vec<u32>,
+}
+
+impl Unknowns {
+    /// Those rows that pass; `order` has all rows of the system.
+    pub fn new(order: &[u32], passes: impl Fn(usize) -> bool) -> Self {
+        let passing = order
+            .iter()
+            .zip(0_u32..)
+            .filter(|(r, _)| passes(**r as usize));
+        let (rows, positions): (Vec<u32>, Vec<u32>) = passing.unzip();
+        let mut place = vec![GIVEN; order.len()];
+        for (&r, k) in rows.iter().zip(0..) {
+            place[r as usize] = k;
+        }
+        Self {
+            rows,
+            positions,
+            place,
+        }
+    }
+
+    /// The place of a row among them; `None` if it is given.
+    pub fn place(&self, row: usize) -> Option<usize> {
+        Some(self.place[row] as usize).filter(|_| self.place[row] != GIVEN)
+    }
+}
+
+/// A matrix that cannot be factored, of so many unknowns.
+fn singular(unknowns: usize) -> Fault {
+    Fault::new(format!(
+        "expected a positive definite system, found a singular one of {unknowns} unknowns; \
+         does every part of the mesh that moves have a control point or a fixed neighbour?"
+    ))
+}
+
+/// Cholesky factor of the part of a symmetric matrix that belongs to chosen rows and columns.
+pub struct Factor {
+    symbolic: SymbolicCholesky<u32>,
+    values: Vec<f64>,
+    /// What ties unknowns to rows that are given: place, row, value.
+    given: Vec<(u32, u32, f64)>,
+}
+
+impl Factor {
+    /// Factors the part of a matrix that belongs to the unknowns, with `diagonal` added by their places; the matrix is
+    /// [arranged](Rows::arranged) in the unknowns' order. In that of [`Rows::elimination`] few entries arise.
+    ///
+    /// # Errors
+    /// If that part is not positive definite.
+    pub fn of(
+        matrix: &Rows,
+        unknowns: &Unknowns,
+        diagonal: impl Fn(usize) -> f64,
+    ) -> Result<Self, Fault> {
+        let count = unknowns.rows.len();
+        // faer analyses the upper half of a matrix that it does not reorder, and factors the lower one.
+        let (upper, lower, given) = matrix.part(unknowns, diagonal);
+        let params = CholeskySymbolicParams {
+            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+            ..Default::default()
+        };
+        let (order, pattern) = (SymmetricOrdering::Identity, upper.pattern());
+        let symbolic = factorize_symbolic_cholesky(pattern, Side::Upper, order, params)
+            .map_err(|_| singular(count))?;
+        let mut values = vec![0.0; symbolic.len_val()];
+        let room = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
+        symbolic
+            .factorize_numeric_llt(
+                &mut values,
+                SparseColMatRef::new(lower.pattern(), &lower.values),
+                Side::Lower,
+                Default::default(),
+                Par::Seq,
+                MemStack::new(&mut MemBuffer::new(room)),
+                Default::default(),
+            )
+            .map_err(|_| singular(count))?;
+        Ok(Self {
+            symbolic,
+            values,
+            given,
+        })
+    }
+
+    /// Right-hand sides: what the given rows pull where `field` has their values.
+    pub fn pulled<const K: usize>(&self, field: impl Fn(usize) -> [f64; K]) -> Vec<[f64; K]> {
+        let mut out = vec![[0.0; K]; self.symbolic.nrows()];
+        for &(k, row, value) in &self.given {
+            subtract(&mut out[k as usize], value, &field(row as usize));
+        }
+        out
+    }
+
+    /// Solves for `K` right-hand sides side by side, in place; a row of `x` has one value of each.
+    pub fn solve<const K: usize>(&self, x: &mut [[f64; K]]) {
+        // Without unknowns there are no supernodes, whatever is asked for.
+        if x.is_empty() {
+            return;
+        }
+        let SymbolicCholeskyRaw::Supernodal(blocks) = self.symbolic.raw() else {
+            unreachable!("supernodes were forced");
+        };
+        wide(
+            #[inline(always)]
+            || self.substitute(blocks, x),
+        );
+    }
+
+    /// Forwards and back.
+    #[inline(always)]
+    fn substitute<const K: usize>(
+        &self,
+        blocks: &SymbolicSupernodalCholesky<u32>,
+        y: &mut [[f64; K]],
+    ) {
+        let mut below: Vec<[f64; K]> = Vec::new();
+        for s in 0..blocks.n_supernodes() {
+            self.block(blocks, s).forwards(y, &mut below);
+        }
+        for s in (0..blocks.n_supernodes()).rev() {
+            self.block(blocks, s).back(y, &mut below);
+        }
+    }
+
+    #[inline(always)]
+    fn block<'a>(&'a self, blocks: &'a SymbolicSupernodalCholesky<u32>, s: usize) -> Block<'a> {
+        let from = blocks.supernode_begin()[s] as usize;
+        Block {
+            from,
+            width: blocks.supernode_end()[s] as usize - from,
+            rows: blocks.supernode(s).pattern(),
+            values: &self.values[blocks.col_ptr_for_val()[s] as usize..],
+        }
+    }
+}
+
+/// A supernode: columns with the same rows below the diagonal.
+struct Block<'a> {
+    /// The first column; its row is the first of the diagonal's.
+    from: usize,
+    /// Columns.
+    width: usize,
+    /// Rows below the diagonal's.
+    rows: &'a [u32],
+    /// By columns.
+    values: &'a [f64],
+}
+
+impl Block<'_> {
+    /// Of a column the rows of the diagonal, and those below.
+    #[inline(always)]
+    fn column(&self, j: usize) -> (&[f64], &[f64]) {
+        let height = self.width + self.rows.len();
+        self.values[j * height..(j + 1) * height].split_at(self.width)
+    }
+
+    /// The rows below of four columns, side by side.
+    #[inline(always)]
+    fn four(&self, j: usize) -> impl Iterator<Item = [f64; 4]> {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|k| self.column(j + k).1);
+        let columns = a.iter().zip(b).zip(c).zip(d);
+        columns.map(|(((a, b), c), d)| [*a, *b, *c, *d])
+    }
+
+    /// Solves its columns, and takes them from the rows below; `below` is room for these.
+    #[inline(always)]
+    fn forwards<const K: usize>(&self, y: &mut [[f64; K]], below: &mut Vec<[f64; K]>) {
+        below.clear();
+        below.resize(self.rows.len(), [0.0; K]);
+        let own = &mut y[self.from..self.from + self.width];
+        for j in 0..self.width {
+            let (top, _) = self.column(j);
+            let solved = own[j].map(|v| v / top[j]);
+            own[j] = solved;
+            for (l, y) in top[j + 1..].iter().zip(&mut own[j + 1..]) {
+                subtract(y, *l, &solved);
+            }
+        }
+        let (fours, rest) = own.as_chunks::<4>();
+        for (four, j) in fours.iter().zip((0..).step_by(4)) {
+            for (sum, [a, b, c, d]) in below.iter_mut().zip(self.four(j)) {
+                for k in 0..K {
+                    sum[k] += a * four[0][k] + b * four[1][k] + c * four[2][k] + d * four[3][k];
+                }
+            }
+        }
+        for (one, j) in rest.iter().zip(4 * fours.len()..) {
+            for (sum, l) in below.iter_mut().zip(self.column(j).1) {
+                for k in 0..K {
+                    sum[k] += l * one[k];
+                }
+            }
+        }
+        for (&r, b) in self.rows.iter().zip(&*below) {
+            subtract(&mut y[r as usize], 1.0, b);
+        }
+    }
+
+    /// Takes the rows below from its columns, and solves these; `below` is room for the rows.
+    #[inline(always)]
+    fn back<const K: usize>(&self, y: &mut [[f64; K]], below: &mut Vec<[f64; K]>) {
+        below.clear();
+        below.extend(self.rows.iter().map(|&r| y[r as usize]));
+        let own = &mut y[self.from..self.from + self.width];
+        let (fours, rest) = own.as_chunks_mut::<4>();
+        let count = fours.len();
+        for (four, j) in fours.iter_mut().zip((0..).step_by(4)) {
+            let mut sums = *four;
+            for (y, l) in below.iter().zip(self.four(j)) {
+                for (sum, l) in sums.iter_mut().zip(l) {
+                    subtract(sum, l, y);
+                }
+            }
+            *four = sums;
+        }
+        for (one, j) in rest.iter_mut().zip(4 * count..) {
+            for (l, y) in self.column(j).1.iter().zip(&*below) {
+                subtract(one, *l, y);
+            }
+        }
+        for j in (0..self.width).rev() {
+            let (top, _) = self.column(j);
+            let mut solved = own[j];
+            for (l, y) in top[j + 1..].iter().zip(&own[j + 1..]) {
+                subtract(&mut solved, *l, y);
+            }
+            own[j] = solved.map(|v| v / top[j]);
+        }
+    }
+}
+
+#[inline(always)]
+fn subtract<const K: usize>(from: &mut [f64; K], l: f64, what: &[f64; K]) {
+    for k in 0..K {
+        from[k] -= l * what[k];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn path(n: u32) -> Rows {
+        let mut triplets = Vec::new();
+        for k in 0..n - 1 {
+            triplets.extend([
+                (k, k, 1.0),
+                (k + 1, k + 1, 1.0),
+                (k, k + 1, -1.0),
+                (k + 1, k, -1.0),
+            ]);
+        }
+        Rows::from_triplets(n as usize, triplets)
+    }
+
+    #[test]
+    fn squaring_equals_multiplying_twice() {
+        let l = path(7);
+        let square = l.squared(&[1.0; 7]);
+        let x: Vec<Vec3> = (0..7)
+            .map(|k| Vec3::new(k as f64, (k * k) as f64, 1.0))
+            .collect();
+        let once: Vec<Vec3> = (0..7).map(|r| l.row_times(r, &x)).collect();
+        for r in 0..7 {
+            let twice = l.row_times(r, &once);
+            assert!((twice - square.row_times(r, &x)).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_held_chain_solves_to_a_straight_line_and_a_free_one_is_refused() {
+        let l = path(6);
+        let all = [0, 1, 2, 3, 4, 5];
+        let inner = Unknowns::new(&all, |v| (1..5).contains(&v));
+        let factor = Factor::of(&l, &inner, |_| 0.0).unwrap();
+        // Ends held at 0 and 5, and at 1: the last unknown feels the pull of 5.
+        let mut x = factor.pulled(|v| [v as f64, 1.0]);
+        assert_eq!(x, [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0], [5.0, 1.0]]);
+        factor.solve(&mut x);
+        for (k, value) in x.iter().enumerate() {
+            assert!((value[0] - (k + 1) as f64).abs() < 1e-12);
+            assert!((value[1] - 1.0).abs() < 1e-12);
+        }
+        assert!(Factor::of(&l, &Unknowns::new(&all, |_| true), |_| 0.0).is_err());
+    }
+
+    #[test]
+    fn solving_a_grid_gives_back_what_was_multiplied() {
+        // Large enough for supernodes of several columns.
+        const SIDE: u32 = 30;
+        let mut triplets = Vec::new();
+        let mut join = |a: u32, b: u32| {
+            triplets.extend([(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)]);
+        };
+        for v in 0..SIDE * SIDE {
+            if v % SIDE + 1 < SIDE {
+                join(v, v + 1);
+            }
+            if v + SIDE < SIDE * SIDE {
+                join(v, v + SIDE);
+            }
+        }
+        let n = (SIDE * SIDE) as usize;
+        let square = Rows::from_triplets(n, triplets).squared(&vec![1.0; n]);
+        let mut random = fastrand::Rng::with_seed(3);
+        let truth: Vec<Vec3> = (0..n).map(|_| Vec3::from_fn(|_, _| random.f64())).collect();
+        let eliminated = square.elimination();
+        let by_number: Vec<u32> = (0..SIDE * SIDE).collect();
+        for order in [&by_number, &eliminated] {
+            let all = Unknowns::new(order, |_| true);
+            assert!((0..n).all(|v| all.place(v).is_some()));
+            let factor = Factor::of(&square.arranged(order), &all, |_| 0.1).unwrap();
+            let mut x: Vec<[f64; 3]> = order
+                .iter()
+                .map(|&r| (square.row_times(r as usize, &truth) + truth[r as usize] * 0.1).into())
+                .collect();
+            factor.solve(&mut x);
+            for (x, &v) in x.iter().zip(order) {
+                assert!((Vec3::from(*x) - truth[v as usize]).norm() < 1e-9);
+            }
+        }
+        // A part of the order serves a part of the matrix: half of the grid, the other half given as 0.
+        let left = Unknowns::new(&eliminated, |v| v as u32 % SIDE < SIDE / 2);
+        let arranged = square.arranged(&eliminated);
+        let factor = Factor::of(&arranged, &left, |_| 0.0).unwrap();
+        let mut half = truth.clone();
+        for v in (0..n).filter(|&v| left.place(v).is_none()) {
+            half[v] = Vec3::zeros();
+        }
+        let times = |&v: &u32| square.row_times(v as usize, &half).into();
+        let mut x: Vec<[f64; 3]> = left.rows.iter().map(times).collect();
+        factor.solve(&mut x);
+        for (x, &v) in x.iter().zip(&left.rows) {
+            assert!((Vec3::from(*x) - half[v as usize]).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn nothing_unknown_is_solved_by_nothing() {
+        let nothing = Rows::from_triplets(3, Vec::new());
+        let none = Unknowns::new(&[0, 1, 2], |_| false);
+        let factor = Factor::of(&nothing, &none, |_| 0.0).unwrap();
+        factor.solve::<3>(&mut []);
+    }
+}

@@ -1,0 +1,462 @@
+//! Checks of baked shapes: measures and bars calibrated on shapes that artists sculpted.
+//!
+//! The definitions are those of `tests/heads/verdict.py`, which says them in full and measures the artists' shapes; this is
+//! separate code, and neither uses the solver's own checks. Measured on the skin that one of nine views sees in the neutral: edges
+//! that fold, area that turns over, skin seen from behind at the mouth; in `jawOpen` the chin's path, the lips and a mask's rim; what
+//! lies in the mouth; the open area left in a blink.
+//!
+//! Frame: that of the face (left, up, out), origin between the inner eye corners, unit one eye distance.
+//! Cost: nine small depth buffers a head, one a shape.
+
+use std::collections::HashMap;
+
+use nalgebra::{Rotation3, Vector2};
+use rayon::prelude::*;
+
+use super::head::{Follow, Head};
+use super::mesh::Vec3;
+use super::shape::{Shape, shown};
+use mien_simulator::virtual_head::raster::{Corner, DepthBuffer};
+
+/// Turns of the views to the left and upwards, degrees.
+const VIEWS: [[f64; 2]; 9] = [
+    [0.0, 0.0],
+    [-40.0, 0.0],
+    [40.0, 0.0],
+    [-75.0, 0.0],
+    [75.0, 0.0],
+    [0.0, 30.0],
+    [0.0, -40.0],
+    [-40.0, -35.0],
+    [40.0, -35.0],
+];
+/// Side of a cell of a depth buffer; a surface in front of a point by more than the second value hides it.
+const CELL: f64 = 0.02;
+const IN_FRONT: f64 = 0.06;
+/// What is further from the eyes up or down, or aside, is no face.
+const FACE: f64 = 5.0;
+/// Cosines: an edge that is flat in the neutral, one that is folded, a triangle that has turned over.
+const FLAT: f64 = 0.819_152;
+const FOLDED: f64 = 0.0;
+const TURNED: f64 = -0.5;
+/// Reaches: of the lids, of the chin (which begins this share of the way to the lip above it), aside of the mouth, into it, below
+/// the chin of a mask.
+const AT_LID: f64 = 0.3;
+const AT_CHIN: f64 = 0.4;
+const TO_LIP: f64 = 0.7;
+const ASIDE: f64 = 0.3;
+const DEEP: f64 = 0.35;
+const MASK: f64 = 0.8;
+/// Millimetres between the inner eye corners of a face whose mouth is measured in millimetres.
+const MM: f64 = 34.0;
+/// An eye that is open by less on the mean is shut.
+const SHUT: f64 = 0.05;
+/// What shapes are called that move jaw or tongue, in lower case: recipes for other programs begin with capitals.
+const JAW: [&str; 5] = ["jaw", "mouthstretchwide", "mouthclose", "tongue", "viseme"];
+
+/// The checks, as report and command list them.
+pub const CHECKED: &str = "folds, skin turned over or seen from behind, the jaw's path, lips that part, teeth, the inside of the mouth, \
+    eyes that shut, the rim of a mask, and what the recipe asks of each shape";
+
+/// Bounds of a measure.
+struct Bar {
+    what: &'static str,
+    least: f64,
+    most: f64,
+}
+
+const fn most(what: &'static str, most: f64) -> Bar {
+    let least = f64::NEG_INFINITY;
+    Bar { what, least, most }
+}
+
+const fn least(what: &'static str, least: f64) -> Bar {
+    let most = f64::INFINITY;
+    Bar { what, least, most }
+}
+
+const FOLDS: Bar = most("length of folds", 0.6);
+const LID_FOLDS: Bar = most("length of folds at the lids", 0.8);
+const TURNED_OVER: Bar = most("area turned over", 0.02);
+const BEHIND: Bar = most("area seen from behind at the mouth", 0.015);
+const INSIDE: Bar = most("mouth inside moves, mm", 3.0);
+const GROWN: Bar = most("share of edges of teeth that double", 0.01);
+const BACK: Bar = most("chin back for one down", 1.25);
+const HINGE: Bar = Bar {
+    what: "height of the hinge over its depth",
+    least: 0.6,
+    most: 0.9,
+};
+const LIPS: Bar = least("lips part", 0.85);
+const UPPER: Bar = most("upper lip's share of the lower's way", 0.25);
+const RIM: Bar = least("rim's share of the chin's way", 0.8);
+const OPEN: Bar = most("share of the eye left open", 0.08);
+
+impl Bar {
+    /// What is wrong with a value, in words.
+    fn missed(&self, value: f64) -> Option<String> {
+        let Self { what, least, most } = self;
+        let bound = match () {
+            () if value < *least => format!("at least {least}"),
+            () if value > *most => format!("at most {most}"),
+            () => return None,
+        };
+        Some(format!("{what} {value:.3}, expected {bound}"))
+    }
+}
+
+/// An edge between two visible triangles that is flat in the neutral.
+struct Edge {
+    sides: [usize; 2],
+    length: f64,
+    at_lid: bool,
+}
+
+/// What is measured on the neutral.
+struct Judge<'a> {
+    head: &'a Head,
+    q: Vec<Vec3>,
+    all: Vec<[u32; 3]>,
+    visible: Vec<[u32; 3]>,
+    is_visible: Vec<bool>,
+    normals: Vec<Vec3>,
+    edges: Vec<Edge>,
+    inside: Vec<usize>,
+    teeth: Vec<[usize; 2]>,
+    behind: f64,
+}
+
+/// Unit normal of a triangle and its area.
+fn normal(q: &[Vec3], t: &[u32; 3]) -> (Vec3, f64) {
+    let [a, b, c] = t.map(|v| q[v as usize]);
+    let n = (b - a).cross(&(c - a));
+    (n.try_normalize(0.0).unwrap_or_default(), 0.5 * n.norm())
+}
+
+/// A depth buffer of what is between `low` and `high`, seen along −z, with the number of the foremost triangle in each cell.
+fn drawn(q: &[Vec3], all: &[[u32; 3]], low: Vec3, high: Vec3) -> (DepthBuffer, Vec<u32>) {
+    let cells = |k: usize| ((high[k] - low[k]) / CELL).max(0.0) as usize + 2;
+    let mut depth = DepthBuffer::new(cells(0), cells(1));
+    let mut front = vec![u32::MAX; depth.inverse.len()];
+    for (t, k) in all.iter().zip(0_u32..) {
+        let place = |v: u32| cell(&q[v as usize], &low);
+        let mut corners = t.map(place);
+        let [a, b, c] = &corners;
+        if (b.x - a.x) * (c.y - a.y) < (b.y - a.y) * (c.x - a.x) {
+            corners.swap(1, 2);
+        }
+        depth.triangle(corners, |pixel, _, _| front[pixel] = k);
+    }
+    (depth, front)
+}
+
+/// A place in cells from `low`, its depth above 0.
+fn cell(p: &Vec3, low: &Vec3) -> Corner {
+    let at = |k: usize| ((p[k] - low[k]) / CELL - 0.5) as f32;
+    Corner {
+        x: at(0),
+        y: at(1),
+        inverse: ((p.z - low.z) + 1.0) as f32,
+    }
+}
+
+impl<'a> Judge<'a> {
+    fn new(head: &'a Head) -> Self {
+        let origin = (head.point(39) + head.point(42)) / 2.0;
+        let to_face = head.axes.transpose() / head.eye_distance;
+        let places = head.mesh.positions.iter();
+        let q: Vec<Vec3> = places.map(|p| to_face * (p - origin)).collect();
+        let mut out = Self {
+            all: head.mesh.triangles(),
+            is_visible: vec![false; q.len()],
+            q,
+            head,
+            visible: Vec::new(),
+            normals: Vec::new(),
+            edges: Vec::new(),
+            inside: Vec::new(),
+            teeth: Vec::new(),
+            behind: 0.0,
+        };
+        out.see();
+        out.find_edges();
+        out.look_inside();
+        out.behind = out.seen_from_behind(&out.q);
+        out
+    }
+
+    /// Which vertices of the skin are seen from anywhere.
+    fn see(&mut self) {
+        let head = self.head;
+        let near: Vec<bool> = self.q.iter().map(|p| p.y.abs() < FACE).collect();
+        let smooth = head.mesh.vertex_normals(&head.mesh.positions);
+        let is_near = |t: &&[u32; 3]| t.iter().all(|&v| near[v as usize]);
+        let some: Vec<[u32; 3]> = self.all.iter().filter(is_near).copied().collect();
+        let seen = VIEWS.par_iter().map(|turn| {
+            let [aside, up] = turn.map(f64::to_radians);
+            let lift = Rotation3::from_axis_angle(&Vec3::x_axis(), up);
+            let view = lift * Rotation3::from_axis_angle(&Vec3::y_axis(), -aside);
+            let q: Vec<Vec3> = self.q.iter().map(|p| view * p).collect();
+            let mut low = Vec3::repeat(f64::INFINITY);
+            let mut high = -low;
+            for p in some.iter().flatten().map(|&v| &q[v as usize]) {
+                (low, high) = (low.inf(p), high.sup(p));
+            }
+            let (depth, _) = drawn(&q, &some, low, high);
+            let faces = view * head.axes.transpose();
+            let shows = |v: usize| {
+                let at = cell(&q[v], &low);
+                let [x, y] = [at.x, at.y].map(|c| c.round().max(0.0) as usize);
+                let hides = f64::from(depth.inverse[y * depth.width + x]) - IN_FRONT;
+                near[v] && f64::from(at.inverse) > hides && (faces * smooth[v]).z > 0.1
+            };
+            let all = 0..q.len();
+            all.map(|v| head.skin[v] && near[v] && shows(v)).collect()
+        });
+        for view in seen.collect::<Vec<Vec<bool>>>() {
+            for (seen, here) in self.is_visible.iter_mut().zip(view) {
+                *seen |= here;
+            }
+        }
+    }
+
+    fn find_edges(&mut self) {
+        let mesh = &self.head.mesh;
+        let faces = (0..mesh.faces()).filter(|&f| !self.head.film[f]);
+        let triangles = faces.flat_map(|f| mesh.solid(f).map(|t| t.map(|c| c.vertex)));
+        let seen = |t: &[u32; 3]| t.iter().all(|&v| self.is_visible[v as usize]);
+        self.visible = triangles.filter(seen).collect();
+        self.normals = self.visible.iter().map(|t| normal(&self.q, t).0).collect();
+        let mut sides: HashMap<[u32; 2], Vec<usize>> = HashMap::new();
+        for (k, &[a, b, c]) in self.visible.iter().enumerate() {
+            for [a, b] in [[a, b], [b, c], [c, a]] {
+                sides.entry([a.min(b), a.max(b)]).or_default().push(k);
+            }
+        }
+        let at = |v: u32| self.q[v as usize];
+        for (ends, sides) in sides {
+            let &[one, other] = &sides[..] else { continue };
+            if self.normals[one].dot(&self.normals[other]) > FLAT {
+                let [a, b] = ends.map(at);
+                let middle = (a + b) / 2.0;
+                let mut lids = self.head.points[36..48].iter();
+                self.edges.push(Edge {
+                    sides: [one, other],
+                    length: (a - b).norm(),
+                    at_lid: lids.any(|&v| (at(v) - middle).norm() < AT_LID),
+                });
+            }
+        }
+    }
+
+    /// What lies in the mouth.
+    fn look_inside(&mut self) {
+        let head = self.head;
+        let is_part = |v: usize| matches!(head.follow[v], Follow::Jaw(_));
+        let far = DEEP * head.eye_distance;
+        let deep = |v: usize| head.from_lips[v].is_finite() && f64::from(head.from_lips[v]) > far;
+        let all = 0..self.q.len();
+        self.inside = all.filter(|&v| is_part(v) || deep(v)).collect();
+        let edges = (0..self.q.len()).filter(|&v| is_part(v));
+        let ring = |v: usize| {
+            let ring = head.rings.of(v).iter().map(|&o| o as usize);
+            ring.filter(move |&o| v < o).map(move |o| [v, o])
+        };
+        self.teeth = edges.flat_map(ring).collect();
+    }
+
+    /// Area before the mouth in which the foremost is skin seen from behind.
+    fn seen_from_behind(&self, q: &[Vec3]) -> f64 {
+        let at = |k: usize| q[self.head.points[k] as usize];
+        let across = || (48..60).map(|k| at(k).x);
+        let left = across().fold(f64::NEG_INFINITY, f64::max) + ASIDE;
+        let right = across().fold(f64::INFINITY, f64::min) - ASIDE;
+        let low = Vec3::new(right, at(8).y, at(33).z - 4.0);
+        let high = Vec3::new(left, at(33).y, 0.0);
+        let near = |t: &&[u32; 3]| {
+            let p = t.map(|v| q[v as usize]);
+            p.iter().all(|p| p.z > low.z)
+                && [0, 1].into_iter().all(|k: usize| {
+                    p.iter().any(|p| p[k] > low[k]) && p.iter().any(|p| p[k] < high[k])
+                })
+        };
+        let some: Vec<[u32; 3]> = self.all.iter().filter(near).copied().collect();
+        let (_, front) = drawn(q, &some, low, high);
+        let away = |&k: &&u32| {
+            let t = some.get(*k as usize);
+            t.is_some_and(|t| self.head.skin[t[0] as usize] && normal(q, t).0.z < 0.0)
+        };
+        front.iter().filter(away).count() as f64 * CELL * CELL
+    }
+
+    /// Where vertices are with these displacements of the mesh.
+    fn moved(&self, d: &[Vec3]) -> Vec<Vec3> {
+        let to_face = self.head.axes.transpose() / self.head.eye_distance;
+        let both = self.q.iter().zip(d);
+        both.map(|(q, d)| q + to_face * d).collect()
+    }
+
+    /// What is wrong with one shape, in words; `d` is as it is meant to be seen.
+    fn faults(&self, name: &str, d: &[Vec3]) -> Vec<String> {
+        let (q, name) = (self.moved(d), name.to_ascii_lowercase());
+        let (mut folds, mut lids, mut turned) = (0.0, 0.0, 0.0);
+        let now: Vec<Vec3> = self.visible.iter().map(|t| normal(&q, t).0).collect();
+        for edge in &self.edges {
+            let [one, other] = edge.sides.map(|k| now[k]);
+            if one.dot(&other) < FOLDED {
+                *(if edge.at_lid { &mut lids } else { &mut folds }) += edge.length;
+            }
+        }
+        for ((t, was), is) in self.visible.iter().zip(&self.normals).zip(&now) {
+            if was.dot(is) < TURNED {
+                turned += normal(&self.q, t).1;
+            }
+        }
+        let mut out = vec![
+            FOLDS.missed(folds),
+            LID_FOLDS.missed(lids),
+            TURNED_OVER.missed(turned),
+            BEHIND.missed(self.seen_from_behind(&q) - self.behind),
+        ];
+        if !JAW.iter().any(|jaw| name.starts_with(jaw)) && !self.inside.is_empty() {
+            let ways = self.inside.iter().map(|&v| (q[v] - self.q[v]).norm());
+            out.push(INSIDE.missed(MM * ways.sum::<f64>() / self.inside.len() as f64));
+        }
+        if !name.starts_with("tongue") && !self.teeth.is_empty() {
+            let size = |q: &[Vec3], [a, b]: [usize; 2]| (q[a] - q[b]).norm();
+            let doubled = |e: &&[usize; 2]| size(&q, **e) > 2.0 * size(&self.q, **e) + 1e-9;
+            let doubled = self.teeth.iter().filter(doubled).count();
+            out.push(GROWN.missed(doubled as f64 / self.teeth.len() as f64));
+        }
+        match &*name {
+            "jawopen" => out.extend(self.jaw(&q)),
+            "eyeblinkleft" => out.push(self.open(0, &q)),
+            "eyeblinkright" => out.push(self.open(1, &q)),
+            _ => (),
+        }
+        out.into_iter().flatten().collect()
+    }
+
+    /// What is wrong with the chin's path, the lips and the rim of a mask.
+    fn jaw(&self, q: &[Vec3]) -> [Option<String>; 5] {
+        let vertex = |k: usize| self.head.points[k] as usize;
+        let way = |k: usize| q[vertex(k)] - self.q[vertex(k)];
+        let (chin, lip) = (self.q[vertex(8)], self.q[vertex(57)]);
+        let front = chin + (lip - chin) * TO_LIP;
+        let is_chin = |v: &usize| {
+            let marked = *v == vertex(8) || *v == vertex(57);
+            marked || self.is_visible[*v] && (self.q[*v] - front).norm() < AT_CHIN
+        };
+        let some: Vec<usize> = (0..q.len()).filter(is_chin).collect();
+        let hinge = turns_about(&some, &self.q, q).map(|at| (at.x - chin.y) / (chin.z - at.y));
+        let rim = self.rim(&chin);
+        let mean = |some: &[usize]| {
+            let ways = some.iter().map(|&v| q[v] - self.q[v]);
+            (ways.sum::<Vec3>() / some.len().max(1) as f64).norm()
+        };
+        let rim = (!rim.is_empty()).then(|| mean(&rim) / way(8).norm().max(1e-9));
+        [
+            BACK.missed(way(8).z / way(8).y.min(-1e-9)),
+            hinge.and_then(|ratio| HINGE.missed(ratio)),
+            LIPS.missed(q[vertex(62)].y - q[vertex(66)].y),
+            UPPER.missed(way(62).norm() / way(66).norm().max(1e-9)),
+            rim.and_then(|share| RIM.missed(share)),
+        ]
+    }
+
+    /// The lower edge of a mask, below its chin; nothing of a head with a neck.
+    fn rim(&self, chin: &Vec3) -> Vec<usize> {
+        let skin = || (0..self.q.len()).filter(|&v| self.head.skin[v]);
+        let middle = |v: usize| (self.q[v].x - chin.x).abs() < 0.3;
+        let below = |v: usize| self.q[v].z < chin.z + 0.3 && self.q[v].y < chin.y - MASK;
+        if skin().any(|v| middle(v) && below(v)) {
+            return Vec::new();
+        }
+        let border = self.head.mesh.border();
+        let near = |v: usize| (self.q[v] - chin).norm() < MASK && self.q[v].y < chin.y + 0.2;
+        let rim = skin().filter(|&v| border[v] && middle(v) && near(v));
+        rim.collect()
+    }
+
+    /// Open area between the lids, of the neutral's.
+    fn open(&self, side: usize, q: &[Vec3]) -> Option<String> {
+        const STEPS: u32 = 200;
+        let seam = &self.head.lids[side];
+        let area = |q: &[Vec3]| {
+            let line = |line: &[u32]| {
+                let mut places: Vec<Vec3> = line.iter().map(|&v| q[v as usize]).collect();
+                places.sort_by(|a, b| a.x.total_cmp(&b.x));
+                places
+            };
+            let (upper, lower) = (line(&seam.upper), line(&seam.lower));
+            let [from, to] = [0, seam.lower.len() - 1].map(|k| self.q[seam.lower[k] as usize].x);
+            let gap = |k: u32| {
+                let x = from + (to - from) * f64::from(k) / f64::from(STEPS);
+                (height(&upper, x) - height(&lower, x)).max(0.0)
+            };
+            (0..=STEPS).map(gap).sum::<f64>() / f64::from(STEPS + 1)
+        };
+        let before = area(&self.q);
+        (before > SHUT)
+            .then(|| OPEN.missed(area(q) / before))
+            .flatten()
+    }
+}
+
+/// Height of a line, ordered by x, at x; beyond its ends that of the end.
+fn height(line: &[Vec3], x: f64) -> f64 {
+    let after = line.partition_point(|p| p.x < x);
+    if after == 0 || after == line.len() {
+        return line[after.min(line.len() - 1)].y;
+    }
+    let (a, b) = (line[after - 1], line[after]);
+    a.y + (b.y - a.y) * (x - a.x) / (b.x - a.x).max(1e-12)
+}
+
+/// Where, in (up, out), the best rigid motion of some places turns about; nothing if it turns by less than two degrees.
+fn turns_about(some: &[usize], before: &[Vec3], after: &[Vec3]) -> Option<Vector2<f64>> {
+    let flat = |q: &[Vec3]| some.iter().map(|&v| q[v].yz()).collect::<Vec<_>>();
+    let (a, b) = (flat(before), flat(after));
+    let mean = |p: &[Vector2<f64>]| p.iter().sum::<Vector2<f64>>() / p.len() as f64;
+    let (a0, b0) = (mean(&a), mean(&b));
+    let (mut cross, mut dot) = (0.0, 0.0);
+    for (a, b) in a.iter().zip(&b) {
+        cross += (a - a0).perp(&(b - b0));
+        dot += (a - a0).dot(&(b - b0));
+    }
+    let angle = cross.atan2(dot);
+    let turn = nalgebra::Rotation2::new(angle).into_inner();
+    let rest = nalgebra::Matrix2::identity() - turn;
+    let inverse = rest
+        .try_inverse()
+        .filter(|_| angle.abs() > 2_f64.to_radians())?;
+    Some(inverse * (b0 - turn * a0))
+}
+
+/// What is wrong with every shape, in words: by the measures, and by what its recipe asks.
+pub fn faults(head: &Head, shapes: &[Shape]) -> Vec<Vec<String>> {
+    let judge = Judge::new(head);
+    let one = |k: usize| {
+        let mut faults = judge.faults(&shapes[k].name, &shown(shapes, k));
+        faults.extend(shapes[k].misses.iter().flatten().cloned());
+        faults
+    };
+    (0..shapes.len()).into_par_iter().map(one).collect()
+}
+
+/// How many shapes pass, and what is wrong with the others; in one sentence each.
+pub fn verdict(shapes: &[Shape], faults: &[Vec<String>]) -> String {
+    let failing = shapes.iter().zip(faults).filter(|(_, f)| !f.is_empty());
+    let failing: Vec<String> = failing
+        .map(|(shape, faults)| format!("{} ({})", shape.name, faults.join("; ")))
+        .collect();
+    let (all, passing) = (shapes.len(), shapes.len() - failing.len());
+    let mut out = format!("{passing} of {all} shapes pass the checks: {CHECKED}.");
+    if !failing.is_empty() {
+        out += &format!(
+            " These fail, lengths in eye distances: {}.",
+            failing.join(", ")
+        );
+    }
+    out
+}

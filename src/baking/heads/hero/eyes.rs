@@ -1,0 +1,25 @@
+//! Eyes: white, iris and pupil, one picture for both, `eyes.jpg`, seen from in front.
+
+use crate::bake::mesh::Vec3;
+
+/// The picture.
+pub(super) const PICTURE: &[u8] = include_bytes!("eyes.jpg");
+/// Middle of the left eyeball; of the right one x is negative.
+const BALL: Vec3 = Vec3::new(0.031, 0.0035, -0.0135);
+/// Middle of the iris from there, towards the nose: who looks at somebody an arm away converges.
+const INWARD_M: f64 = 0.0007;
+/// What the picture shows from its middle to its edge.
+const REACH_M: f64 = 0.0165;
+
+/// Place of a vertex of an eyeball in the picture.
+pub(super) fn place_in_picture(p: &Vec3) -> [f32; 2] {
+    let side = p.x.signum();
+    let x = p.x - side * (BALL.x - INWARD_M);
+    let mut flat = nalgebra::Vector2::new(x, p.y - BALL.y);
+    // What looks back is white.
+    if p.z < BALL.z {
+        flat = flat.try_normalize(1e-9).unwrap_or_default() * REACH_M;
+    }
+    let at = |d: f64| (0.5 + 0.5 * d / REACH_M).clamp(0.0, 1.0) as f32;
+    [at(flat.x), at(-flat.y)]
+}

@@ -1,0 +1,203 @@
+//! CSV: a header, then one row per frame and user.
+//!
+//! Numbers have a fixed number of decimals, so that equal values give equal bytes. A missing or non-finite value is an empty
+//! field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
+
+use core::fmt::Write as _;
+#[cfg(feature = "std")]
+use std::io::Write;
+
+#[cfg(feature = "std")]
+use super::{Output, OutputError, Tally};
+use super::{Report, TrackingState};
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::prelude::*;
+use mien_stages::landmarks::Landmarks;
+
+/// Decimals of lengths in metres, quaternions, measures and weights: 1 µm, and finer than any of them is known.
+const FINE: usize = 6;
+/// Decimals of pixels and confidences.
+const COARSE: usize = 4;
+/// The head's box in depth pixels: first column and row, one past the last.
+const BOX: [&str; 4] = ["x0", "y0", "x1", "y1"];
+/// Longest field: the largest f32 in full, with its comma.
+const FIELD_BYTES: usize = 52;
+
+/// The rows as text, one after the other in the same buffer.
+pub struct Rows {
+    row: String,
+    measures: usize,
+    units: usize,
+    gestures: usize,
+    /// Pixels of the camera to one of the frame, along each side: of depth, and of pictures.
+    reduced: [usize; 2],
+}
+
+impl Rows {
+    /// With the header in place. `measures`, `units` and `gestures` are names without `w_` and `g_`; an `m_` the measures' names
+    /// may have.
+    pub fn new(measures: &[&str], units: &[&str], gestures: &[&str]) -> Self {
+        let names = (0..LANDMARKS).map(|i| format!("x{i},y{i}"));
+        let names = names.chain((0..LANDMARKS).map(|i| format!("c{i}")));
+        let plain = measures.iter().map(|m| m.strip_prefix("m_").unwrap_or(m));
+        let names = names.chain(plain.map(|measure| format!("m_{measure}")));
+        let names = names.chain(units.iter().map(|unit| format!("w_{unit}")));
+        let names = names.chain(BOX.map(|side| format!("head_{side}")));
+        let names = names.chain(gestures.iter().map(|gesture| format!("g_{gesture}")));
+        let mut row =
+            String::from("frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw");
+        names.for_each(|name| row += &format!(",{name}"));
+        row.push('\n');
+        let fields = 12 + 3 * LANDMARKS + measures.len() + units.len() + BOX.len() + gestures.len();
+        row.reserve(fields * FIELD_BYTES);
+        Self {
+            row,
+            measures: measures.len(),
+            units: units.len(),
+            gestures: gestures.len(),
+            reduced: [1; 2],
+        }
+    }
+
+    /// The header, then the last row, with its line's end.
+    pub fn text(&self) -> &str {
+        &self.row
+    }
+
+    /// Appends a field.
+    fn number(&mut self, value: Option<f32>, decimals: usize) {
+        self.row.push(',');
+        let start = self.row.len();
+        if let Some(value) = value.filter(|value| value.is_finite()) {
+            write!(self.row, "{value:.decimals$}").expect("a String takes everything");
+        }
+        // What rounds to zero has no sign.
+        if let Some(digits) = self.row[start..].strip_prefix('-')
+            && digits.bytes().all(|digit| matches!(digit, b'0' | b'.'))
+        {
+            self.row.remove(start);
+        }
+    }
+
+    /// Makes the row of a report; `false` if it has none.
+    pub fn fill(&mut self, report: &Report) -> bool {
+        // Who was forgotten has no row; a frame without anybody has one without a user.
+        let gone = report.user.is_some() && report.state == TrackingState::Absent;
+        if gone && !report.alone {
+            return false;
+        }
+        let user = report.user.filter(|_| !gone);
+        self.row.clear();
+        let row = &mut self.row;
+        write!(row, "{},{},", report.frame, report.at.as_us()).expect("a String takes everything");
+        if let Some(user) = user {
+            write!(row, "{user}").expect("a String takes everything");
+        }
+        write!(row, ",{}", report.state.name()).expect("a String takes everything");
+        self.number(Some(report.confidence), COARSE);
+
+        // Lost and absent users have no values, posed ones no face, whatever is handed in.
+        let present = report.state.is_present();
+        let pose = report.pose();
+        let place = pose.map(|pose| pose.translation.vector);
+        (0..3).for_each(|i| self.number(place.map(|place| place[i]), FINE));
+        // nalgebra keeps quaternions as x, y, z, w.
+        let turn = pose.map(|pose| pose.rotation.coords);
+        (0..4).for_each(|i| self.number(turn.map(|turn| turn[i]), FINE));
+
+        let face = report.state.has_face();
+        let [of_depth, of_picture] = self.reduced;
+        let middle = (of_picture - 1) as f32 * 0.5;
+        let own = |pixel: f32| pixel * of_picture as f32 + middle;
+        let points =
+            |value: &dyn Fn(&Landmarks) -> f32| report.landmarks.filter(|_| face).map(value);
+        for i in 0..LANDMARKS {
+            for axis in 0..2 {
+                self.number(points(&|face| own(face.pixels[i][axis])), COARSE);
+            }
+        }
+        for i in 0..LANDMARKS {
+            self.number(points(&|face| face.point_confidence[i]), COARSE);
+        }
+        let value = |values: &[f32], i: usize| values.get(i).copied().filter(|_| face);
+        (0..self.measures).for_each(|i| self.number(value(report.measures, i), FINE));
+        for i in 0..self.units {
+            // Never below 0; `max` would turn what is not a number into 0.
+            let weight =
+                value(report.weights, i).map(|weight| if weight < 0.0 { 0.0 } else { weight });
+            self.number(weight, FINE);
+        }
+        let sides = report.head_box.filter(|_| present);
+        let sides =
+            sides.map(|r| [r.x0, r.y0, r.x1, r.y1].map(|side| u32::from(side) * of_depth as u32));
+        (0..BOX.len()).for_each(|i| self.number(sides.map(|sides| sides[i] as f32), 0));
+        for i in 0..self.gestures {
+            let is_on = report.gestures >> i & 1 == 1;
+            self.row.push_str(if is_on { ",1" } else { ",0" });
+        }
+        self.row.push('\n');
+        true
+    }
+}
+
+/// A CSV that is being written.
+#[cfg(feature = "std")]
+pub struct Csv<W> {
+    to: W,
+    rows: Rows,
+    tally: Tally,
+}
+
+#[cfg(feature = "std")]
+impl<W: Write> Csv<W> {
+    /// Writes the header; the names are those of [`Rows::new`].
+    ///
+    /// # Errors
+    /// If nothing can be written.
+    pub fn new(
+        to: W,
+        measures: &[&str],
+        units: &[&str],
+        gestures: &[&str],
+    ) -> Result<Self, OutputError> {
+        let mut csv = Self {
+            to,
+            rows: Rows::new(measures, units, gestures),
+            tally: Tally::empty("csv"),
+        };
+        csv.write_row()?;
+        csv.tally = Tally::empty("csv");
+        Ok(csv)
+    }
+
+    /// Points and boxes in the pixels of a camera whose depth and picture were reduced by these numbers.
+    pub fn of_reduced(mut self, reduced: [usize; 2]) -> Self {
+        self.rows.reduced = reduced;
+        self
+    }
+
+    fn write_row(&mut self) -> Result<(), OutputError> {
+        // One write for the row, so that a reader never sees half of one for long.
+        let row = self.rows.text().as_bytes();
+        match self.to.write_all(row).and_then(|()| self.to.flush()) {
+            Ok(()) => self.tally.sent += 1,
+            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => self.tally.dropped += 1,
+            Err(source) => return Err(OutputError::Csv(source)),
+        }
+        Ok(())
+    }
+}
+
+#[cfg(feature = "std")]
+impl<W: Write> Output for Csv<W> {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        if self.rows.fill(report) {
+            self.write_row()?;
+        }
+        Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        self.tally
+    }
+}

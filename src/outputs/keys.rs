@@ -1,0 +1,439 @@
+//! Keys and mouse buttons that gestures press: through the kernel's `uinput`, or on the wire of a USB HID gadget, where the
+//! box is a keyboard for any computer.
+//!
+//! A tapped key goes up with the frame after it went down. With `uinput` the kernel itself releases what is pressed when this
+//! process ends, however it ends; a gadget's host does not know, so a gadget is told that nothing is pressed when it is opened.
+//!
+//! Sources: Linux `uinput.h` and `input-event-codes.h`; USB HID 1.11, appendix B.1 (boot keyboard); HID Usage Tables 1.5,
+//! page 7. A path that is neither device gets `uinput`'s events as they are, for tests.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use super::gesture::{Press, Switch};
+use super::key_codes::KEYS;
+use super::limits::BackOff;
+use super::{Output, OutputError, Report, Tally};
+use mien_stages::base::capacity::USERS;
+
+const EV_KEY: u16 = 1;
+const UI_SET_EVBIT: libc::Ioctl = 0x4004_5564;
+const UI_SET_KEYBIT: libc::Ioctl = 0x4004_5565;
+const UI_DEV_CREATE: libc::Ioctl = 0x5501;
+/// Bytes of `struct uinput_user_dev`: the name, bus and ids, then limits of axes that we have none of.
+const DEVICE_BYTES: usize = 1116;
+/// Bytes of an event's time, two words of the kernel whatever the C library's are, and of an event.
+const TIME_BYTES: usize = 2 * size_of::<libc::c_ulong>();
+const EVENT_BYTES: usize = TIME_BYTES + 8;
+/// Keys that a device has if it is a keyboard.
+const KEYBOARD: core::ops::Range<u16> = 1..89;
+const NAME: &[u8] = b"mien gestures";
+/// How often, and at which interval, the last keys are let go.
+const TRIES: u32 = 100;
+const TRY: Duration = Duration::from_millis(2);
+/// First and longest pause before the device is tried again.
+const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
+/// Keys of a HID report.
+const REPORT_KEYS: usize = 6;
+
+/// Presses keys.
+pub struct Keys {
+    path: String,
+    /// `None` while it is not there or may not be used.
+    device: Option<File>,
+    /// When it is tried again.
+    again: Instant,
+    back_off: BackOff,
+    /// Whether it takes reports of a boot keyboard, not events of the kernel.
+    is_gadget: bool,
+    /// Gestures that hold each key, a bit each; whether it is tapped; and whether the device was told that it is down.
+    held: [u128; KEYS.len()],
+    tapped: [bool; KEYS.len()],
+    is_down: [bool; KEYS.len()],
+    tally: Tally,
+}
+
+impl Keys {
+    /// Opens the device, or tries it again until it is there.
+    pub fn new(path: &str) -> Self {
+        let name = Path::new(path).file_name().unwrap_or_default();
+        let mut keys = Self {
+            path: path.to_owned(),
+            device: None,
+            again: Instant::now(),
+            back_off: BackOff::new(PAUSES),
+            is_gadget: name.to_string_lossy().starts_with("hidg"),
+            held: [0; KEYS.len()],
+            tapped: [false; KEYS.len()],
+            is_down: [false; KEYS.len()],
+            tally: Tally::empty("keys"),
+        };
+        if let Err(problem) = keys.open() {
+            tracing::warn!("{problem} Retrying every {} s", PAUSES[1].as_secs());
+        }
+        keys
+    }
+
+    /// Opens the device; what is held is pressed with the next frame.
+    fn open(&mut self) -> Result<(), OutputError> {
+        self.again = Instant::now() + self.back_off.pause();
+        let opened = opened(&self.path, self.is_gadget);
+        let mut device = opened.map_err(|problem| OutputError::Keys(self.path.clone(), problem))?;
+        self.is_down = [false; KEYS.len()];
+        if self.is_gadget {
+            // Without a host there is nobody to tell.
+            let _ = device.write_all(&self.report());
+        }
+        self.device = Some(device);
+        self.back_off.reset();
+        Ok(())
+    }
+
+    /// Tells the device what changed; what it does not take at once is told again with the next frame.
+    fn sync(&mut self) {
+        if self.device.is_none() {
+            // A tap is of its moment.
+            self.tapped = [false; KEYS.len()];
+            return;
+        }
+        for i in 0..KEYS.len() {
+            let is_down = self.held[i] != 0 || self.tapped[i];
+            if is_down == self.is_down[i] {
+                continue;
+            }
+            let before = std::mem::replace(&mut self.is_down[i], is_down);
+            let report = self.report();
+            let events = press(KEYS[i].1, is_down);
+            let bytes: &[u8] = if self.is_gadget { &report } else { &events };
+            let written = self.device.as_mut().map(|device| device.write_all(bytes));
+            if let Some(Ok(())) = written {
+                self.tally.sent += 1;
+                continue;
+            }
+            self.tally.dropped += 1;
+            self.is_down[i] = before;
+            // Gone, not only busy or without a host.
+            if matches!(written, Some(Err(problem)) if problem.raw_os_error() == Some(libc::ENODEV))
+            {
+                tracing::warn!(
+                    "{} is gone; retrying every {} s",
+                    self.path,
+                    PAUSES[1].as_secs()
+                );
+                self.device = None;
+                return;
+            }
+        }
+    }
+
+    /// The keys that are down, in a boot keyboard's report.
+    fn report(&self) -> [u8; 2 + REPORT_KEYS] {
+        let mut report = [0; 2 + REPORT_KEYS];
+        let down = (0..KEYS.len()).filter(|&i| self.is_down[i] && KEYS[i].2 > 0);
+        for (slot, i) in report[2..].iter_mut().zip(down) {
+            *slot = KEYS[i].2;
+        }
+        report
+    }
+}
+
+impl Output for Keys {
+    fn send(&mut self, _: &Report) -> Result<(), OutputError> {
+        if self.device.is_none() && Instant::now() >= self.again && self.open().is_ok() {
+            tracing::info!("pressing keys through {}", self.path);
+        }
+        for (tapped, is_down) in self.tapped.iter_mut().zip(self.is_down) {
+            *tapped &= !is_down;
+        }
+        self.sync();
+        Ok(())
+    }
+
+    fn switch(&mut self, switch: &Switch<'_>) {
+        if let Some(key) = KEYS.iter().position(|key| key.0 == switch.gesture.key) {
+            let bit = 1 << (switch.index * (USERS + 1) + switch.user.unwrap_or(USERS));
+            match switch.gesture.press {
+                Press::Tap => self.tapped[key] |= switch.is_on && switch.is_new,
+                Press::Hold if switch.is_on => self.held[key] |= bit,
+                Press::Hold => self.held[key] &= !bit,
+            }
+            self.sync();
+        }
+    }
+
+    fn tally(&self) -> Tally {
+        Tally {
+            connected: self.device.is_some(),
+            ..self.tally
+        }
+    }
+}
+
+impl Drop for Keys {
+    fn drop(&mut self) {
+        (self.held, self.tapped) = ([0; KEYS.len()], [false; KEYS.len()]);
+        // A gadget takes one report at a time, and whoever is at its other end may have gone.
+        for _ in 0..TRIES {
+            self.sync();
+            if self.device.is_none() || !self.is_down.contains(&true) {
+                return;
+            }
+            std::thread::sleep(TRY);
+        }
+    }
+}
+
+/// Opens a device for writing without waiting; `uinput` becomes a keyboard.
+fn opened(path: &str, is_gadget: bool) -> io::Result<File> {
+    let mut device = OpenOptions::new()
+        .write(true)
+        .custom_flags(libc::O_NONBLOCK)
+        .open(path)?;
+    if device.metadata()?.file_type().is_char_device() && !is_gadget {
+        create(&mut device)?;
+    }
+    Ok(device)
+}
+
+/// Two events of the kernel, whose time it fills in: a key, and that this is all.
+fn press(code: u16, is_down: bool) -> [u8; 2 * EVENT_BYTES] {
+    let mut bytes = [0; 2 * EVENT_BYTES];
+    let at = TIME_BYTES;
+    bytes[at..at + 2].copy_from_slice(&EV_KEY.to_ne_bytes());
+    bytes[at + 2..at + 4].copy_from_slice(&code.to_ne_bytes());
+    bytes[at + 4..at + 8].copy_from_slice(&i32::from(is_down).to_ne_bytes());
+    bytes
+}
+
+/// Makes a keyboard and mouse of an open `uinput`.
+#[expect(unsafe_code, reason = "uinput is set up by ioctl")]
+fn create(device: &mut File) -> io::Result<()> {
+    let fd = device.as_raw_fd();
+    let set = |request: libc::Ioctl, value: u16| {
+        // SAFETY: these requests take a number, and the descriptor is open as long as `device` is.
+        match unsafe { libc::ioctl(fd, request, libc::c_int::from(value)) } {
+            0 => Ok(()),
+            _ => Err(io::Error::last_os_error()),
+        }
+    };
+    set(UI_SET_EVBIT, EV_KEY)?;
+    let codes = KEYBOARD.chain(KEYS.iter().map(|key| key.1));
+    codes
+        .into_iter()
+        .try_for_each(|code| set(UI_SET_KEYBIT, code))?;
+    let mut about = [0; DEVICE_BYTES];
+    about[..NAME.len()].copy_from_slice(NAME);
+    // BUS_VIRTUAL.
+    about[80..82].copy_from_slice(&6_u16.to_ne_bytes());
+    device.write_all(&about)?;
+    set(UI_DEV_CREATE, 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gesture::{Gesture, Gestures, Person};
+    use mien_stages::base::time::Timestamp;
+    use mien_stages::users::TrackingState;
+
+    /// What is written for a smile and a brow that press the same key, and for one that presses none.
+    fn written(name: &str) -> Vec<u8> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, []).unwrap();
+        let gesture = |name: &str, key: &str| Gesture {
+            key: key.into(),
+            press: Press::Hold,
+            ..Gesture::named(name)
+        };
+        let all = [
+            gesture("smile", "space"),
+            gesture("brows", "space"),
+            gesture("kiss", ""),
+        ];
+        let mut keys = Keys::new(path.to_str().unwrap());
+        for (index, is_on) in [(0, true), (0, true), (1, true), (2, true), (0, false)] {
+            keys.switch(&Switch {
+                index,
+                gesture: &all[index],
+                user: None,
+                is_on,
+                is_new: true,
+            });
+        }
+        // The brow is still up.
+        assert_eq!(keys.tally.sent, 1);
+        drop(keys);
+        std::fs::read(&path).unwrap()
+    }
+
+    #[test]
+    fn a_key_is_down_while_any_gesture_holds_it_and_up_at_the_end() {
+        let events = written("events");
+        let words: Vec<(u16, u16, i32)> = events
+            .chunks(EVENT_BYTES)
+            .map(|event| {
+                let at = EVENT_BYTES - 8;
+                let word = |i: usize| u16::from_ne_bytes([event[at + i], event[at + i + 1]]);
+                (word(0), word(2), i32::from(event[at + 4]))
+            })
+            .collect();
+        // KEY_SPACE is 57.
+        assert_eq!(words, [(1, 57, 1), (0, 0, 0), (1, 57, 0), (0, 0, 0)]);
+    }
+
+    #[test]
+    fn a_gadget_gets_the_reports_of_a_boot_keyboard() {
+        // Usage 0x2C is the space bar.
+        let reports = [[0; 8], [0, 0, 0x2C, 0, 0, 0, 0, 0], [0; 8]].concat();
+        assert_eq!(written("hidg0"), reports);
+    }
+
+    #[test]
+    fn a_tap_is_down_until_the_next_frame_whatever_else_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events");
+        std::fs::write(&path, []).unwrap();
+        let gesture = Gesture {
+            key: "a".into(),
+            ..Gesture::named("smile")
+        };
+        let mut keys = Keys::new(path.to_str().unwrap());
+        let mut downs = Vec::new();
+        for (is_on, is_new) in [(true, true), (true, false), (false, true), (true, true)] {
+            keys.switch(&Switch {
+                index: 0,
+                gesture: &gesture,
+                user: None,
+                is_on,
+                is_new,
+            });
+            downs.push(keys.is_down.contains(&true));
+            keys.send(&Report::default()).unwrap();
+            downs.push(keys.is_down.contains(&true));
+        }
+        assert_eq!(
+            downs,
+            [true, false, false, false, false, false, true, false]
+        );
+    }
+
+    /// Key downs (`true`) and ups.
+    fn presses(events: &[u8]) -> Vec<bool> {
+        let pairs = events.chunks_exact(2 * EVENT_BYTES);
+        pairs.map(|pair| pair[TIME_BYTES + 4] == 1).collect()
+    }
+
+    #[test]
+    fn a_thousand_random_endings_leave_no_key_down() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events");
+        let gesture = |person, press| Gesture {
+            of: "AU26".into(),
+            hold_s: 0.0,
+            pause_s: 0.0,
+            key: "a".into(),
+            person,
+            press,
+            ..Gesture::named("jaw")
+        };
+        let all = [
+            gesture(Person::Any, Press::Hold),
+            gesture(Person::Each, Press::Hold),
+            gesture(Person::Shown, Press::Tap),
+        ];
+        let mut random = fastrand::Rng::with_seed(11);
+        let mut pressed = 0;
+        for round in 0..1000 {
+            std::fs::write(&path, []).unwrap();
+            let mut keys = Keys::new(path.to_str().unwrap());
+            let mut gestures = Gestures::new(&all, &["AU26"]);
+            let mut frame = |gestures: &mut Gestures, reports: &mut [Report<'_>]| {
+                gestures.observe(reports);
+                reports.iter().for_each(|report| keys.send(report).unwrap());
+                gestures.for_each_switch(|switch| keys.switch(switch));
+            };
+            let mut at = Timestamp::from_us(random.u64(..1 << 40));
+            for _ in 0..random.usize(1..30) {
+                at = Timestamp::from_us(at.as_us() + random.u64(1..400_000));
+                let weights = [random.f32(), random.f32()];
+                let user = |slot: usize, state| Report {
+                    user: Some(slot),
+                    state,
+                    at,
+                    other_is_shown: slot > 0,
+                    weights: &weights[slot..=slot],
+                    ..Report::default()
+                };
+                let states = [0, 1].map(|_| match random.u8(..6) {
+                    0 => random.choice(TrackingState::ALL).unwrap(),
+                    _ => TrackingState::Tracking,
+                });
+                let mut both = [user(0, states[0]), user(1, states[1])];
+                frame(&mut gestures, &mut both[..random.usize(1..3)]);
+            }
+            let nobody = Report {
+                at: Timestamp::from_us(at.as_us() + 500_000),
+                ..Report::default()
+            };
+            match random.u8(..4) {
+                // They leave, or the sensor is unplugged: nobody, again and again.
+                0 => (0..2).for_each(|_| frame(&mut gestures, &mut [nobody])),
+                // The run ends, or reads its configuration again.
+                1 => {
+                    gestures.release();
+                    gestures.for_each_switch(|switch| keys.switch(switch));
+                    keys.send(&nobody).unwrap();
+                }
+                // It ends by an error.
+                2 => drop(keys),
+                // Another recording begins.
+                _ => (0..2).for_each(|_| frame(&mut gestures, &mut [Report::default()])),
+            }
+            let presses = presses(&std::fs::read(&path).unwrap());
+            pressed += presses.len() / 2;
+            assert!(
+                presses.chunks(2).all(|press| press == [true, false]),
+                "round {round}: {presses:?}"
+            );
+        }
+        assert!(pressed > 1000, "{pressed}");
+    }
+
+    #[test]
+    fn a_device_that_comes_later_is_named_until_then_and_used_from_then_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("uinput");
+        let gesture = Gesture {
+            key: "a".into(),
+            press: Press::Hold,
+            ..Gesture::named("smile")
+        };
+        let mut keys = Keys::new(path.to_str().unwrap());
+        let error = keys.open().unwrap_err().to_string();
+        assert!(
+            error.starts_with(&format!("cannot press keys through {path:?}: ")),
+            "{error}"
+        );
+        keys.switch(&Switch {
+            index: 0,
+            gesture: &gesture,
+            user: None,
+            is_on: true,
+            is_new: true,
+        });
+        keys.send(&Report::default()).unwrap();
+        assert!(!keys.tally().connected && keys.tally().dropped == 0);
+        std::fs::write(&path, []).unwrap();
+        keys.again = Instant::now();
+        keys.send(&Report::default()).unwrap();
+        assert!(keys.tally().connected);
+        drop(keys);
+        // What is held at that time goes down, and up at the end.
+        assert_eq!(presses(&std::fs::read(&path).unwrap()), [true, false]);
+    }
+}

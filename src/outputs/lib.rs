@@ -1,0 +1,279 @@
+//! Outputs: CSV, OSC, serial and others. Each takes a [`Report`] per frame and user and is independent of the others.
+//!
+//! Except in CSV, weights are 0…1 and never NaN, and a face that is lost, or whose head is tracked by depth alone, does not
+//! freeze: its last weights are held briefly, then fade to neutral ([`LossPolicy`]). Dropping an output sends neutral and
+//! absent. Nothing allocates per report, and no output can block the pipeline: what it cannot send at once is dropped and counted.
+
+#![cfg_attr(not(feature = "std"), no_std)]
+
+extern crate alloc;
+
+#[cfg(feature = "wires")]
+pub mod board;
+pub mod csv;
+mod face;
+#[cfg(feature = "std")]
+pub mod features;
+pub mod gesture;
+#[cfg(feature = "wires")]
+mod identity;
+#[cfg(feature = "wires")]
+mod key_codes;
+#[cfg(feature = "wires")]
+pub mod keys;
+#[cfg(feature = "std")]
+pub mod limits;
+#[cfg(feature = "wires")]
+pub mod live_link;
+#[cfg(feature = "wires")]
+pub mod mqtt;
+pub mod osc;
+mod report;
+pub mod serial;
+mod view;
+#[cfg(feature = "wires")]
+pub mod web;
+
+use face::{OneFace, WireWeights};
+use mien_stages::base::capacity::USERS;
+use mien_stages::base::defaults;
+use mien_stages::base::prelude::*;
+use mien_stages::base::time::Timestamp;
+pub use mien_stages::users::TrackingState;
+pub use report::finite;
+use report::unit_range;
+pub use report::{Report, SCHEMA_VERSION};
+#[cfg(feature = "std")]
+pub use view::all_units;
+pub(crate) use view::is_unit;
+pub use view::{LossPolicy, UnitView, View, is_name};
+
+/// A command from a receiver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Forget what was learned about the user in a slot.
+    Forget(usize),
+    /// Stop or resume learning for the user in a slot.
+    Freeze(usize, bool),
+    /// Take the current face of the user in a slot as rest.
+    Neutral(usize),
+    /// Let a gesture go on at a level, in hundredths.
+    Level(usize, u16),
+}
+
+impl core::fmt::Display for Command {
+    /// What a receiver asked for, as in "asked to …".
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::Forget(slot) => write!(f, "forget person {}", slot + 1),
+            Self::Freeze(slot, true) => write!(f, "freeze learning for person {}", slot + 1),
+            Self::Freeze(slot, false) => write!(f, "resume learning for person {}", slot + 1),
+            Self::Neutral(slot) => write!(f, "set the neutral face of person {}", slot + 1),
+            Self::Level(gesture, level) => {
+                let level = f32::from(level) / 100.0;
+                write!(f, "set the level of gesture {gesture} to {level:.2}")
+            }
+        }
+    }
+}
+
+impl Command {
+    /// A command by its name, for a slot; `freeze` has `on`. `None` if there is no such command or slot.
+    pub fn named(what: &str, slot: usize, on: Option<bool>) -> Option<Self> {
+        match (what, on) {
+            _ if slot >= USERS => None,
+            ("forget", None) => Some(Self::Forget(slot)),
+            ("neutral", None) => Some(Self::Neutral(slot)),
+            ("freeze", Some(on)) => Some(Self::Freeze(slot, on)),
+            _ => None,
+        }
+    }
+
+    /// The same of words: the slot, then `0` or `1`.
+    #[cfg(feature = "wires")]
+    fn of_words<'a>(what: &str, mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
+        let slot = words.next()?.parse().ok()?;
+        let on = match (words.next(), words.next()) {
+            (None, _) => None,
+            (Some(on @ ("0" | "1")), None) => Some(on == "1"),
+            _ => return None,
+        };
+        Self::named(what, slot, on)
+    }
+}
+
+defaults! {
+    /// Counters of an output.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Tally {
+        /// Its section of the configuration.
+        pub name: &'static str = "",
+        /// Datagrams, frames or rows sent, over all targets.
+        pub sent: u64 = 0,
+        /// Those that were dropped: not accepted at once, replaced by a newer one, or without a known destination.
+        pub dropped: u64 = 0,
+        /// Whether there is a destination: false while a serial port is absent.
+        pub connected: bool = true,
+        /// Weights that were NaN and were sent as 0.
+        pub not_numbers: u64 = 0,
+        /// Commands accepted, and those refused as malformed or too frequent.
+        pub commands: [u64; 2] = [0; 2],
+    }
+}
+
+impl Tally {
+    /// The sums of both, of which `later` tells whether there is a destination.
+    #[cfg(feature = "std")]
+    pub fn plus(self, later: Self) -> Self {
+        let [a, b] = [self.commands, later.commands];
+        Self {
+            sent: self.sent + later.sent,
+            dropped: self.dropped + later.dropped,
+            not_numbers: self.not_numbers + later.not_numbers,
+            commands: [a[0] + b[0], a[1] + b[1]],
+            ..later
+        }
+    }
+
+    /// Nothing counted yet.
+    fn empty(name: &'static str) -> Self {
+        Self {
+            name,
+            ..Self::default()
+        }
+    }
+}
+
+/// A destination of reports.
+pub trait Output {
+    /// Sends one report.
+    ///
+    /// # Errors
+    /// Only if the output cannot recover, such as a file on a full disk. An absent receiver or port is a state, not an
+    /// error.
+    fn send(&mut self, report: &Report) -> Result<(), OutputError>;
+
+    /// Tells that a gesture went on or off, or that it is as it was; most outputs have no use for it.
+    fn switch(&mut self, _: &gesture::Switch<'_>) {}
+
+    /// The counters so far.
+    fn tally(&self) -> Tally;
+
+    /// The next command received; most outputs have none.
+    fn next_command(&mut self) -> Option<Command> {
+        None
+    }
+}
+
+/// Why an output cannot be created or used.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// The CSV cannot be written.
+    #[cfg(feature = "std")]
+    #[error("cannot write the CSV: {0}; check the path and the free space")]
+    Csv(std::io::Error),
+    /// No UDP socket.
+    #[cfg(feature = "std")]
+    #[error("cannot open a UDP socket to send OSC: {0}; is the network configured?")]
+    Socket(std::io::Error),
+    /// The command port cannot be opened.
+    #[error(
+        "cannot listen for OSC commands at {0:?}; expected address:port of this machine, like 127.0.0.1:9131"
+    )]
+    Listen(String),
+    /// Not a `host:port`.
+    #[error("OSC target is {0:?}, expected host:port like 127.0.0.1:9130")]
+    Target(String),
+    /// An OSC address must start with a slash and contain no pattern characters.
+    #[error(
+        "OSC prefix is {0:?}, expected printable ASCII like /face, at most 64 characters, without space # * , ? [ ] {{ }}"
+    )]
+    Prefix(String),
+    /// The names of so many units do not fit one datagram or line: bytes needed, and available.
+    #[error("the names of {0} units take {1} bytes, expected at most {2}; shorten some in [units]")]
+    Names(usize, usize, usize),
+    /// An unknown unit is requested.
+    #[error(
+        "serial.units names {0:?}, which is not measured with these settings; remove it from the list"
+    )]
+    Unit(String),
+    /// The password file, which cannot be read or has no password.
+    #[cfg(feature = "std")]
+    #[error(
+        "cannot use password_file {0:?}: {1}; expected the password in its first line, readable by mien's user"
+    )]
+    Password(String, std::io::Error),
+    /// The certificate file, which cannot be read.
+    #[cfg(feature = "std")]
+    #[error("cannot read mqtt.ca_file {0:?}: {1}; expected the CA certificates in PEM")]
+    Certificates(String, std::io::Error),
+    /// A section is enabled that this build does not contain.
+    #[error(
+        "[{0}] is enabled, but this mien was built without it; build with --features wires, or install the package"
+    )]
+    NotBuilt(&'static str),
+    /// The device that presses keys, which cannot be used.
+    #[cfg(feature = "wires")]
+    #[error(
+        "cannot press keys through {0:?}: {1}; is the module uinput loaded, and may mien's user write to it?"
+    )]
+    Keys(String, std::io::Error),
+    /// A thread cannot be started.
+    #[cfg(feature = "std")]
+    #[error("cannot start a thread for an output: {0}; is there a limit on memory or tasks?")]
+    Thread(std::io::Error),
+}
+
+impl OutputError {
+    /// Key of its section that it is about; empty for the section as a whole.
+    #[cfg(feature = "std")]
+    pub fn key(&self) -> &'static str {
+        match self {
+            Self::Listen(_) => "listen",
+            Self::Target(_) => "target",
+            Self::Prefix(_) => "prefix",
+            Self::Unit(_) => "units",
+            Self::Password(..) => "password_file",
+            Self::Certificates(..) => "ca_file",
+            Self::NotBuilt(_) => "enabled",
+            _ => "",
+        }
+    }
+}
+
+/// Decides when something that is repeated is due again, by capture time.
+#[derive(Default)]
+struct Every {
+    last: Option<Timestamp>,
+}
+
+impl Every {
+    /// Whether `period_s` have passed since it was last due, or time has gone backwards (another source).
+    fn due(&mut self, now: Timestamp, period_s: f64) -> bool {
+        let due = self
+            .last
+            .is_none_or(|last| now < last || now.seconds_since(last) >= period_s);
+        if due {
+            self.last = Some(now);
+        }
+        due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_repeated_is_due_at_once_and_then_in_its_period() {
+        let mut every = Every::default();
+        let due: Vec<u64> = (0..100)
+            .filter(|i| every.due(Timestamp::from_us(i * 33_333), 1.0))
+            .collect();
+        assert_eq!(due, [0, 31, 62, 93]);
+        assert!(
+            every.due(Timestamp::from_us(5), 1.0),
+            "another source starts from 0"
+        );
+    }
+}

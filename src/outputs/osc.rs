@@ -1,0 +1,339 @@
+//! OSC over UDP, schema `native`: who is there, pose and weights, for each user.
+//!
+//! | address | arguments | when |
+//! | --- | --- | --- |
+//! | `/face/<u>/frame` | number, time ms, state (0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed), confidence, latency ms | every report, first of its datagram |
+//! | `/face/<u>/au` | all weights in schema order | every report (styles vector, both) |
+//! | `/face/<u>/au/<unit>` | one weight | every report (styles scalar, both) |
+//! | `/face/<u>/pose` | x y z in metres, sensor frame, quaternion x y z w | every report with a pose |
+//! | `/face/<u>/present` | 0 or 1 | on change and once a second |
+//! | `/face/<u>/frozen` | 0 or 1: learning is frozen | the same |
+//! | `/face/schema` | version, names of the units | at the start and every 5 s |
+//! | `/face/alive` | number, program version, seconds since the start | every second, even with nobody |
+//! | `/mien/gesture/<name>`, `/mien/gesture/<name>/<u>` of each | 1 or 0 | on change and every 2 s, a datagram each |
+//! | `/face/<u>/range/<unit>` | low, rest, high of the range that its weight is computed with; readiness 0…1 | every 5 s with a face, if enabled |
+//!
+//! The latency is the time from the frame's arrival in this machine to its being sent. Units have the names set in the
+//! configuration, which may also allow receivers to send commands ([`commands`]).
+//!
+//! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. Presets for
+//! programs with their own OSC schema: [`vmc`], [`vrchat`], [`faceosc`].
+
+pub mod commands;
+pub mod faceosc;
+#[cfg(feature = "std")]
+mod listener;
+pub mod packet;
+pub mod parameters;
+#[cfg(feature = "std")]
+pub(super) mod udp;
+pub mod vmc;
+pub mod vrchat;
+mod wire;
+
+#[cfg(feature = "std")]
+use super::Command;
+use super::gesture::{self, Switch};
+use super::{
+    Every, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View, WireWeights,
+    finite, unit_range,
+};
+#[cfg(feature = "std")]
+use commands::Request;
+#[cfg(feature = "std")]
+use listener::Listener;
+use mien_stages::base::capacity::USERS;
+use mien_stages::base::prelude::*;
+use mien_stages::base::settings::keyed;
+use mien_stages::base::time::Timestamp;
+use packet::Argument;
+#[cfg(feature = "wires")]
+pub(super) use wire::Sender;
+use wire::Wire;
+pub use wire::{Datagrams, Targets, is_prefix};
+
+/// Interval at which the names of the units are repeated, for receivers that join later; seconds.
+const SCHEMA_PERIOD_S: f64 = 5.0;
+/// Interval between range messages, seconds.
+const RANGES_PERIOD_S: f64 = 5.0;
+/// Interval between presence and heartbeat messages, seconds.
+const ALIVE_PERIOD_S: f64 = 1.0;
+
+/// How weights are sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Style {
+    /// All in one message, in schema order.
+    Vector,
+    /// Each under its own address, as patching programs prefer.
+    Scalar,
+    /// Both ways.
+    #[default]
+    Both,
+}
+
+keyed! {
+    /// Settings of the OSC output.
+    pub struct Settings {
+        /// Whether this output is enabled.
+        enabled: bool = true => Bool(),
+        /// Destinations: hosts, broadcast addresses or multicast groups.
+        targets "target": Vec<String> = vec!["127.0.0.1:9130".to_owned()] => targets(),
+        /// Prefix of every address.
+        prefix: String = "/face".to_owned() =>
+            Text("a slash and a name of at most 63 characters, without spaces or # * , ? [ ] { }", is_prefix),
+        /// All weights in one message, each under its own address, or both.
+        style: Style = Style::default() =>
+            choice(&[("vector", Style::Vector), ("scalar", Style::Scalar), ("both", Style::Both)]),
+        /// Whether learned ranges are sent, every 5 s.
+        ranges: bool = false => Bool(),
+        /// Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted.
+        commands: bool = true => Bool(),
+        /// Whether /face/cmd/level, which moves the level at which a gesture goes on, is accepted too.
+        levels: bool = false => Bool(),
+        /// Address on which these commands are received; 127.0.0.1 accepts this machine only, 0.0.0.0 its networks and the targets named by address.
+        listen: String = "127.0.0.1:9131".to_owned() => listen(),
+        ..view: View,
+    }
+}
+
+/// An OSC sender.
+pub struct Osc {
+    wire: Wire,
+    style: Style,
+    ranges: bool,
+    /// Output names.
+    units: Box<[String]>,
+    view: View,
+    users: [User; USERS],
+    schema: Every,
+    alive: Every,
+    alive_count: i32,
+    /// Time of the last report.
+    at: Timestamp,
+    #[cfg(feature = "std")]
+    commands: Option<Listener>,
+}
+
+/// What was sent about one user.
+#[derive(Default)]
+struct User {
+    count: i32,
+    /// Whether any report has named this user.
+    known: bool,
+    present: bool,
+    frozen: bool,
+    presence: Every,
+    range: Every,
+    weights: WireWeights,
+}
+
+impl Osc {
+    /// Opens the sockets. `units` are the names in the order of the weights.
+    ///
+    /// # Errors
+    /// If the settings are unusable or no socket can be opened.
+    #[cfg(feature = "std")]
+    pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let (targets, levels) = (&settings.targets, settings.levels);
+        let open = || Listener::open(&settings.listen, &settings.prefix, targets, levels);
+        let commands = settings.commands.then(open).transpose()?;
+        let mut osc = Self::over(udp::open(targets)?, settings, units)?;
+        osc.commands = commands;
+        Ok(osc)
+    }
+
+    /// As [`Self::new`], but to these targets instead of the configured ones, and without listening: received datagrams can be
+    /// read with [`commands::requests`].
+    ///
+    /// # Errors
+    /// If the prefix is unusable or the names do not fit a datagram.
+    pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let Settings { prefix, view, .. } = settings;
+        let names = view.names(units.iter().copied());
+        // Address, tags, version and the names, each padded; with room for the bundle's own bytes.
+        let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
+        if bytes > packet::LARGEST {
+            return Err(OutputError::Names(units.len(), bytes, packet::LARGEST));
+        }
+        if prefix.is_empty() {
+            return Err(OutputError::Prefix(prefix));
+        }
+        Ok(Self {
+            wire: Wire::new(targets, wire::usable(prefix)?),
+            style: settings.style,
+            ranges: settings.ranges,
+            units: names,
+            users: core::array::from_fn(|_| User {
+                weights: WireWeights::new(view.channels(units), view.loss),
+                ..User::default()
+            }),
+            view,
+            schema: Every::default(),
+            alive: Every::default(),
+            alive_count: 0,
+            at: Timestamp::default(),
+            #[cfg(feature = "std")]
+            commands: None,
+        })
+    }
+
+    /// Writes everything about one user, starting in the current datagram.
+    fn send_user(&mut self, slot: usize, report: &Report, state: TrackingState) {
+        let (wire, user) = (&mut self.wire, &mut self.users[slot]);
+        let (present, confidence) = (state.is_present(), unit_range(report.confidence));
+        let head = [
+            Argument::Int(user.count),
+            // Wraps to 0 every 24.8 days.
+            Argument::Int(((report.at.as_us() / 1000) & 0x7fff_ffff) as i32),
+            Argument::Int(state.code().into()),
+            Argument::Float(if present { confidence } else { 0.0 }),
+            Argument::Float(report.latency_us as f32 * 1e-3),
+        ];
+        user.count = next(user.count);
+        wire.message(format_args!("/{slot}/frame"), head);
+        let (vector, scalar) = (self.style != Style::Scalar, self.style != Style::Vector);
+        if user.known && vector {
+            let weights = user.weights.shown().map(Argument::Float);
+            wire.message(format_args!("/{slot}/au"), weights);
+        }
+        if user.known && scalar {
+            for (name, weight) in self.units.iter().zip(user.weights.shown()) {
+                wire.message(format_args!("/{slot}/au/{name}"), [Argument::Float(weight)]);
+            }
+        }
+        if let Some(pose) = self.view.pose_numbers(report) {
+            wire.message(format_args!("/{slot}/pose"), pose.map(Argument::Float));
+        }
+        let changed = (user.present, user.frozen) != (present, report.frozen);
+        (user.present, user.frozen) = (present, report.frozen);
+        // Asked in any case: a change starts the second anew.
+        if user.presence.due(report.at, ALIVE_PERIOD_S) || changed {
+            for (what, is) in [("present", present), ("frozen", report.frozen)] {
+                let argument = Argument::Int(is.into());
+                wire.message(format_args!("/{slot}/{what}"), [argument]);
+            }
+        }
+        // Ranges are of the unit itself, not of its reflection nor its gain.
+        let wanted = self.ranges && present && !report.ranges.is_empty();
+        if wanted && user.range.due(report.at, RANGES_PERIOD_S) {
+            for (name, range) in self.units.iter().zip(report.ranges) {
+                let numbers = [range.low, range.rest, range.high, range.readiness];
+                let numbers = numbers.map(finite);
+                let address = format_args!("/{slot}/range/{name}");
+                wire.message(address, numbers.map(Argument::Float));
+            }
+        }
+    }
+
+    /// Adds the schema to the datagram.
+    fn write_schema(&mut self) {
+        let names = self.units.iter().map(|name| Argument::Text(name));
+        let arguments = core::iter::once(Argument::Int(SCHEMA_VERSION)).chain(names);
+        self.wire.message(format_args!("/schema"), arguments);
+    }
+
+    fn send_alive(&mut self, report: &Report) {
+        let arguments = [
+            Argument::Int(self.alive_count),
+            Argument::Text(env!("CARGO_PKG_VERSION")),
+            Argument::Float(report.at.as_us() as f32 * 1e-6),
+        ];
+        self.alive_count = next(self.alive_count);
+        self.wire.message(format_args!("/alive"), arguments);
+        self.wire.flush();
+    }
+}
+
+impl Output for Osc {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        self.at = report.at;
+        if self.schema.due(report.at, SCHEMA_PERIOD_S) {
+            self.write_schema();
+            self.wire.flush();
+        }
+        if self.alive.due(report.at, ALIVE_PERIOD_S) {
+            self.send_alive(report);
+        }
+        match report.user {
+            Some(slot) if slot < USERS => {
+                let user = &mut self.users[slot];
+                user.known = true;
+                user.weights.observe(report);
+                self.send_user(slot, report, report.state);
+            }
+            _ => {
+                // Nobody: whoever was there fades out; the first slot's number goes on so that silence is not loss.
+                for slot in 0..USERS {
+                    let user = &mut self.users[slot];
+                    let fading = user.present || !user.weights.is_neutral();
+                    user.weights.observe(report);
+                    if fading || slot == 0 {
+                        self.send_user(slot, report, TrackingState::Absent);
+                    }
+                }
+            }
+        }
+        self.wire.flush();
+        Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        let weights = self.users.iter().map(|user| &user.weights);
+        let not_numbers = weights.map(|weights| weights.not_numbers).sum();
+        Tally {
+            #[cfg(feature = "std")]
+            commands: self.commands.as_ref().map_or([0; 2], Listener::counts),
+            ..self.wire.to.tally("osc", not_numbers)
+        }
+    }
+
+    fn switch(&mut self, switch: &Switch<'_>) {
+        if gesture::ENABLED {
+            let address = format_args!("/mien/gesture/{switch}");
+            self.wire.alone(address, switch.is_on.into());
+        }
+    }
+
+    #[cfg(feature = "std")]
+    fn next_command(&mut self) -> Option<Command> {
+        loop {
+            match self.commands.as_mut()?.next_request()? {
+                (Request::Schema, asker) => {
+                    self.write_schema();
+                    let commands = self.commands.as_ref();
+                    self.wire.flush_to(asker.ip(), |datagram| {
+                        commands.is_some_and(|commands| commands.answer(datagram, asker))
+                    });
+                }
+                (Request::Command(command), _) => return Some(command),
+            }
+        }
+    }
+}
+
+impl Drop for Osc {
+    /// Sends neutral and absent for every user seen so far.
+    fn drop(&mut self) {
+        if !self.wire.to.is_used() {
+            return;
+        }
+        for slot in 0..USERS {
+            if slot == 0 || self.users[slot].known {
+                let user = &mut self.users[slot];
+                (user.known, user.present) = (true, true);
+                user.weights.reset();
+                let report = Report {
+                    at: self.at,
+                    ..Report::default()
+                };
+                self.send_user(slot, &report, TrackingState::Absent);
+                self.wire.flush();
+            }
+        }
+    }
+}
+
+/// The count after `count`; wraps to 0 before it would become negative.
+fn next(count: i32) -> i32 {
+    count.checked_add(1).unwrap_or(0)
+}

@@ -1,0 +1,274 @@
+//! OSC preset `vrchat`: avatar parameters of VRChat, with the names of Unified Expressions v2.
+//!
+//! Addresses are `/avatar/parameters/<prefix>v2/<Name>`; the prefix is the avatar author's, `FT/` is common. Only
+//! measured parameters are sent, and only when they change; all of them once a second, for avatars loaded in the meantime.
+//! What avatar templates read goes at once; the other parameters go in turn into the room that is left in a frame's last
+//! datagram, so that they cost none of their own. The switches `EyeTrackingActive`, `ExpressionTrackingActive` and
+//! `LipTrackingActive` tell whether there is a face. One face: the first seen, until lost.
+//!
+//! An avatar has few bits for its parameters, so authors use binary switches: a value v of n bits is the integer
+//! |v| × (2ⁿ − 1), truncated, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
+
+use core::fmt;
+
+use super::packet::Argument;
+use super::parameters::Parameter;
+use super::wire::{self, Targets, Wire};
+use crate::{Every, OneFace, Output, OutputError, Report, Tally, View};
+use mien_stages::base::prelude::*;
+use mien_stages::base::settings::keyed;
+use mien_stages::base::time::Timestamp;
+
+/// Changes below this are not sent: less than the 8 bits the receiver passes on.
+const LEAST_CHANGE: f32 = 1.0 / 512.0;
+/// How often everything is sent, seconds.
+const REFRESH_S: f64 = 1.0;
+/// Whether there is a face.
+const SWITCHES: [&str; 3] = [
+    "EyeTrackingActive",
+    "ExpressionTrackingActive",
+    "LipTrackingActive",
+];
+
+/// Most bits of a parameter made of switches.
+pub const MOST_BITS: u32 = 8;
+
+/// How values are sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Values {
+    /// As numbers.
+    #[default]
+    Float,
+    /// As switches, one for each bit.
+    Binary,
+    /// Both ways.
+    Both,
+}
+
+keyed! {
+    /// Settings of the VRChat output.
+    pub struct Settings {
+        /// Whether this output is enabled.
+        enabled: bool = false => Bool(),
+        /// Destinations: hosts, broadcast addresses or multicast groups.
+        targets "target": Vec<String> = vec!["127.0.0.1:9000".to_owned()] => targets(),
+        /// Prefix that the avatar's author put before the parameter names.
+        prefix: String = "FT/".to_owned() =>
+            Text("empty or ending in a slash", |prefix| prefix.is_empty() || prefix.ends_with('/')),
+        /// Parameters as floats, as binary switches, or both.
+        values: Values = Values::default() =>
+            choice(&[("float", Values::Float), ("binary", Values::Binary), ("both", Values::Both)]),
+        /// Binary switches per parameter, besides its sign.
+        bits: u32 = 4 => number(1.0, MOST_BITS as f32, ""),
+        ..view: View,
+    }
+}
+
+/// A sender of avatar parameters.
+pub struct VrChat {
+    wire: Wire,
+    face: OneFace,
+    values: Values,
+    bits: u32,
+    parameters: Box<[Sent]>,
+    /// Sent where there is room.
+    others: Box<[Sent]>,
+    /// Which of the others has its turn next.
+    turn: usize,
+    active: bool,
+    refresh: Every,
+}
+
+/// A parameter and what was sent of it last.
+struct Sent {
+    parameter: Parameter,
+    value: f32,
+    /// Its bits, the sign above them.
+    switches: u32,
+    /// Whether it can be below 0.
+    signed: bool,
+    /// Whether it is to be sent whatever was sent before.
+    stale: bool,
+}
+
+impl VrChat {
+    /// Opens the sockets. `units` are the names in the order of the weights.
+    ///
+    /// # Errors
+    /// If the settings are unusable or no socket can be opened.
+    #[cfg(feature = "std")]
+    pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        Self::over(super::udp::open(&settings.targets)?, settings, units)
+    }
+
+    /// As [`Self::new`], but to these targets instead of the configured ones.
+    ///
+    /// # Errors
+    /// If the prefix is unusable.
+    pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let prefix = format!("/avatar/parameters/{}v2", settings.prefix);
+        let of_rig = |rig| {
+            let parameters = Parameter::of_rig(rig, units).into_iter();
+            parameters.map(Sent::nothing).collect()
+        };
+        Ok(Self {
+            wire: Wire::new(targets, wire::usable(prefix)?),
+            face: OneFace::new(units, &settings.view),
+            values: settings.values,
+            bits: settings.bits.clamp(1, MOST_BITS),
+            parameters: of_rig("unified"),
+            others: of_rig("unified_more"),
+            turn: 0,
+            active: false,
+            refresh: Every::default(),
+        })
+    }
+
+    fn send_frame(&mut self, at: Timestamp, active: bool) {
+        let all = self.refresh.due(at, REFRESH_S);
+        let switched = all || active != self.active;
+        self.active = active;
+        for name in SWITCHES.into_iter().filter(|_| switched) {
+            let wire = &mut self.wire;
+            wire.message(format_args!("/{name}"), [Argument::Bool(active)]);
+        }
+        self.send_parameters(all);
+        self.send_others(all, false);
+        self.wire.flush();
+    }
+
+    /// What has changed, or everything.
+    fn send_parameters(&mut self, all: bool) {
+        let (wire, weights) = (&mut self.wire, &self.face.weights);
+        for sent in &mut self.parameters {
+            sent.stale |= all;
+            let value = sent.parameter.value(weights.shown());
+            sent.send(value, self.values, self.bits, &mut |address, argument| {
+                wire.message(address, [argument]);
+                true
+            });
+        }
+    }
+
+    /// The same of the others, from the one whose turn it is until the datagram is full; `at_the_end` all of them.
+    fn send_others(&mut self, all: bool, at_the_end: bool) {
+        let (wire, weights) = (&mut self.wire, &self.face.weights);
+        let mut put = |address: fmt::Arguments, argument| {
+            if at_the_end {
+                wire.message(address, [argument]);
+            }
+            at_the_end || wire.message_if_room(address, [argument])
+        };
+        let (first, count) = (self.turn, self.others.len());
+        for sent in &mut self.others {
+            sent.stale |= all;
+        }
+        for at in (first..first + count).map(|at| at % count) {
+            let sent = &mut self.others[at];
+            let value = sent.parameter.value(weights.shown());
+            if !sent.send(value, self.values, self.bits, &mut put) {
+                self.turn = at;
+                return;
+            }
+        }
+    }
+}
+
+/// Takes a message; whether it had room for it.
+type Put<'a> = dyn FnMut(fmt::Arguments<'_>, Argument<'static>) -> bool + 'a;
+
+impl Sent {
+    /// Nothing of it so far.
+    fn nothing(parameter: Parameter) -> Self {
+        Self {
+            signed: parameter.can_be_negative(),
+            parameter,
+            value: f32::NAN,
+            switches: 0,
+            stale: true,
+        }
+    }
+
+    /// Sends what has changed, or all if it is stale; whether there was room for it.
+    fn send(&mut self, value: f32, values: Values, bits: u32, put: &mut Put) -> bool {
+        let whole = (values == Values::Binary || self.send_number(value, put))
+            && (values == Values::Float || self.send_switches(value, bits, put));
+        self.stale &= !whole;
+        whole
+    }
+
+    fn send_number(&mut self, value: f32, put: &mut Put) -> bool {
+        // Rest and the ends are sent exactly: an eye must not stay open by a hair.
+        let changed = (value - self.value).abs() >= LEAST_CHANGE
+            || (value != self.value && [-1.0, 0.0, 1.0].contains(&value));
+        if !self.stale && !changed {
+            return true;
+        }
+        let taken = put(
+            format_args!("/{}", self.parameter.name),
+            Argument::Float(value),
+        );
+        if taken {
+            self.value = value;
+        }
+        taken
+    }
+
+    fn send_switches(&mut self, value: f32, bits: u32, put: &mut Put) -> bool {
+        // Without a switch for the sign what is negative is cut to 0.
+        let size = if self.signed {
+            value.abs()
+        } else {
+            value.max(0.0)
+        };
+        let most = (1 << bits) - 1;
+        let whole = (size * most as f32) as u32;
+        let negative = u32::from(value < 0.0 && whole > 0);
+        let switches = whole | negative << bits;
+        let changed = if self.stale {
+            !0
+        } else {
+            switches ^ self.switches
+        };
+        let name = &self.parameter.name;
+        for bit in (0..bits + u32::from(self.signed)).filter(|bit| changed >> bit & 1 == 1) {
+            let on = Argument::Bool(switches >> bit & 1 == 1);
+            let taken = if bit < bits {
+                put(format_args!("/{name}{}", 1 << bit), on)
+            } else {
+                put(format_args!("/{name}Negative"), on)
+            };
+            if !taken {
+                return false;
+            }
+            self.switches = self.switches & !(1 << bit) | switches & 1 << bit;
+        }
+        true
+    }
+}
+
+impl Output for VrChat {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        if let Some(state) = self.face.follow(report) {
+            self.send_frame(report.at, state.has_face());
+        }
+        Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        self.wire.to.tally("vrchat", self.face.weights.not_numbers)
+    }
+}
+
+impl Drop for VrChat {
+    /// Neutral, and no face.
+    fn drop(&mut self) {
+        if self.wire.to.is_used() {
+            self.face.weights.reset();
+            self.refresh = Every::default();
+            self.send_frame(Timestamp::default(), false);
+            self.send_others(false, true);
+            self.wire.flush();
+        }
+    }
+}

@@ -1,0 +1,409 @@
+//! The serial line as an output: an encoder, and the thread between it and a port.
+//!
+//! `/dev/ttyUSB0` may be another adapter tomorrow. So when a port is first opened, the system's stable name for that device
+//! (a link in `/dev/serial/by-id`) is looked up, and from then on only that is opened.
+
+use std::io::{ErrorKind, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::budget::{self, Plan};
+use super::encoder::Encoder;
+use super::line::Line;
+use super::settings::{Settings, Style};
+use crate::limits::{self, BackOff};
+use crate::{Output, OutputError, Report, Tally};
+
+/// Interval at which the names of the units are repeated.
+const HEADER_PERIOD: Duration = Duration::from_secs(budget::HEADER_PERIOD_S as u64);
+/// Where the system has stable names of serial devices.
+pub const STABLE_NAMES: &str = "/dev/serial/by-id";
+/// Timeout for connecting to a serial server.
+const CONNECTING: Duration = Duration::from_secs(1);
+/// First and longest pause before reopening an absent port.
+const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
+/// Timeout of one write: less than a frame.
+const WRITE_TIMEOUT: Duration = Duration::from_millis(20);
+/// A port that accepts nothing for this long is closed and reopened.
+const STUCK: Duration = Duration::from_secs(2);
+/// The same when the program is ending.
+const STUCK_AT_THE_END: Duration = Duration::from_millis(200);
+
+/// What the pipeline and the thread share.
+#[derive(Default)]
+struct Shared {
+    waiting: Mutex<Waiting>,
+    /// Wakes the thread.
+    changed: Condvar,
+    /// Frames written.
+    sent: AtomicU64,
+    /// Frames replaced by a newer one before the port accepted them, and gestures without room.
+    dropped: AtomicU64,
+}
+
+#[derive(Default)]
+struct Waiting {
+    /// The newest unsent frame; empty if there is none.
+    line: Line,
+    /// Gestures that went on or off since.
+    switches: Line,
+    is_open: bool,
+    stop: bool,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Waiting> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn put(&self, line: &Line) {
+        let mut waiting = self.lock();
+        if !waiting.line.bytes().is_empty() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        waiting.line.clone_from(line);
+        drop(waiting);
+        self.changed.notify_one();
+    }
+
+    /// A gesture's line, which no newer frame replaces; without room it is dropped and counted, and repeated in time.
+    fn put_switch(&self, write: impl FnOnce(&mut Line) -> std::fmt::Result) {
+        if !self.lock().switches.all_or_nothing(write) {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        self.changed.notify_one();
+    }
+
+    /// Waits at most `time`, or until told to stop; returns whether it was.
+    fn pause(&self, time: Duration) -> bool {
+        let waited = self
+            .changed
+            .wait_timeout_while(self.lock(), time, |waiting| !waiting.stop);
+        waited.unwrap_or_else(PoisonError::into_inner).0.stop
+    }
+
+    /// Waits at most `time` for a frame and moves it to `line`; returns whether to stop after it.
+    fn take(&self, time: Duration, line: &mut Line) -> bool {
+        let idle = |waiting: &mut Waiting| {
+            waiting.line.bytes().is_empty() && waiting.switches.bytes().is_empty() && !waiting.stop
+        };
+        let waited = self.changed.wait_timeout_while(self.lock(), time, idle);
+        let mut waiting = waited.unwrap_or_else(PoisonError::into_inner).0;
+        line.clone_from(&waiting.switches);
+        waiting.switches.clear();
+        // Or with the next ones.
+        if line.put(waiting.line.bytes()).is_ok() {
+            waiting.line.clear();
+        }
+        waiting.stop
+    }
+}
+
+/// The thread's side: keeps the port open and writes to it.
+struct Feeder {
+    settings: Settings,
+    header: Line,
+    shared: Arc<Shared>,
+    /// Whether the receiver has received a partial frame.
+    cut: bool,
+}
+
+impl Feeder {
+    /// Until told to stop.
+    fn run(mut self) {
+        let mut back_off = BackOff::new(PAUSES);
+        // The first failure is not told: before a reload the port is still this program's own for a moment.
+        let mut failures = 0_u32;
+        loop {
+            let path = self.settings.port.clone();
+            match open(&self.settings) {
+                Ok(mut port) => {
+                    tracing::info!("serial port {path} is open");
+                    if let Some(name) = stable_name(Path::new(&path), Path::new(STABLE_NAMES)) {
+                        tracing::info!(
+                            "serial port {path} will be reopened under its stable name {name}"
+                        );
+                        self.settings.port = name;
+                    }
+                    self.shared.lock().is_open = true;
+                    let opened = Instant::now();
+                    let end = self.frames(&mut *port);
+                    self.shared.lock().is_open = false;
+                    let Err(error) = end else { return };
+                    let path = &self.settings.port;
+                    tracing::warn!("serial port {path} is lost ({error}); it will be reopened");
+                    failures = 2;
+                    // One that opens and fails at once is not tried without a pause.
+                    if opened.elapsed() > PAUSES[1] {
+                        back_off.reset();
+                    }
+                }
+                Err(error) => {
+                    failures = failures.saturating_add(1);
+                    if failures == 2 {
+                        tracing::warn!(
+                            "serial port {path} cannot be opened ({error}); retrying every {} s",
+                            PAUSES[1].as_secs()
+                        );
+                    }
+                }
+            }
+            if self.shared.pause(back_off.pause()) {
+                return;
+            }
+        }
+    }
+
+    /// Writes frames until told to stop (`Ok`) or the port fails.
+    fn frames(&mut self, port: &mut dyn Write) -> std::io::Result<()> {
+        if self.cut {
+            // Ends what a frame that was cut off has left with the receiver.
+            let cobs = self.settings.style == Style::Cobs;
+            self.paced(port, if cobs { &[0] } else { b"\r\n" })?;
+        }
+        let (header, mut line) = (self.header.clone(), Line::default());
+        let mut header_sent: Option<Instant> = None;
+        loop {
+            if header_sent.is_none_or(|at| at.elapsed() >= HEADER_PERIOD) {
+                self.paced(port, header.bytes())?;
+                header_sent = Some(Instant::now());
+            }
+            let stop = self.shared.take(HEADER_PERIOD, &mut line);
+            if !line.bytes().is_empty() {
+                self.paced(port, line.bytes())?;
+                self.shared.sent.fetch_add(1, Ordering::Relaxed);
+            }
+            if stop {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Writes all bytes and waits as long as the line needs for them. Never leaves a partial frame deliberately: what the
+    /// port does not accept in time is retried.
+    fn paced(&mut self, port: &mut dyn Write, mut bytes: &[u8]) -> std::io::Result<()> {
+        let start = Instant::now();
+        let line_s = bytes.len() as f32 / budget::bytes_per_second(self.settings.baud);
+        let mut progress = start;
+        while !bytes.is_empty() {
+            match port.write(bytes) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(taken) => {
+                    bytes = &bytes[taken..];
+                    self.cut = !bytes.is_empty();
+                    progress = Instant::now();
+                }
+                Err(error) => match error.kind() {
+                    ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock => {
+                        let stops = self.shared.lock().stop;
+                        if progress.elapsed() > if stops { STUCK_AT_THE_END } else { STUCK } {
+                            return Err(ErrorKind::TimedOut.into());
+                        }
+                    }
+                    _ => return Err(error),
+                },
+            }
+        }
+        std::thread::sleep(Duration::from_secs_f32(line_s).saturating_sub(start.elapsed()));
+        Ok(())
+    }
+}
+
+/// Opens a device or connects to a serial server.
+fn open(settings: &Settings) -> std::io::Result<Box<dyn Write>> {
+    if let Some(server) = settings.port.strip_prefix("tcp:") {
+        let address = server.to_socket_addrs()?.next();
+        let address = address.ok_or(ErrorKind::AddrNotAvailable)?;
+        let stream = TcpStream::connect_timeout(&address, CONNECTING)?;
+        stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
+        stream.set_nodelay(true)?;
+        return Ok(Box::new(stream));
+    }
+    let port = serialport::new(&settings.port, settings.baud).timeout(WRITE_TIMEOUT);
+    // The system raises DTR by itself when a port is opened first; what it does is left alone unless asked for.
+    let port = if settings.dtr {
+        port.dtr_on_open(true)
+    } else {
+        port.preserve_dtr_on_open()
+    };
+    Ok(Box::new(port.open_native()?))
+}
+
+/// The link in `names` to the same device as `path`; `None` if there is none, or `path` is one already.
+pub fn stable_name(path: &Path, names: &Path) -> Option<String> {
+    if path.starts_with(names) {
+        return None;
+    }
+    let device = path.canonicalize().ok()?;
+    let links = std::fs::read_dir(names).ok()?;
+    let links = links.filter_map(|link| Some(link.ok()?.path()));
+    let leads_there = |link: &PathBuf| link.canonicalize().is_ok_and(|end| end == device);
+    links.filter(leads_there).min()?.to_str().map(str::to_owned)
+}
+
+/// A sender of weights, one face at a time.
+pub struct Serial {
+    encoder: Encoder,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Serial {
+    /// Starts feeding the port. `units` are the names in the order of the weights.
+    ///
+    /// # Errors
+    /// If an unknown unit is requested, the names do not fit a line, or no thread can be started. Not if the port is absent.
+    pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let (encoder, plan) = Encoder::planned(settings, units)?;
+        log_limits(settings, units, &plan);
+        let shared = Arc::<Shared>::default();
+        let feeder = Feeder {
+            settings: settings.clone(),
+            header: encoder.header(),
+            shared: Arc::clone(&shared),
+            cut: false,
+        };
+        Ok(Self {
+            encoder,
+            shared,
+            thread: Some(limits::start_thread("serial", move || feeder.run())?),
+        })
+    }
+}
+
+/// Logs what the line cannot carry.
+fn log_limits(settings: &Settings, units: &[&str], plan: &Plan) {
+    let Settings { port, baud, .. } = settings;
+    let left_out = plan.left_out.iter();
+    let left_out: Vec<&str> = left_out
+        .map(|&unit| settings.view.name(units[unit]))
+        .collect();
+    if !left_out.is_empty() {
+        tracing::warn!(
+            "serial port {port} carries {} of {} units at {baud} bit/s, omitting {}",
+            plan.units.len(),
+            plan.units.len() + left_out.len(),
+            left_out.join(" ")
+        );
+    }
+    if plan.rate_hz < budget::FRAMES_HZ {
+        tracing::warn!(
+            "serial port {port} carries {:.1} frames per second of up to {} bytes at {baud} bit/s, each time the newest; the sensor delivers {}",
+            plan.rate_hz,
+            plan.frame_bytes,
+            budget::FRAMES_HZ
+        );
+    }
+}
+
+impl Output for Serial {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        if let Some(line) = self.encoder.encode(report) {
+            self.shared.put(line);
+        }
+        Ok(())
+    }
+
+    fn switch(&mut self, switch: &crate::gesture::Switch<'_>) {
+        if crate::gesture::ENABLED {
+            let (shared, encoder) = (&self.shared, &self.encoder);
+            shared.put_switch(|line| encoder.switch(switch, line));
+        }
+    }
+
+    fn tally(&self) -> Tally {
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        Tally {
+            sent: of(&self.shared.sent),
+            dropped: of(&self.shared.dropped),
+            connected: self.shared.lock().is_open,
+            not_numbers: self.encoder.face.weights.not_numbers,
+            ..Tally::empty("serial")
+        }
+    }
+}
+
+impl Drop for Serial {
+    /// Sends neutral and absent, as far as the port accepts it within half a second.
+    fn drop(&mut self) {
+        self.shared.put(self.encoder.neutral());
+        self.shared.lock().stop = true;
+        self.shared.changed.notify_one();
+        limits::wait_for(&mut self.thread);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Takes so many bytes, then is gone.
+    struct Failing(Vec<u8>, usize);
+
+    impl Write for Failing {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            let taken = bytes.len().min(self.1 - self.0.len());
+            self.0.extend_from_slice(&bytes[..taken]);
+            match taken {
+                0 => Err(ErrorKind::BrokenPipe.into()),
+                _ => Ok(taken),
+            }
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_was_cut_off_is_ended_before_anything_else_is_sent() {
+        let mut header = Line::default();
+        header.put(b"$AUH*00\r\n").unwrap();
+        let mut feeder = Feeder {
+            settings: Settings {
+                baud: 4_000_000,
+                ..Settings::default()
+            },
+            header,
+            shared: Arc::default(),
+            cut: false,
+        };
+        for (takes, expected) in [
+            (4, &b"$AUH"[..]),
+            (1, b"\r"),
+            (11, b"\r\n$AUH*00\r\n"),
+            (9, b"$AUH*00\r\n"),
+        ] {
+            let mut port = Failing(Vec::new(), takes);
+            let mut frame = Line::default();
+            frame.put(b"$AU").unwrap();
+            feeder.shared.put(&frame);
+            assert!(feeder.frames(&mut port).is_err());
+            assert_eq!(port.0, expected);
+        }
+    }
+
+    #[test]
+    fn a_device_is_found_under_its_stable_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let (names, device) = (folder.path().join("by-id"), folder.path().join("ttyUSB0"));
+        std::fs::create_dir(&names).unwrap();
+        std::fs::write(&device, "").unwrap();
+        std::fs::write(folder.path().join("ttyUSB1"), "").unwrap();
+        assert_eq!(stable_name(&device, &names), None);
+        for (link, to) in [
+            ("usb-B", "ttyUSB1"),
+            ("usb-A", "ttyUSB0"),
+            ("usb-C", "ttyUSB0"),
+        ] {
+            std::os::unix::fs::symlink(folder.path().join(to), names.join(link)).unwrap();
+        }
+        let stable = names.join("usb-A").to_str().unwrap().to_owned();
+        assert_eq!(stable_name(&device, &names), Some(stable.clone()));
+        assert_eq!(stable_name(Path::new(&stable), &names), None);
+    }
+}

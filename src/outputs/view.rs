@@ -1,0 +1,209 @@
+//! How an output presents the units: names, gains, and whether left and right are mirrored.
+//!
+//! A gain of 1.5 on `AU26` opens every rig's jaw half as far again; a name replaces `AU26` in addresses, headers and plots.
+//! Mirroring swaps left and right and reflects the head pose, for a person who looks at their own avatar. The CSV is not
+//! affected.
+
+use super::report::Report;
+use mien_stages::base::geometry::{Rigid, Rotation};
+use mien_stages::base::prelude::*;
+use mien_stages::base::settings::keyed;
+use mien_stages::expression::units::{Units, other_side};
+
+/// Longest output name of a unit, bytes.
+pub(super) const LONGEST_NAME: usize = 24;
+
+/// Name and gain of one unit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnitView {
+    /// The unit's FACS name, as `AU12L`.
+    pub unit: String,
+    /// Its name in outputs.
+    pub name: String,
+    /// Factor on its weight before clamping to 0…1.
+    pub gain: f32,
+}
+
+keyed! {
+    /// What an output shows when a face is lost: the last weights for a while, then a fade to neutral.
+    #[derive(Copy)]
+    pub struct LossPolicy {
+        /// How long the last weights of a lost face are held.
+        hold_s: f32 = 0.2 => seconds(),
+        /// How long they then take to fade to neutral.
+        decay_s: f32 = 0.4 => seconds(),
+    }
+    /// How an output presents faces and units. Units that are not named keep their name and a gain of 1; names
+    /// and gains are read once, from the section `[units]`, and copied into every view.
+    pub struct View {
+        /// Whether left and right are swapped, as in a mirror.
+        mirror: bool = false => Bool(),
+        ..loss: LossPolicy,
+        ..units: Vec<UnitView>,
+    }
+}
+
+/// Where an output weight comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Channel {
+    /// Index among the weights of a report.
+    pub(super) source: usize,
+    pub(super) gain: f32,
+}
+
+impl View {
+    fn unit_view(&self, unit: &str) -> Option<&UnitView> {
+        self.units.iter().find(|view| view.unit == unit)
+    }
+
+    /// The output name of a unit.
+    pub fn name<'a>(&'a self, unit: &'a str) -> &'a str {
+        self.unit_view(unit).map_or(unit, |view| view.name.as_str())
+    }
+
+    /// The output names of units, in their order.
+    pub(super) fn names<'a>(&self, units: impl Iterator<Item = &'a str>) -> Box<[String]> {
+        units.map(|unit| self.name(unit).to_owned()).collect()
+    }
+
+    /// A channel for every unit, in their order.
+    pub(super) fn channels(&self, units: &[&str]) -> Box<[Channel]> {
+        let source = |i: usize| {
+            let opposite = Some(units[i]).filter(|_| self.mirror).and_then(other_side);
+            let found = opposite.and_then(|name| units.iter().position(|unit| *unit == name));
+            found.unwrap_or(i)
+        };
+        (0..units.len())
+            .map(|i| Channel {
+                source: source(i),
+                gain: self.unit_view(units[i]).map_or(1.0, |view| view.gain),
+            })
+            .collect()
+    }
+
+    /// The pose of a report in numbers: position, and rotation as x, y, z, w; `None` without one, or if any is not finite.
+    pub(super) fn pose_numbers(&self, report: &Report) -> Option<[f32; 7]> {
+        let pose = self.pose(report.pose()?);
+        // nalgebra keeps quaternions as x, y, z, w.
+        let (place, turn) = (pose.translation.vector, pose.rotation.coords);
+        let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w];
+        let all_finite = numbers.iter().all(|number| number.is_finite());
+        all_finite.then_some(numbers)
+    }
+
+    /// Yaw, pitch and roll of that pose, radians.
+    #[cfg(feature = "wires")]
+    pub(super) fn angles(&self, report: &Report) -> Option<[f32; 3]> {
+        self.pose_numbers(report)?;
+        let pose = self.pose(report.pose()?);
+        Some(mien_stages::base::geometry::yaw_pitch_roll(&pose.rotation).into())
+    }
+
+    /// The pose, mirrored if configured.
+    pub fn pose(&self, sensor_from_head: &Rigid) -> Rigid {
+        if self.mirror {
+            mirrored(sensor_from_head)
+        } else {
+            *sensor_from_head
+        }
+    }
+}
+
+/// Whether a text is a valid unit name for every output: in an OSC address, between commas, before a colon.
+pub fn is_name(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}/:$".contains(c);
+    !text.is_empty() && text.len() <= LONGEST_NAME && text.chars().all(plain)
+}
+
+/// Names of all units, with either method of learning.
+pub fn all_units() -> Vec<String> {
+    let table = Units::shipped();
+    let mut names: Vec<String> = Vec::new();
+    for name in [false, true].iter().flat_map(|&paper| table.columns(paper)) {
+        if !names.iter().any(|known| *known == name.as_str()) {
+            names.push(name.as_str().to_owned());
+        }
+    }
+    names
+}
+
+/// Whether there is a unit of that name.
+pub(crate) fn is_unit(name: &str) -> bool {
+    all_units().iter().any(|known| known == name)
+}
+
+/// The reflection of a pose in the plane x = 0 of the sensor, of a head that is its own reflection.
+fn mirrored(pose: &Rigid) -> Rigid {
+    let (place, turn) = (pose.translation.vector, pose.rotation.coords);
+    Rigid::from_parts(
+        nalgebra::Vector3::new(-place.x, place.y, place.z).into(),
+        Rotation::new_unchecked(nalgebra::Quaternion::new(turn.w, turn.x, -turn.y, -turn.z)),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mien_stages::base::geometry::{rotation_from_yaw_pitch_roll, yaw_pitch_roll};
+
+    #[test]
+    fn a_mirror_swaps_the_sides_and_leaves_the_rest() {
+        let view = View {
+            mirror: true,
+            units: vec![UnitView {
+                unit: "AU12L".into(),
+                name: "smile".into(),
+                gain: 2.0,
+            }],
+            ..View::default()
+        };
+        let units = ["AU26", "AU12L", "AU12R", "AU9L", "AU62", "AU61", "AU63"];
+        let sources: Vec<_> = view
+            .channels(&units)
+            .iter()
+            .map(|c| (c.source, c.gain))
+            .collect();
+        // The gain belongs to what is shown; a side without its other stays.
+        let [mouth, eyes] = [
+            [(0, 1.0), (2, 2.0), (1, 1.0), (3, 1.0)].as_slice(),
+            &[(5, 1.0), (4, 1.0), (6, 1.0)],
+        ];
+        assert_eq!(sources, [mouth, eyes].concat());
+        assert_eq!(units.map(|unit| view.name(unit))[1], "smile");
+    }
+
+    #[test]
+    fn a_mirrored_head_turns_and_leans_the_other_way() {
+        let pose = Rigid::from_parts(
+            nalgebra::Vector3::new(0.1, 0.2, 0.7).into(),
+            rotation_from_yaw_pitch_roll(0.3, -0.2, 0.1),
+        );
+        let back = mirrored(&pose);
+        let (yaw, pitch, roll) = yaw_pitch_roll(&back.rotation);
+        assert!(
+            (yaw + 0.3).abs() < 1e-6 && (pitch + 0.2).abs() < 1e-6 && (roll + 0.1).abs() < 1e-6
+        );
+        assert_eq!(
+            back.translation.vector,
+            nalgebra::Vector3::new(-0.1, 0.2, 0.7)
+        );
+        assert!((mirrored(&back).to_homogeneous() - pose.to_homogeneous()).norm() < 1e-6);
+    }
+
+    #[test]
+    fn names_are_such_that_every_wire_carries_them() {
+        assert!(is_name("AU12L") && is_name("jaw-open_1"));
+        for bad in [
+            "",
+            "a b",
+            "a,b",
+            "a/b",
+            "a*",
+            "ü",
+            "x".repeat(25).as_str(),
+            "a:b",
+        ] {
+            assert!(!is_name(bad), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,617 @@
+//! A page on the box itself: what the tracker sees, and neutral, freeze and forget, for a phone in the dressing room.
+//!
+//! | request | answer |
+//! | --- | --- |
+//! | `GET /` | the page, whole in one document |
+//! | `GET /box.json` | name, slots, units by region with plain names, where weights go |
+//! | `GET /events` | an event stream: who is there and their weights, at most every [`PERIOD`], at least every [`BEAT`] |
+//! | `POST /neutral/0`, `/freeze/0/1`, `/forget/0` | a command for the user in a slot, with the header `X-Mien: 1` |
+//! | `POST /level/0/85` | the level at which the first gesture goes on, in hundredths, until the configuration is read again |
+//!
+//! Who may: addresses of local networks; whoever knows the password, where one is set (HTTP Basic, any user name), and then
+//! nobody else. A request must name the box by an address, as `localhost` or by its name, and come from no other site's page,
+//! so that a page elsewhere can neither read nor command through somebody's browser. Limits: HTTP is not encrypted, so the
+//! password is only as secret as the network.
+//! One file: who may, what is shown, and the tests of both.
+
+use std::fmt::Write as _;
+use std::net::IpAddr;
+use std::time::{Duration, Instant};
+
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use serde_json::{Value, json};
+
+use super::http::Request;
+use super::server::{Answer, PLAIN, Service, serve};
+use crate::board::{Board, Front, Weight};
+use crate::features::{PageSettings, password};
+use crate::gesture::Gesture;
+use crate::limits::{Listening, is_near};
+use crate::{Command, OutputError, UnitView, View, identity};
+use mien_stages::base::capacity::USERS;
+use mien_stages::expression::unit_words;
+
+/// One document, so that a phone asks once. What other pages of mien look like too is in `look.css` and `units.js`.
+const PAGE: &str = concat!(
+    include_str!("page/box.html"),
+    "<style>\n",
+    include_str!("page/look.css"),
+    include_str!("page/box.css"),
+    "</style>\n<script type=\"module\">\n",
+    include_str!("page/units.js"),
+    include_str!("page/box.js"),
+    "</script>\n</html>\n"
+);
+/// Headers of the page.
+const HTML: &str = "Content-Type: text/html; charset=utf-8\r\nContent-Security-Policy: default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\nX-Content-Type-Options: nosniff\r\n";
+/// Room for a reply's header and for a message with four users.
+const ROOM: usize = 4096;
+/// Shortest time between two messages.
+const PERIOD: Duration = Duration::from_millis(60);
+/// Longest time between two messages.
+const BEAT: Duration = Duration::from_secs(1);
+/// Bytes of a password that are compared.
+const PASSWORD: usize = 64;
+/// Weight of the newest frame in the rate that is shown.
+const NEWEST: f32 = 0.1;
+
+struct Page {
+    name: String,
+    /// What whoever comes must know, if anything.
+    password: Option<String>,
+    /// `box.json`, which never changes.
+    about: String,
+    last: Instant,
+    /// Number, capture time (µs) and arrival of the newest frame.
+    newest: (u64, u64, Option<Instant>),
+    rate: f32,
+}
+
+/// Whether a password types the same on every keyboard and is not easily guessed.
+fn is_password(word: &str) -> bool {
+    (8..=PASSWORD).contains(&word.len()) && word.bytes().all(|c| (32..127).contains(&c))
+}
+
+/// Whether two passwords are equal, in a time that does not tell where they differ.
+fn is_equal(told: &[u8], known: &[u8]) -> bool {
+    let at = |bytes: &[u8], i: usize| bytes.get(i).copied().unwrap_or_default();
+    let differ = (0..PASSWORD).fold(0, |all, i| all | at(told, i) ^ at(known, i));
+    std::hint::black_box(differ) == 0 && told.len() == known.len()
+}
+
+/// Whether the header `Authorization` has this password.
+fn knows(header: &str, password: &str) -> bool {
+    let coded = header
+        .split_once(' ')
+        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("basic"));
+    let mut room = [0; 3 * PASSWORD];
+    let length = coded.and_then(|(_, coded)| STANDARD.decode_slice(coded.trim(), &mut room).ok());
+    let told = &room[..length.unwrap_or_default()];
+    let mut parts = told.splitn(2, |&byte| byte == b':').skip(1);
+    is_equal(parts.next().unwrap_or_default(), password.as_bytes())
+}
+
+impl Page {
+    /// Whether a host, with or without a port, is an address, `localhost` or the box's name.
+    fn is_own(&self, host: &str) -> bool {
+        let split = host.rsplit_once(':');
+        let split = split.filter(|(_, port)| port.parse::<u16>().is_ok());
+        let name = split.map_or(host, |(name, _)| name);
+        let bare = name.trim_matches(['[', ']']);
+        let name = name.to_ascii_lowercase();
+        let label = name.strip_suffix(".local").unwrap_or(&name);
+        bare.parse::<IpAddr>().is_ok()
+            || name == "localhost"
+            || label.eq_ignore_ascii_case(&self.name)
+    }
+
+    /// Whether whoever asks may have it.
+    ///
+    /// # Errors
+    /// The status that refuses it.
+    fn admits(&self, request: &Request, peer: IpAddr) -> Result<(), u16> {
+        if self.password.is_none() && !is_near(peer) {
+            return Err(403);
+        }
+        let host = request.header("host")?;
+        let host = host.filter(|host| self.is_own(host)).ok_or(421_u16)?;
+        let elsewhere = |origin: &str| {
+            let of = origin.strip_prefix("http://");
+            of.is_none_or(|of| !of.eq_ignore_ascii_case(host))
+        };
+        let other = |site: &str| !["same-origin", "none"].contains(&site);
+        if request.header("origin")?.is_some_and(elsewhere)
+            || request.header("sec-fetch-site")?.is_some_and(other)
+            || request.is_post && request.header("x-mien")?.is_none()
+        {
+            return Err(403);
+        }
+        // A login that is no text is wrong like any other.
+        let login = request.header("authorization").ok().flatten();
+        let is_known = |password: &String| login.is_some_and(|told| knows(told, password));
+        let admitted = self.password.as_ref().is_none_or(is_known);
+        admitted.then_some(()).ok_or(401)
+    }
+}
+
+/// The command that a POST to `path` gives.
+fn order(path: &str) -> Option<Command> {
+    let (what, rest) = path.strip_prefix('/')?.split_once('/')?;
+    if what == "level" {
+        let (gesture, level) = rest.split_once('/')?;
+        return Some(Command::Level(gesture.parse().ok()?, level.parse().ok()?));
+    }
+    Command::of_words(what, rest.split('/'))
+}
+
+impl Service for Page {
+    const WAITING: usize = PAGE.len() + ROOM;
+
+    fn answer(&self, request: &Request, peer: IpAddr, body: &mut String) -> Result<Answer, u16> {
+        self.admits(request, peer)?;
+        let (document, headers) = match (request.is_post, request.path) {
+            (true, path) => return order(path).map(Answer::Order).ok_or(404),
+            (false, "/events") => return Ok(Answer::Stream),
+            (false, "/box.json") => (self.about.as_str(), PLAIN),
+            (false, "/") => (PAGE, HTML),
+            _ => return Err(404),
+        };
+        body.push_str(document);
+        Ok(Answer::Document(headers))
+    }
+
+    fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool {
+        let shots = || board.users.iter().chain([&board.nobody]);
+        let newest = shots()
+            .filter(|shot| shot.fresh)
+            .max_by_key(|shot| shot.frame);
+        if let Some(newest) = newest.filter(|newest| newest.frame != self.newest.0) {
+            let frames = newest.frame.saturating_sub(self.newest.0) as f32;
+            let seconds = newest.at_us.saturating_sub(self.newest.1) as f32 * 1e-6;
+            if seconds > 0.0 && self.newest.2.is_some() {
+                let rate = (frames / seconds).min(999.0);
+                self.rate += NEWEST * (rate - self.rate);
+            }
+            self.newest = (newest.frame, newest.at_us, Some(Instant::now()));
+        }
+        let passed = self.last.elapsed();
+        let fresh = shots().any(|shot| shot.fresh);
+        if passed < PERIOD || !fresh && passed < BEAT {
+            return false;
+        }
+        self.last = Instant::now();
+        // A string takes everything.
+        let _ = self.write(board, message);
+        board.users.iter_mut().for_each(|shot| shot.fresh = false);
+        board.nobody.fresh = false;
+        true
+    }
+}
+
+impl Page {
+    fn write(&self, board: &Board, message: &mut String) -> std::fmt::Result {
+        let (frame, _, at) = self.newest;
+        let silent = at.map_or(u128::MAX, |at| at.elapsed().as_millis());
+        write!(
+            message,
+            "{{\"frame\":{},\"silent_ms\":{},\"rate\":{:.1},\"users\":[",
+            frame,
+            silent.min(u128::from(u32::MAX)),
+            self.rate
+        )?;
+        let users = board.users.iter().enumerate();
+        let known = users.filter(|(_, shot)| shot.count > 0);
+        for (i, (slot, shot)) in known.enumerate() {
+            let comma = if i > 0 { "," } else { "" };
+            write!(
+                message,
+                "{comma}{{\"slot\":{slot},{shot},\"gestures\":{},\"weights\":[",
+                shot.gestures
+            )?;
+            for (i, weight) in shot.weights.iter().enumerate() {
+                let comma = if i > 0 { "," } else { "" };
+                write!(message, "{comma}{}", Weight(*weight))?;
+            }
+            message.write_str("]}")?;
+        }
+        message.write_str("]}")
+    }
+}
+
+/// What never changes, as JSON. `sends` is where weights go.
+fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> String {
+    let gestures = gestures.iter().map(|gesture| {
+        let [on, off] =
+            [gesture.on, gesture.off].map(|level| (f64::from(level) * 1e6).round() / 1e6);
+        json!({"name": gesture.name, "sums": gesture.indexed(units), "on": on, "off": off})
+    });
+    let gestures: Vec<Value> = gestures.collect();
+    let regions = unit_words::regions_json(units);
+    json!({"name": name, "slots": USERS, "sends": sends, "gestures": gestures, "regions": regions})
+        .to_string()
+}
+
+/// The page's password; `None` without one.
+///
+/// # Errors
+/// If it cannot be read, or is none.
+pub fn secret(settings: &PageSettings) -> Result<Option<String>, OutputError> {
+    let password = password(&settings.password_file)?;
+    if password.as_ref().is_some_and(|word| !is_password(word)) {
+        let problem = "its first line is not 8 to 64 printable ASCII characters";
+        let problem = std::io::Error::other(problem);
+        let path = settings.password_file.clone();
+        return Err(OutputError::Password(path, problem));
+    }
+    Ok(password)
+}
+
+/// Starts serving the page. `units` are the names in the order of the weights, `name` is the box's, `sends` where weights go.
+///
+/// # Errors
+/// If the password cannot be read, the address is unusable or no thread can be started; not if the address is taken.
+pub fn open(
+    settings: &PageSettings,
+    unit_views: &[UnitView],
+    name: &str,
+    sends: &str,
+    units: &[&str],
+    gestures: &[Gesture],
+) -> Result<Front, OutputError> {
+    let at = Listening::on(&settings.listen)?;
+    let password = secret(settings)?;
+    let name = identity::name(name);
+    let page = Page {
+        about: about(&name, units, sends, gestures),
+        name,
+        password,
+        last: Instant::now(),
+        newest: (0, 0, None),
+        rate: 30.0,
+    };
+    let work = move |shared, bell| serve(page, at, shared, bell);
+    let view = View {
+        units: unit_views.to_vec(),
+        ..View::default()
+    };
+    Front::start("page", units, &view, work)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Output, Report};
+    use std::net::SocketAddr;
+
+    fn page(password: Option<&str>) -> Page {
+        Page {
+            name: "stage-left".into(),
+            password: password.map(str::to_owned),
+            about: about(
+                "stage-left",
+                &["AU26", "AU12L", "AU1R"],
+                "OSC to 10.0.0.2:9130",
+                &[Gesture::named("smile")],
+            ),
+            last: Instant::now(),
+            newest: (0, 0, None),
+            rate: 30.0,
+        }
+    }
+
+    fn admits(page: &Page, headers: &str, order: bool, peer: &str) -> Result<(), u16> {
+        let method = if order { "POST" } else { "GET" };
+        let text = format!("{method} / HTTP/1.1\r\n{headers}\r\n\r\n");
+        let request = Request::read(text.as_bytes()).unwrap().unwrap();
+        page.admits(&request, peer.parse().unwrap())
+    }
+
+    #[test]
+    fn only_the_local_network_is_answered_without_a_password() {
+        let open = page(None);
+        for near in [
+            "127.0.0.1",
+            "192.168.1.9",
+            "10.1.2.3",
+            "172.16.0.1",
+            "169.254.3.4",
+            "::1",
+            "fe80::1",
+            "fd00::2",
+            "::ffff:192.168.1.9",
+        ] {
+            assert_eq!(
+                admits(&open, "Host: 192.168.1.2:9134", false, near),
+                Ok(()),
+                "{near}"
+            );
+        }
+        for far in [
+            "8.8.8.8",
+            "172.32.0.1",
+            "100.64.0.1",
+            "2001:db8::1",
+            "::ffff:8.8.8.8",
+        ] {
+            assert_eq!(
+                admits(&open, "Host: 192.168.1.2:9134", false, far),
+                Err(403),
+                "{far}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_password_that_is_set_must_be_known_and_serves_from_anywhere() {
+        let closed = page(Some("open sesame"));
+        let ask =
+            |more: &str, peer| admits(&closed, &format!("Host: localhost\r\n{more}"), false, peer);
+        // mien:open sesame, and with another user; mien:open sesamf; mien:open sesam; open sesame without a user.
+        for right in [
+            "Basic bWllbjpvcGVuIHNlc2FtZQ==",
+            "basic eDpvcGVuIHNlc2FtZQ==",
+        ] {
+            assert_eq!(
+                ask(&format!("Authorization: {right}"), "8.8.8.8"),
+                Ok(()),
+                "{right}"
+            );
+        }
+        for wrong in [
+            "Basic bWllbjpvcGVuIHNlc2FtZg==",
+            "Basic bWllbjpvcGVuIHNlc2Ft",
+            "Basic b3BlbiBzZXNhbWU=",
+            "Basic",
+            "Basic ",
+            "Bearer bWllbjpvcGVuIHNlc2FtZQ==",
+            "Basic \u{fc}",
+        ] {
+            assert_eq!(
+                ask(&format!("Authorization: {wrong}"), "127.0.0.1"),
+                Err(401),
+                "{wrong}"
+            );
+        }
+        assert_eq!(ask("", "127.0.0.1"), Err(401));
+    }
+
+    #[test]
+    fn other_sites_can_neither_read_nor_command() {
+        let open = page(None);
+        let ask = |headers: &str, order| admits(&open, headers, order, "127.0.0.1");
+        for own in [
+            "Host: stage-left:9134",
+            "Host: Stage-Left.local",
+            "Host: [::1]:9134",
+            "Host: [::1]",
+            "Host: 10.0.0.7",
+        ] {
+            assert_eq!(ask(own, false), Ok(()), "{own}");
+        }
+        for other in [
+            "Host: evil.example:9134",
+            "Host: ",
+            "X: y",
+            "Host: stage-left.evil.example",
+        ] {
+            assert_eq!(ask(other, false), Err(421), "{other}");
+        }
+        assert_eq!(ask("Host: localhost\r\nHost: localhost", false), Err(400));
+        let own = "Host: localhost:9134\r\nX-Mien: 1\r\n";
+        assert_eq!(
+            ask(&format!("{own}Origin: http://localhost:9134"), true),
+            Ok(())
+        );
+        for more in [
+            "Origin: http://evil.example",
+            "Origin: null",
+            "Origin: http://localhost:1",
+            "Sec-Fetch-Site: cross-site",
+        ] {
+            assert_eq!(ask(&format!("{own}{more}"), true), Err(403), "{more}");
+        }
+        assert_eq!(
+            ask("Host: localhost:9134", true),
+            Err(403),
+            "a form has no header of its own"
+        );
+    }
+
+    #[test]
+    fn orders_are_read_and_nonsense_is_none() {
+        for (path, expected) in [
+            ("/neutral/0", Command::Neutral(0)),
+            ("/forget/3", Command::Forget(3)),
+            ("/freeze/1/1", Command::Freeze(1, true)),
+            ("/freeze/1/0", Command::Freeze(1, false)),
+            ("/level/2/85", Command::Level(2, 85)),
+        ] {
+            assert_eq!(order(path), Some(expected), "{path}");
+        }
+        for path in [
+            "/freeze/1",
+            "/freeze/1/2",
+            "/level/2",
+            "/level/2/-5",
+            "/neutral/4",
+            "/neutral/-1",
+            "/neutral/0/0",
+            "/",
+        ] {
+            assert_eq!(order(path), None, "{path}");
+        }
+    }
+
+    #[test]
+    fn units_have_plain_names_by_region() {
+        let told: Value = serde_json::from_str(&page(None).about).unwrap();
+        assert_eq!(
+            told,
+            json!({
+                "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
+                "gestures": [{"name": "smile", "sums": [[[1, 1.0], [0, -1.0]]], "on": 0.25, "off": 0.15}],
+                "regions": [
+                    ["Brows", [[2, "AU1R", "Inner brow up right", "AU1R, inner brow raiser: the inner end of the brow rises (the subject's right)"]]],
+                    ["Mouth", [[1, "AU12L", "Smile left", "AU12L, lip corner puller: the corner of the mouth moves up and out (the subject's left)"]]],
+                    ["Jaw", [[0, "AU26", "Jaw drop", "AU26, jaw drop: the jaw drops, the mouth opens"]]],
+                ],
+            })
+        );
+        for unit in mien_stages::expression::Units::shipped().columns(false) {
+            assert!(!about("", &[&unit], "", &[]).contains("Other"), "{unit}");
+        }
+    }
+
+    #[test]
+    fn a_message_fits_its_place() {
+        let mut board = Board::default();
+        for shot in &mut board.users {
+            (shot.count, shot.latency_us) = (1, u32::MAX);
+            shot.weights
+                .extend([0.5; mien_stages::base::capacity::UNITS]);
+        }
+        let mut message = String::new();
+        page(None).write(&board, &mut message).unwrap();
+        assert!(message.len() + 16 < ROOM, "{}", message.len());
+    }
+
+    /// A served page with one user at `AU26` 0.5, and where it is.
+    fn served(password: Option<&str>) -> (Front, SocketAddr) {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        drop(listener);
+        let folder = tempfile::tempdir().unwrap();
+        let file = password.map(|password| {
+            let file = folder.path().join("password");
+            std::fs::write(&file, format!("{password}\n")).unwrap();
+            file
+        });
+        let settings = PageSettings {
+            listen: address.to_string(),
+            password_file: file
+                .map_or_else(String::new, |file| file.to_string_lossy().into_owned()),
+            ..PageSettings::default()
+        };
+        let mut page = open(&settings, &[], "stage-left", "", &["AU26"], &[]).unwrap();
+        let report = Report {
+            frame: 7,
+            user: Some(0),
+            state: crate::TrackingState::Tracking,
+            confidence: 1.0,
+            weights: &[0.5],
+            ..Report::default()
+        };
+        page.send(&report).unwrap();
+        while !page.tally().connected {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        (page, address)
+    }
+
+    /// What is answered, up to `until` or the end.
+    fn asked(address: SocketAddr, what: &str, headers: &str, until: &str) -> String {
+        use std::io::{Read, Write};
+        let mut stream = std::net::TcpStream::connect(address).unwrap();
+        let text = format!("{what} HTTP/1.1\r\nHost: {address}\r\n{headers}\r\n");
+        stream.write_all(text.as_bytes()).unwrap();
+        let (mut all, mut some) = (Vec::new(), [0; 4096]);
+        while let Ok(read @ 1..) = stream.read(&mut some) {
+            all.extend_from_slice(&some[..read]);
+            if !until.is_empty() && String::from_utf8_lossy(&all).contains(until) {
+                break;
+            }
+        }
+        String::from_utf8(all).unwrap()
+    }
+
+    #[test]
+    fn the_page_its_stream_and_its_commands_are_served() {
+        let (mut page, address) = served(None);
+        let text = asked(address, "GET /", "", "");
+        assert!(
+            text.starts_with("HTTP/1.1 200 ") && text.ends_with(PAGE),
+            "{text}"
+        );
+        assert!(text.contains("text/html") && !text.contains("Allow-Origin"));
+        let live = asked(address, "GET /events", "", "]}]}");
+        assert!(live.contains("data: {\"frame\":7,"), "{live}");
+        assert!(
+            live.contains("\"state\":\"tracking\"") && live.contains("[0.5000]"),
+            "{live}"
+        );
+        for (what, headers, expected) in [
+            ("POST /neutral/0", "X-Mien: 1\r\n", "204"),
+            ("POST /neutral/0", "", "403"),
+            ("POST /neutral/9", "X-Mien: 1\r\n", "404"),
+            ("GET /neutral/0", "X-Mien: 1\r\n", "404"),
+            ("OPTIONS /neutral/0", "", "405"),
+            ("GET /", "Origin: http://evil.example\r\n", "403"),
+        ] {
+            let status = asked(address, what, headers, "");
+            assert_eq!(status.split(' ').nth(1), Some(expected), "{what} {headers}");
+        }
+        assert_eq!(page.next_command(), Some(Command::Neutral(0)));
+        assert_eq!(page.next_command(), None, "what was refused is not done");
+        assert_eq!(page.tally().commands[0], 1);
+        // 403, 404, 404, 405, 403.
+        assert_eq!(page.tally().commands[1], 5);
+    }
+
+    #[test]
+    fn a_password_file_without_a_password_opens_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("password");
+        let settings = PageSettings {
+            listen: "127.0.0.1:0".into(),
+            password_file: file.to_string_lossy().into_owned(),
+            ..PageSettings::default()
+        };
+        let problem = || {
+            open(&settings, &[], "", "", &[], &[])
+                .err()
+                .map(|problem| problem.to_string())
+        };
+        assert!(problem().is_some_and(|told| told.contains("No such file")));
+        for text in ["", "\n", "short\n", "\nopen sesame\n"] {
+            std::fs::write(&file, text).unwrap();
+            let told = problem().expect(text);
+            assert!(told.contains("8 to 64 printable ASCII"), "{told}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_password_gets_nothing() {
+        let (mut page, address) = served(Some("open sesame"));
+        for what in ["GET /", "GET /box.json", "GET /events", "POST /forget/0"] {
+            let own = "X-Mien: 1\r\n";
+            let text = asked(address, what, own, "");
+            assert!(
+                text.starts_with("HTTP/1.1 401 ") && text.contains("WWW-Authenticate: Basic"),
+                "{text}"
+            );
+            assert!(text.ends_with("\r\n\r\n"), "{text}");
+        }
+        assert_eq!(page.next_command(), None);
+        let right = "Authorization: Basic bWllbjpvcGVuIHNlc2FtZQ==\r\n";
+        assert!(asked(address, "GET /", right, "").ends_with(PAGE));
+    }
+
+    #[test]
+    fn streams_leave_room_for_requests() {
+        use std::io::{Read, Write};
+        let (_page, address) = served(None);
+        let open = || {
+            let mut stream = std::net::TcpStream::connect(address).unwrap();
+            let text = format!("GET /events HTTP/1.1\r\nHost: {address}\r\n\r\n");
+            stream.write_all(text.as_bytes()).unwrap();
+            let mut status = [0; 12];
+            stream.read_exact(&mut status).unwrap();
+            (String::from_utf8_lossy(&status[9..]).into_owned(), stream)
+        };
+        let streams: Vec<_> = (0..7).map(|_| open()).collect();
+        let statuses: Vec<&str> = streams.iter().map(|(status, _)| status.as_str()).collect();
+        // One peer takes four of the six streams at most.
+        assert_eq!(statuses, ["200", "200", "200", "200", "503", "503", "503"]);
+        assert!(asked(address, "GET /", "", "").ends_with(PAGE));
+    }
+}

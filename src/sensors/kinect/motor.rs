@@ -1,0 +1,121 @@
+//! Motor and LED, as messages: the first series has a motor device with vendor requests; later ones take
+//! bulk messages through the audio device (only if its firmware is running).
+//!
+//! Units: degrees. The tilt is relative to the horizon; the device has no limit stop, so
+//! nothing beyond ±31° is ever sent.
+
+#[cfg(not(feature = "std"))]
+use mien_stages::base::prelude::*;
+
+/// Largest tilt either way, degrees.
+pub const TILT_LIMIT_DEG: f32 = 31.0;
+
+/// What the LED can show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Light {
+    /// Dark.
+    Off,
+    /// Steady green: a face is tracked.
+    Green,
+    /// Steady red: a fault.
+    Red,
+    /// Blinking green: looking for a face.
+    BlinkGreen,
+}
+
+/// Vendor request that sets the LED.
+pub const SET_LIGHT: u8 = 0x06;
+/// Vendor request that sets the tilt.
+pub const SET_TILT: u8 = 0x31;
+
+impl Light {
+    /// Value of [`SET_LIGHT`], and of the message to the audio device.
+    pub const fn values(self) -> (u16, u32) {
+        match self {
+            Self::Off => (0, 1),
+            Self::Green => (1, 3),
+            Self::Red => (2, 4),
+            Self::BlinkGreen => (4, 2),
+        }
+    }
+}
+
+/// Value of [`SET_TILT`]: half degrees, limited.
+pub fn tilt_value(degrees: f32) -> u16 {
+    ((limited(degrees) * 2.0).round() as i16).cast_unsigned()
+}
+
+/// A tilt that may be sent; not a number becomes level.
+fn limited(degrees: f32) -> f32 {
+    if degrees.is_nan() {
+        return 0.0;
+    }
+    degrees.clamp(-TILT_LIMIT_DEG, TILT_LIMIT_DEG)
+}
+
+/// Messages through the audio device of the later models.
+pub mod audio {
+    use super::{Light, limited};
+    #[cfg(not(feature = "std"))]
+    use mien_stages::base::prelude::*;
+
+    const MAGIC: u32 = 0x0602_2009;
+    const STATUS_MAGIC: u32 = 0x0a6f_e000;
+    /// Bytes of the status that answers every message.
+    pub const STATUS: usize = 12;
+
+    fn words(words: &[u32]) -> Vec<u8> {
+        words.iter().flat_map(|word| word.to_le_bytes()).collect()
+    }
+
+    /// Sets the LED.
+    pub fn light(tag: u32, light: Light) -> Vec<u8> {
+        words(&[MAGIC, tag, 0, 0x10, light.values().1])
+    }
+
+    /// Sets the tilt, whole degrees.
+    pub fn tilt(tag: u32, degrees: f32) -> Vec<u8> {
+        let degrees = (limited(degrees).round() as i32).cast_unsigned();
+        words(&[MAGIC, tag, 0, 0x803b, degrees])
+    }
+
+    /// True if `bytes` is the status "done" for `tag`.
+    pub fn is_done(bytes: &[u8], tag: u32) -> bool {
+        bytes.len() == STATUS && bytes == words(&[STATUS_MAGIC, tag, 0])
+    }
+
+    /// The device's side: status of the message with `tag`.
+    pub fn status(tag: u32) -> Vec<u8> {
+        words(&[STATUS_MAGIC, tag, 0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tilt_stays_within_its_limits() {
+        for (degrees, value) in [
+            (0.0, 0i16),
+            (10.25, 21),
+            (-10.0, -20),
+            (90.0, 62),
+            (-90.0, -62),
+            (f32::NAN, 0),
+        ] {
+            assert_eq!(tilt_value(degrees).cast_signed(), value);
+        }
+        assert_eq!(
+            audio::tilt(1, -40.0),
+            [
+                9, 0x20, 2, 6, 1, 0, 0, 0, 0, 0, 0, 0, 0x3b, 0x80, 0, 0, 0xe1, 0xff, 0xff, 0xff
+            ]
+        );
+    }
+
+    #[test]
+    fn done_is_said_of_one_message() {
+        assert!(audio::is_done(&audio::status(7), 7) && !audio::is_done(&audio::status(7), 8));
+    }
+}

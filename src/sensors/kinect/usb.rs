@@ -1,0 +1,399 @@
+//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of six files with unsafe code.
+//!
+//! Per stream there are 16 transfers of 16 packets (32 ms of the bus). A completed transfer is queued as it is; when polled,
+//! its packets are read in place and it is resubmitted. A caller that does not poll for 32 ms, for instance during a long
+//! request to the device, misses what arrives meanwhile, which is counted as lost in its stream.
+//!
+//! Everything runs in the thread that owns [`UsbKinect`]: libusb calls back only from within `handle_events` and synchronous
+//! requests, both made here. The type is neither `Send` nor `Sync`, so the compiler holds us to it.
+//!
+//! Memory: 0.5 MB per stream, allocated when it is started. Limitation: a device that does not return its cancelled
+//! transfers within two seconds leaks their memory (it is left to libusb on purpose).
+#![expect(
+    unsafe_code,
+    reason = "isochronous transfers exist only in libusb's C interface"
+)]
+
+use core::cell::RefCell;
+use core::ffi::c_int;
+use core::time::Duration;
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use rusb::UsbContext;
+use rusb::ffi;
+use rusb::ffi::constants::{
+    LIBUSB_ERROR_NO_DEVICE, LIBUSB_TRANSFER_CANCELLED, LIBUSB_TRANSFER_COMPLETED,
+    LIBUSB_TRANSFER_NO_DEVICE,
+};
+
+use super::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
+use super::packet::LONGEST;
+use super::usb_devices::{self, Opened, REQUEST, plain};
+use mien_stages::base::capacity::{PACKETS, TRANSFERS};
+use mien_stages::base::defaults;
+
+/// Cancelled transfers come back within this.
+const DRAIN: Duration = Duration::from_secs(2);
+
+defaults! {
+    /// What the callback writes and [`UsbKinect`] reads.
+    struct Inbox {
+        /// Landed transfers that hold packets, oldest first: room for all there are.
+        landed: VecDeque<(Stream, *mut ffi::libusb_transfer)> = VecDeque::with_capacity(2 * TRANSFERS),
+        /// Transfers that libusb holds, by stream.
+        flying: [usize; 2] = [0; 2],
+        stopping: [bool; 2] = [false; 2],
+        gone: bool = false,
+    }
+}
+
+/// Transfers of one stream and the memory they land in.
+struct Flight {
+    transfers: Vec<*mut ffi::libusb_transfer>,
+    /// Kept because libusb writes into it; read through the transfer.
+    buffers: Vec<Box<[u8]>>,
+}
+
+/// A Kinect on USB, opened and claimed.
+pub struct UsbKinect {
+    flights: [Option<Flight>; 2],
+    inbox: Box<RefCell<Inbox>>,
+    since: Instant,
+    opened: Opened,
+}
+
+impl UsbKinect {
+    /// Opens the Kinect with `serial`, or the first that is free; resets its audio device first if asked to.
+    ///
+    /// # Errors
+    /// None there, or none that may be had; each with the way out.
+    pub fn open(serial: Option<&str>, reset_audio: bool) -> Result<Self, DeviceError> {
+        Ok(Self {
+            flights: [None, None],
+            inbox: Box::default(),
+            since: Instant::now(),
+            opened: usb_devices::open(serial, reset_audio)?,
+        })
+    }
+
+    /// Lets libusb work for at most `time`.
+    fn events(&self, time: Duration) -> Result<(), DeviceError> {
+        match self.opened.context.handle_events(Some(time)) {
+            Ok(()) | Err(rusb::Error::Interrupted) => {}
+            Err(problem) => return Err(plain(problem)),
+        }
+        if self.inbox.borrow().gone {
+            return Err(DeviceError::Gone);
+        }
+        Ok(())
+    }
+
+    fn allocate(&self, stream: Stream) -> Result<Flight, DeviceError> {
+        // SAFETY: the handle is open, hence so is its device; the function only reads descriptors.
+        let found = unsafe {
+            ffi::libusb_get_max_iso_packet_size(
+                self.opened.camera.device().as_raw(),
+                stream.endpoint(),
+            )
+        };
+        let size = usize::try_from(found).unwrap_or(0);
+        let size = if size > 0 { size.min(LONGEST) } else { LONGEST };
+        let mut flight = Flight {
+            transfers: Vec::with_capacity(TRANSFERS),
+            buffers: Vec::with_capacity(TRANSFERS),
+        };
+        for _ in 0..TRANSFERS {
+            let mut buffer = vec![0; PACKETS * size].into_boxed_slice();
+            // SAFETY: allocates a transfer with room for so many packet descriptors; null is checked.
+            let transfer = unsafe { ffi::libusb_alloc_transfer(PACKETS as c_int) };
+            if transfer.is_null() {
+                free(&mut flight);
+                return Err(plain(rusb::Error::NoMem));
+            }
+            let user_data: *const RefCell<Inbox> = &raw const *self.inbox;
+            // SAFETY: `transfer` is valid and not in flight. `buffer` lives in the flight, at a fixed address, until the
+            // transfer is freed. The inbox is boxed and outlives every transfer in flight: see `stop` and `drop`.
+            unsafe {
+                ffi::libusb_fill_iso_transfer(
+                    transfer,
+                    self.opened.camera.as_raw(),
+                    stream.endpoint(),
+                    buffer.as_mut_ptr(),
+                    buffer.len() as c_int,
+                    PACKETS as c_int,
+                    landed,
+                    user_data.cast_mut().cast(),
+                    0,
+                );
+                ffi::libusb_set_iso_packet_lengths(transfer, size as u32);
+            }
+            flight.transfers.push(transfer);
+            flight.buffers.push(buffer);
+        }
+        Ok(flight)
+    }
+
+    /// Hands a transfer that libusb does not hold over to it; its answer.
+    fn submit(&self, stream: Stream, transfer: *mut ffi::libusb_transfer) -> c_int {
+        // SAFETY: filled in `allocate` and not freed, since it is of a flight; not in flight.
+        let result = unsafe { ffi::libusb_submit_transfer(transfer) };
+        if result == 0 {
+            self.inbox.borrow_mut().flying[stream.index()] += 1;
+        }
+        result
+    }
+
+    fn cancel(&self, stream: Stream) -> bool {
+        let i = stream.index();
+        {
+            let mut inbox = self.inbox.borrow_mut();
+            inbox.stopping[i] = true;
+            inbox.landed.retain(|(landed, _)| *landed != stream);
+        }
+        if let Some(flight) = &self.flights[i] {
+            for &transfer in &flight.transfers {
+                // SAFETY: the transfer is allocated; cancelling one that is not in flight is an error code, no more.
+                unsafe { ffi::libusb_cancel_transfer(transfer) };
+            }
+        }
+        let deadline = Instant::now() + DRAIN;
+        while self.inbox.borrow().flying[i] > 0 && Instant::now() < deadline {
+            // The device may be gone; its transfers come back all the same.
+            let _ = self.events(Duration::from_millis(10));
+        }
+        self.inbox.borrow().flying[i] == 0
+    }
+}
+
+/// Frees transfers none of which is in flight.
+fn free(flight: &mut Flight) {
+    for transfer in flight.transfers.drain(..) {
+        // SAFETY: allocated by `libusb_alloc_transfer`, not in flight, and forgotten by the drain.
+        unsafe { ffi::libusb_free_transfer(transfer) };
+    }
+    flight.buffers.clear();
+}
+
+/// The descriptors of a landed transfer's packets, and its bytes.
+///
+/// # Safety
+/// The transfer was filled in [`UsbKinect::allocate`], is not in flight, and stays so as long as the slices are used.
+unsafe fn packets<'a>(
+    transfer: *const ffi::libusb_transfer,
+) -> (&'a [ffi::libusb_iso_packet_descriptor], &'a [u8]) {
+    // SAFETY: the caller's promise: so many packet descriptors were allocated behind the fixed part, and buffer and length
+    // are those of the boxed buffer.
+    unsafe {
+        let landed = &*transfer;
+        let descriptors = (&raw const (*transfer).iso_packet_desc).cast();
+        (
+            core::slice::from_raw_parts(descriptors, PACKETS),
+            core::slice::from_raw_parts(landed.buffer, landed.length as usize),
+        )
+    }
+}
+
+/// A transfer has landed: with packets it is queued, without it is submitted again.
+extern "system" fn landed(transfer: *mut ffi::libusb_transfer) {
+    // SAFETY: libusb hands back a transfer filled in `allocate`, which nobody else touches while the callback runs.
+    let (user_data, endpoint, status) = unsafe {
+        let landed = &*transfer;
+        (landed.user_data, landed.endpoint, landed.status)
+    };
+    // SAFETY: `user_data` is the boxed inbox, alive while any transfer is in flight, and reached only from this thread.
+    let inbox = unsafe { &*user_data.cast::<RefCell<Inbox>>() };
+    // Nobody holds a borrow while libusb works; should it ever be otherwise, the transfer is given up, not the process.
+    let Ok(mut inbox) = inbox.try_borrow_mut() else {
+        return;
+    };
+    let stream = if endpoint == Stream::Colour.endpoint() {
+        Stream::Colour
+    } else {
+        Stream::Depth
+    };
+    let i = stream.index();
+    let mut news = false;
+    match status {
+        LIBUSB_TRANSFER_COMPLETED => {
+            // SAFETY: it is not in flight while the callback runs.
+            let (packets, _) = unsafe { packets(transfer) };
+            news = packets
+                .iter()
+                .any(|packet| packet.status != 0 || packet.actual_length > 0);
+        }
+        LIBUSB_TRANSFER_NO_DEVICE => inbox.gone = true,
+        LIBUSB_TRANSFER_CANCELLED => inbox.gone |= !inbox.stopping[i],
+        // Anything else is a passing fault of the bus: the gap in the sequence tells.
+        _ => {}
+    }
+    if news || inbox.stopping[i] || inbox.gone {
+        inbox.flying[i] -= 1;
+        if !inbox.stopping[i] && news {
+            inbox.landed.push_back((stream, transfer));
+        }
+        return;
+    }
+    // SAFETY: the transfer has just come back, so it is not in flight; all its memory is as `allocate` left it.
+    let result = unsafe { ffi::libusb_submit_transfer(transfer) };
+    if result != 0 {
+        inbox.flying[i] -= 1;
+        inbox.gone |= result == LIBUSB_ERROR_NO_DEVICE;
+    }
+}
+
+impl PacketSource for UsbKinect {
+    fn model(&self) -> Model {
+        self.opened.model
+    }
+
+    fn serial(&self) -> &str {
+        &self.opened.serial
+    }
+
+    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError> {
+        let (camera, none) = (&self.opened.camera, DeviceError::NoMotor);
+        let (motor, audio) = (&self.opened.motor, &self.opened.audio);
+        let sent = match request {
+            Request::Command(bytes) => camera.write_control(0x40, 0, 0, 0, bytes, REQUEST),
+            Request::Reply(bytes) => camera.read_control(0xc0, 0, 0, 0, bytes, REQUEST),
+            Request::Motor(request, value) => {
+                let motor = motor.as_ref().ok_or(none)?;
+                motor.write_control(0x40, request, value, 0, &[], REQUEST)
+            }
+            Request::Audio(message) => {
+                let audio = audio.as_ref().ok_or(none)?;
+                audio.write_bulk(0x01, message, REQUEST)
+            }
+            Request::AudioAnswer(bytes) => {
+                let audio = audio.as_ref().ok_or(none)?;
+                audio.read_bulk(0x81, bytes, REQUEST)
+            }
+        };
+        sent.map_err(plain)
+    }
+
+    fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
+        let i = stream.index();
+        if self.flights[i].is_some() {
+            return Ok(());
+        }
+        let flight = self.allocate(stream)?;
+        self.inbox.borrow_mut().stopping[i] = false;
+        let results = flight.transfers.iter();
+        let mut results = results.map(|&transfer| self.submit(stream, transfer));
+        let failure = results.find(|&result| result != 0);
+        self.flights[i] = Some(flight);
+        match failure {
+            None => Ok(()),
+            Some(LIBUSB_ERROR_NO_DEVICE) => Err(DeviceError::Gone),
+            Some(_) => {
+                self.stop(stream);
+                Err(DeviceError::Bandwidth(stream))
+            }
+        }
+    }
+
+    fn stop(&mut self, stream: Stream) {
+        let all_back = self.cancel(stream);
+        let Some(mut flight) = self.flights[stream.index()].take() else {
+            return;
+        };
+        if all_back {
+            free(&mut flight);
+        } else {
+            // libusb still holds some and may write to them: their memory must stay.
+            core::mem::forget(flight);
+        }
+    }
+
+    fn poll(
+        &mut self,
+        wait: Duration,
+        sink: &mut dyn FnMut(Received<'_>),
+    ) -> Result<(), DeviceError> {
+        let wait = if self.inbox.borrow().landed.is_empty() {
+            wait
+        } else {
+            Duration::ZERO
+        };
+        let mut alive = self.events(wait);
+        loop {
+            let next = self.inbox.borrow_mut().landed.pop_front();
+            let Some((stream, transfer)) = next else {
+                return alive;
+            };
+            // SAFETY: queued transfers are of a flight that has not been stopped, so they are not freed; none is in flight
+            // before it is submitted below.
+            let (packets, bytes) = unsafe { packets(transfer) };
+            let mut start = 0;
+            for packet in packets {
+                let length = (packet.actual_length as usize).min(LONGEST);
+                let received = bytes.get(start..start + length);
+                start += packet.length as usize;
+                let received = received.filter(|_| packet.status == 0);
+                sink(Received {
+                    stream,
+                    intact: received.is_some(),
+                    bytes: received.unwrap_or(&[]),
+                });
+            }
+            if alive.is_ok() && self.submit(stream, transfer) == LIBUSB_ERROR_NO_DEVICE {
+                alive = Err(DeviceError::Gone);
+            }
+        }
+    }
+
+    fn clock(&self) -> Duration {
+        self.since.elapsed()
+    }
+
+    fn sleep(&mut self, time: Duration) {
+        let until = Instant::now() + time;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return;
+            }
+            if self.inbox.borrow().flying == [0; 2] || self.events(left).is_err() {
+                std::thread::sleep(until.saturating_duration_since(Instant::now()));
+                return;
+            }
+        }
+    }
+}
+
+impl Drop for UsbKinect {
+    fn drop(&mut self) {
+        for stream in Stream::BOTH {
+            self.stop(stream);
+        }
+        if self.inbox.borrow().flying != [0; 2] {
+            // See `stop`: a late callback would still write here.
+            core::mem::forget(core::mem::take(&mut self.inbox));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Holds on any machine: whatever is or is not plugged in, the answer is a device or one of the sentences.
+    #[test]
+    fn a_kinect_that_does_not_exist_is_an_error_with_a_remedy() {
+        let problem = UsbKinect::open(Some("no such serial"), false)
+            .err()
+            .unwrap();
+        assert!(
+            matches!(
+                problem,
+                DeviceError::Absent
+                    | DeviceError::NoUsb
+                    | DeviceError::NoPower
+                    | DeviceError::OtherSerial(..)
+            ),
+            "{problem}"
+        );
+    }
+}

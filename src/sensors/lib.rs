@@ -1,0 +1,21 @@
+//! Sensors: each gives a [`Frame`] at a time, and the [`camera::Camera`] that says what its numbers mean.
+//!
+//! ```text
+//! kinect   the Kinect v1: packets to frames over USB, its calibration, its motor, recordings as libfreenect writes them
+//! rgbd     recordings of any depth camera
+//! ```
+
+#![cfg_attr(not(feature = "std"), no_std)]
+
+extern crate alloc;
+
+pub mod kinect;
+#[cfg(feature = "std")]
+mod picture_file;
+#[cfg(feature = "std")]
+pub mod rgbd;
+
+pub use mien_stages::camera;
+pub use mien_stages::frame::{Frame, NO_DEPTH};
+#[cfg(feature = "std")]
+pub use picture_file::RecordingError;

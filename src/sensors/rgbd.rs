@@ -1,0 +1,454 @@
+//! Recordings of any depth camera: a folder in the layout of the TUM RGB-D data sets, and its calibration in one small file.
+//!
+//! | file | holds |
+//! | --- | --- |
+//! | `depth.txt` | a line per depth picture: seconds, and its file; `#` begins a comment |
+//! | `rgb.txt` | the same of colour or infrared pictures; optional |
+//! | `camera.json` | size, focal lengths, centre and scale of both, and where one is from the other: [`calibration`] |
+//!
+//! Depth is 16 bit, 0 = none; pictures are grey of 8 or 16 bit or RGB of 8. Files are PGM or PPM, or PNG and JPEG where the program has
+//! decoders (`picture_file`). A depth picture goes with the other one nearest in time, at most half a period away; one without is
+//! a frame without a picture. Larger ones than [`WIDTH`] × [`HEIGHT`] are reduced by a whole number: depth is picked, so that no
+//! edge is smeared; brightness is averaged. A damaged frame is skipped with a warning and a count.
+//!
+//! Memory: a file and a table of 131 kB; nothing is allocated per frame but by a PNG's decoder. Limitation: distortion of
+//! the depth camera's lens must have been taken out, as most cameras' software does.
+
+mod calibration;
+
+use std::path::{Path, PathBuf};
+
+use super::camera::{Camera, Picture, Pinhole, RANGE_M};
+use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
+use super::{Frame, NO_DEPTH};
+use calibration::{Calibration, View};
+use mien_stages::base::bounded_read::{self, reason};
+use mien_stages::base::capacity::{HEIGHT, WIDTH};
+use mien_stages::base::time::Timestamp;
+
+/// Largest list of pictures and largest calibration, bytes.
+const LIST_MOST: usize = 1 << 26;
+const CALIBRATION_MOST: usize = 1 << 16;
+const UNLISTED: Damage = Damage::Listed(
+    "expected a time in seconds, later than in the line before, and a file in this folder",
+);
+
+/// One stream: its view as the frame has it, and what it takes to read a picture.
+struct Stream {
+    size: [usize; 2],
+    /// Pixels of the file to one of the frame.
+    reduced: usize,
+    file: PictureFile,
+}
+
+impl Stream {
+    fn new(view: &View) -> Self {
+        let [columns, rows] = view.size();
+        Self {
+            size: view.size(),
+            reduced: columns.div_ceil(WIDTH).max(rows.div_ceil(HEIGHT)),
+            file: PictureFile::new(columns * rows * 6),
+        }
+    }
+
+    /// Columns and rows in the frame.
+    fn kept(&self) -> [usize; 2] {
+        self.size.map(|pixels| pixels / self.reduced)
+    }
+
+    /// The view of the frame's picture; `within` a reduced pixel is what it stands for, pixels of the file.
+    fn pinhole(&self, view: &View, within: f32) -> Pinhole {
+        let (reduced, whole) = (self.reduced as f32, view.pinhole());
+        Pinhole {
+            focal: whole.focal.map(|focal| focal / reduced),
+            centre: whole.centre.map(|centre| (centre - within) / reduced),
+        }
+    }
+}
+
+fn text(path: &Path, most: usize) -> Result<String, RecordingError> {
+    let bytes = bounded_read::regular(path, most).map_err(|problem| {
+        RecordingError(path.to_owned(), format!("cannot be read ({}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md", reason(problem)))
+    })?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// Raw depth by what a file says.
+fn raw_values(camera: &Camera, metres_per_unit: f32) -> Box<[u16]> {
+    let metres = (0..=u16::MAX).map(|value| f32::from(value) * metres_per_unit);
+    let raw = metres.map(|z| match z {
+        _ if (RANGE_M[0]..=RANGE_M[1]).contains(&z) => camera.raw_from_m(z).round() as u16,
+        _ => NO_DEPTH,
+    });
+    raw.collect()
+}
+
+/// A recording that is played.
+pub struct Rgbd {
+    folder: PathBuf,
+    index: Index,
+    next: usize,
+    skipped: Skipped,
+    /// Geometry of both cameras.
+    pub camera: Camera,
+    depth: Stream,
+    picture: Stream,
+    /// Raw depth by what a file says.
+    raw: Box<[u16]>,
+    metres_per_unit: f32,
+    /// Whether that was looked at.
+    scaled: bool,
+    /// Value of a 16-bit picture that is shown as white.
+    white: u32,
+    path: PathBuf,
+}
+
+impl Rgbd {
+    /// Whether `folder` is one.
+    pub fn is_in(folder: &Path) -> bool {
+        folder.join("depth.txt").exists()
+    }
+
+    /// Opens the recording in `folder`.
+    ///
+    /// # Errors
+    /// If there is no list of depth pictures, or the calibration is missing or unusable.
+    pub fn open(folder: &Path) -> Result<Self, RecordingError> {
+        let text = |name, most| text(&folder.join(name), most);
+        let calibration = Calibration::parse(&text("camera.json", CALIBRATION_MOST)?);
+        let calibration =
+            calibration.map_err(|problem| RecordingError(folder.join("camera.json"), problem))?;
+        let pictures = match folder.join("rgb.txt").try_exists() {
+            Ok(false) => String::new(),
+            _ => text("rgb.txt", LIST_MOST)?,
+        };
+        let depths = text("depth.txt", LIST_MOST)?;
+        if let Some(problem) = misread_times(&depths) {
+            return Err(RecordingError(folder.join("depth.txt"), problem));
+        }
+        let index = Index::parse(&depths, &pictures);
+        if let Some(problem) = index.apart() {
+            tracing::warn!("{}: {problem}", folder.join("rgb.txt").display());
+        }
+        if index.depth.is_empty() {
+            return Err(RecordingError(folder.join("depth.txt"), "lists no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?".into()));
+        }
+        #[cfg(not(feature = "studio"))]
+        if index.depth[0].name.ends_with(".png") {
+            return Err(RecordingError(folder.join("depth.txt"), "lists PNG files, which this build cannot read; use a build with --features studio, or convert them to PGM (see docs/recordings.md)".into()));
+        }
+        let (depth, picture) = (&calibration.depth, &calibration.colour);
+        let streams = [depth, picture].map(Stream::new);
+        let [of_depth, of_picture] = &streams;
+        let camera = Camera::metric(
+            of_depth.pinhole(depth, (of_depth.reduced / 2) as f32),
+            of_depth.kept(),
+            Picture::Pinhole {
+                distortion: picture.distortion,
+                view: of_picture.pinhole(picture, (of_picture.reduced - 1) as f32 * 0.5),
+                picture_from_sensor: calibration.colour_from_depth,
+            },
+        );
+        let raw = raw_values(&camera, depth.metres_per_unit);
+        let metres_per_unit = depth.metres_per_unit;
+        let [depth, of_picture] = streams;
+        Ok(Self {
+            // Long enough for any name, so that no frame makes it grow.
+            path: PathBuf::with_capacity(folder.as_os_str().len() + 256),
+            folder: folder.to_owned(),
+            index,
+            next: 0,
+            skipped: Skipped::default(),
+            camera,
+            depth,
+            white: picture.white,
+            picture: of_picture,
+            raw,
+            metres_per_unit,
+            scaled: false,
+        })
+    }
+
+    /// Pixels of the files to one of the frames, along each side: of depth, and of pictures.
+    pub fn reduced(&self) -> [usize; 2] {
+        [self.depth.reduced, self.picture.reduced]
+    }
+
+    /// Frames skipped so far because a file of theirs is damaged or missing.
+    pub fn skipped(&self) -> u64 {
+        self.skipped.0
+    }
+
+    /// Depth pictures the list names, skipped ones included.
+    pub fn frames(&self) -> usize {
+        self.index.depth.len()
+    }
+
+    /// Plays on from the depth picture of this number, as [`Frame::index`] counts.
+    pub fn go_to(&mut self, number: usize) {
+        self.next = number.min(self.frames());
+    }
+
+    /// Fills `frame` with the next whole frame; `false` at the end.
+    pub fn next_frame(&mut self, frame: &mut Frame) -> bool {
+        while self.next < self.index.depth.len() {
+            self.next += 1;
+            let Err(damage) = self.read(self.next - 1, frame) else {
+                return true;
+            };
+            self.skipped.add(self.next - 1, &self.path, &damage);
+        }
+        false
+    }
+
+    fn read(&mut self, at: usize, frame: &mut Frame) -> Result<(), Damage> {
+        let Self {
+            index, path, raw, ..
+        } = self;
+        let entry = &index.depth[at];
+        let place = |path: &mut PathBuf, name: &str| {
+            path.clone_from(&self.folder);
+            path.push(name);
+        };
+        place(path, &entry.name);
+        let time_us = entry.time_us.ok_or(UNLISTED)?;
+        let ([columns, rows], reduced) = (self.depth.kept(), self.depth.reduced);
+        let width = self.depth.size[0];
+        let pixels = self.depth.file.read(path, self.depth.size)?;
+        if pixels.channels != 1 || !pixels.wide {
+            return Err(Damage::Kind("a 16-bit grey picture, as depth is"));
+        }
+        if !std::mem::replace(&mut self.scaled, true)
+            && let Some(problem) = misread_depth(&pixels, self.metres_per_unit)
+        {
+            let file = self.folder.join("camera.json");
+            tracing::warn!("{}: {problem}", file.display());
+        }
+        frame.depth.fill(NO_DEPTH);
+        for row in 0..rows {
+            let from = (row * reduced + reduced / 2) * width + reduced / 2;
+            let out = &mut frame.depth[row * WIDTH..][..columns];
+            for (col, out) in out.iter_mut().enumerate() {
+                *out = raw[usize::from(pixels.wide_at(from + col * reduced))];
+            }
+        }
+        match entry.picture {
+            Some(other) => {
+                place(path, &index.pictures[other].name);
+                let (kept, reduced) = (self.picture.kept(), self.picture.reduced);
+                let pixels = self.picture.file.read(path, self.picture.size)?;
+                pixels.brightness(reduced, kept, self.white, &mut frame.luma);
+                frame.has_colour = true;
+            }
+            None => frame.drop_colour(),
+        }
+        // Depth times rise from the first one, which is 0.
+        (frame.index, frame.at) = (at as u64, Timestamp::from_us(time_us.unsigned_abs()));
+        Ok(())
+    }
+}
+
+/// Pictures are this far apart if there is only one, µs.
+const PERIOD_US: i64 = 33_333;
+
+/// A line of a list.
+#[derive(Clone, Debug, PartialEq)]
+struct Entry {
+    name: String,
+    /// Since the first depth picture; `None` if the line has none or is not after the line before.
+    time_us: Option<i64>,
+    /// The picture that goes with it, by its place in the other list.
+    picture: Option<usize>,
+}
+
+/// Both lists.
+struct Index {
+    depth: Vec<Entry>,
+    pictures: Vec<Entry>,
+    /// Time of the first picture, since the first depth picture.
+    picture_start: Option<i64>,
+}
+
+/// Time and name of every line that is no comment, as they stand.
+fn words(text: &str) -> impl Iterator<Item = (&str, &str)> {
+    let lines = text.lines().map(str::trim);
+    let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
+    lines.map(|line| line.split_once(char::is_whitespace).unwrap_or(("", line)))
+}
+
+/// Units of time that lists are written in by mistake, and how many of them are a second.
+const OTHER_UNITS: [(&str, f64); 3] = [
+    ("nanoseconds", 1e9),
+    ("microseconds", 1e6),
+    ("milliseconds", 1e3),
+];
+/// Pictures are never so far apart, seconds: nobody is followed from one to the next.
+const FARTHEST_S: f64 = 4.0;
+/// Share of the measured depth that must be in the range of depth cameras, and of the depth pictures that have another one.
+const IN_RANGE: f32 = 0.2;
+const PAIRED: f64 = 0.1;
+
+/// What times of a list are instead of seconds, if that can be told from them.
+fn misread_times(text: &str) -> Option<String> {
+    if let Some((time, _)) = words(text).find(|(time, _)| {
+        let split = time.split_once(',');
+        split.is_some_and(|(a, b)| a.parse::<u64>().is_ok() && b.parse::<u64>().is_ok())
+    }) {
+        return Some(format!(
+            "expected seconds with a decimal point, found {time:?}; replace the commas"
+        ));
+    }
+    let times = words(text).filter_map(|(time, _)| time.parse::<f64>().ok());
+    let times: Vec<f64> = times.filter(|time| time.is_finite()).collect();
+    let mut apart: Vec<f64> = times.windows(2).map(|two| two[1] - two[0]).collect();
+    apart.sort_unstable_by(f64::total_cmp);
+    let apart = *apart.get(apart.len() / 2)?;
+    let (unit, second) = OTHER_UNITS
+        .into_iter()
+        .find(|(_, second)| apart / second >= 1e-3 && apart >= FARTHEST_S)?;
+    Some(format!(
+        "expected seconds, found times {apart} apart, which look like {unit}; divide them by {second}"
+    ))
+}
+
+/// What the scale of a depth picture is instead of its camera's, if that can be told from it.
+fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
+    let values = pixels
+        .body
+        .as_chunks::<2>()
+        .0
+        .iter()
+        .map(|two| u16::from_be_bytes(*two));
+    let mut values: Vec<u16> = values.filter(|&value| value > 0).collect();
+    let metres = |value: u16| f32::from(value) * metres_per_unit;
+    let inside = values
+        .iter()
+        .filter(|&&value| (RANGE_M[0]..=RANGE_M[1]).contains(&metres(value)));
+    let inside = inside.count() as f32 / values.len().max(1) as f32;
+    if inside >= IN_RANGE || values.is_empty() {
+        return None;
+    }
+    values.sort_unstable();
+    let (median, percent) = (values[values.len() / 2], inside * 100.0);
+    Some(format!(
+        "with metres_per_unit = {metres_per_unit} the median of the first depth picture is {:.2} m, and only {percent:.0} % of it is within {} to {} m; should it be 0.001 (millimetres) or 0.0002 (TUM)?",
+        metres(median),
+        RANGE_M[0],
+        RANGE_M[1]
+    ))
+}
+
+/// Time in µs and name of every line that is no comment.
+fn lines(text: &str) -> impl Iterator<Item = (Option<i64>, &str)> {
+    words(text).map(|(time, name)| {
+        let seconds = time.parse().ok().filter(|s: &f64| s.abs() < 1e11);
+        // A recording names files of its own.
+        let name = name.trim();
+        let inside = !name.starts_with('/') && name.split(['/', '\\']).all(|part| part != "..");
+        let seconds: Option<f64> = seconds.filter(|_| inside);
+        (seconds.map(|s| (s * 1e6).round() as i64), name)
+    })
+}
+
+/// The entries of a list, without partners; times are since `start`.
+fn entries(text: &str, start: i64) -> Vec<Entry> {
+    let mut last = None;
+    let entries = lines(text).map(|(time, name)| {
+        let time = time.filter(|time| last.is_none_or(|last| *time > last));
+        last = time.or(last);
+        Entry {
+            name: name.to_owned(),
+            time_us: time.map(|time| time - start),
+            picture: None,
+        }
+    });
+    entries.collect()
+}
+
+impl Index {
+    /// What keeps the two lists from going together, if hardly any depth picture has another one.
+    fn apart(&self) -> Option<String> {
+        let paired = self.depth.iter().filter(|entry| entry.picture.is_some());
+        let enough = paired.count() as f64 >= PAIRED * self.depth.len() as f64;
+        let seconds = self.picture_start? as f64 * 1e-6;
+        (!enough).then(|| {
+            format!("hardly any picture was taken at the time of one in depth.txt, and its times begin {seconds:.3} s later: are both from the same clock? Heads are tracked by depth alone")
+        })
+    }
+
+    fn parse(depth: &str, pictures: &str) -> Self {
+        let start = lines(depth).find_map(|(time, _)| time).unwrap_or(0);
+        let (mut depth, pictures) = (entries(depth, start), entries(pictures, start));
+        let times: Vec<i64> = depth.iter().filter_map(|entry| entry.time_us).collect();
+        let mut periods: Vec<i64> = times.windows(2).map(|two| two[1] - two[0]).collect();
+        periods.sort_unstable();
+        let period = *periods.get(periods.len() / 2).unwrap_or(&PERIOD_US);
+        let others = pictures.iter().enumerate();
+        let others = others.filter_map(|(at, entry)| Some((entry.time_us?, at)));
+        let others: Vec<(i64, usize)> = others.collect();
+        let partner = |time: i64| {
+            let (other, at) = others[nearest(&others, time, |other| other.0)?];
+            ((other - time).abs() * 2 <= period).then_some(at)
+        };
+        for entry in &mut depth {
+            entry.picture = entry.time_us.and_then(partner);
+        }
+        Self {
+            picture_start: others.first().map(|other| other.0),
+            depth,
+            pictures,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_nearest_in_time_goes_together_and_a_step_back_has_no_time() {
+        let depth = "# depth maps\n10.000 d/0\n10.033 d/1\n10.066 d/2\n10.050 d/x\n10.2 d/3\nodd\n10.3 ../d\n";
+        let index = Index::parse(
+            depth,
+            "# colour\n9.99 r/0\n10.045 r/1\n10.06 r/2\n10.222 r/3\n",
+        );
+        let known: Vec<_> = index.depth.iter().map(|e| (e.time_us, e.picture)).collect();
+        let expected = [
+            (Some(0), Some(0)),
+            (Some(33_000), Some(1)),
+            (Some(66_000), Some(2)),
+            (None, None),
+            (Some(200_000), None),
+            (None, None),
+            (None, None),
+        ];
+        assert_eq!(known, expected);
+        assert!(Index::parse("", "").depth.is_empty());
+        assert_eq!(index.apart(), None);
+        let told = Index::parse("10.0 d/0\n10.033 d/1\n", "900.5 r/0\n").apart();
+        assert!(told.expect("two clocks").contains("begin 890.500 s later"));
+    }
+
+    #[test]
+    fn times_that_are_no_seconds_are_named() {
+        let list = |first: f64, apart: f64| -> String {
+            (0..5)
+                .map(|k| format!("{} d/{k}\n", first + apart * f64::from(k)))
+                .collect()
+        };
+        for (first, apart, unit) in [
+            (0.0, 33.0, "milliseconds"),
+            (1_763_720_000_000.0, 33.0, "milliseconds"),
+            (0.0, 33_333.0, "microseconds"),
+            (1.76e18, 33_333_333.0, "nanoseconds"),
+        ] {
+            let told = misread_times(&list(first, apart)).expect(unit);
+            assert!(told.contains(unit), "{told}");
+        }
+        let told = misread_times("10,033 d/0\n10,066 d/1\n").expect("commas");
+        assert!(told.contains("decimal point, found \"10,033\""), "{told}");
+        for (first, apart) in [(1_305_031_102.16, 0.033), (0.0, 1.0), (0.0, 0.004)] {
+            assert_eq!(misread_times(&list(first, apart)), None);
+        }
+    }
+}

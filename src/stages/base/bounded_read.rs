@@ -1,0 +1,170 @@
+//! Reads whole files, up to the largest size a file of their kind can have.
+
+use std::fmt::Display;
+use std::fs::File;
+use std::io::{Error, ErrorKind, Read, Result};
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
+
+use nix::poll::{PollFd, PollFlags, poll};
+
+/// Most bytes taken from a pipe or device, whose length nobody knows.
+const STREAM_MOST: usize = 16 << 20;
+/// How long a pipe may give nothing, milliseconds.
+const PATIENCE_MS: i32 = 2000;
+
+/// The bytes of a file, or what a pipe gives until it is closed.
+///
+/// # Errors
+/// If it cannot be read, has more than `most` bytes, or is a pipe that nobody writes to.
+pub fn read(path: &Path, most: usize) -> Result<Vec<u8>> {
+    let mut options = File::options();
+    // A plain open would wait for a pipe's writer.
+    let options = options
+        .read(true)
+        .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
+    let file = options.open(path)?;
+    let kind = file.metadata()?.file_type();
+    if kind.is_file() || kind.is_dir() {
+        return all(file, most);
+    }
+    stream(file, most.min(STREAM_MOST))
+}
+
+/// The bytes of a file that another one names, if it is a regular one in `folder` or below, links followed: what a file refers to
+/// elsewhere is not meant to be read.
+///
+/// # Errors
+/// As [`regular`], or if it is elsewhere.
+#[cfg(feature = "studio")]
+pub fn read_below(folder: &Path, name: &str, most: usize) -> Result<Vec<u8>> {
+    let here = Path::new(".");
+    let folder = if folder.as_os_str().is_empty() {
+        here
+    } else {
+        folder
+    };
+    let path = folder.join(name).canonicalize()?;
+    if !path.starts_with(folder.canonicalize()?) {
+        let folder = folder.display();
+        return Err(Error::other(format!("expected a file inside {folder}")));
+    }
+    regular(&path, most)
+}
+
+fn stream(mut file: File, most: usize) -> Result<Vec<u8>> {
+    let (mut bytes, mut room) = (Vec::new(), [0; 4096]);
+    loop {
+        let mut asked = [PollFd::new(file.as_raw_fd(), PollFlags::POLLIN)];
+        if poll(&mut asked, PATIENCE_MS)? == 0 {
+            let seconds = PATIENCE_MS / 1000;
+            let text = format!("no data came through this pipe for {seconds} s");
+            return Err(Error::new(ErrorKind::TimedOut, text));
+        }
+        match file.read(&mut room) {
+            Ok(0) => return Ok(bytes),
+            Ok(more) if bytes.len() + more > most => return Err(ErrorKind::FileTooLarge.into()),
+            Ok(more) => bytes.extend_from_slice(&room[..more]),
+            Err(error) => match error.kind() {
+                ErrorKind::WouldBlock | ErrorKind::Interrupted => {}
+                _ => return Err(error),
+            },
+        }
+    }
+}
+
+/// The file at `path`, if it is one: what a pipe would give is not waited for.
+///
+/// # Errors
+/// If it is not there, or no regular file.
+pub fn open_regular(path: &Path) -> Result<File> {
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(std::io::Error::other("not a regular file"));
+    }
+    File::open(path)
+}
+
+/// The bytes of a regular file.
+///
+/// # Errors
+/// As [`read`] and [`open_regular`].
+pub fn regular(path: &Path, most: usize) -> Result<Vec<u8>> {
+    all(open_regular(path)?, most)
+}
+
+/// The bytes of an open file.
+///
+/// # Errors
+/// As [`read`].
+pub(crate) fn all(file: File, most: usize) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    file.take(most as u64 + 1).read_to_end(&mut bytes)?;
+    if bytes.len() > most {
+        return Err(ErrorKind::FileTooLarge.into());
+    }
+    Ok(bytes)
+}
+
+/// The words of the operating system's message, in lower case and without its number.
+pub fn reason(error: impl Display) -> String {
+    let text = error.to_string();
+    let words = text.split_once(" (os error ");
+    words.map_or(text.clone(), |(words, _)| words.to_lowercase())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_without_an_end_is_refused() {
+        let error = read(Path::new("/dev/zero"), 1 << 20).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::FileTooLarge);
+        let absent = read(Path::new("/nowhere/file"), 1).unwrap_err();
+        assert_eq!(reason(absent), "no such file or directory");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        std::fs::write(&path, [7; 9]).unwrap();
+        assert_eq!(read(&path, 9).unwrap(), [7; 9]);
+        assert!(read(&path, 8).is_err());
+        // A pipe is read to its end, and not waited for when nobody writes.
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        assert!(regular(&pipe, 9).is_err());
+        let began = std::time::Instant::now();
+        let _ = read(&pipe, 9);
+        assert!(began.elapsed().as_secs() < 5);
+        let other = pipe.clone();
+        let writer = std::thread::spawn(move || std::fs::write(other, [1; 9]));
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        assert_eq!(read(&pipe, 9).unwrap(), [1; 9]);
+        writer.join().unwrap().unwrap();
+    }
+
+    #[cfg(feature = "studio")]
+    #[test]
+    fn what_a_file_names_is_read_from_its_folder_only() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("head");
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(root.path().join("secret"), "no").unwrap();
+        std::fs::write(folder.join("skin"), "yes").unwrap();
+        std::os::unix::fs::symlink(root.path().join("secret"), folder.join("link")).unwrap();
+        std::os::unix::fs::symlink("skin", folder.join("near")).unwrap();
+        let absolute = root.path().join("secret");
+        for name in [
+            "../secret",
+            "link",
+            absolute.to_str().unwrap(),
+            "/dev/zero",
+            ".",
+        ] {
+            assert!(read_below(&folder, name, 99).is_err(), "{name}");
+        }
+        for name in ["skin", "./skin", "../head/skin", "near"] {
+            assert_eq!(read_below(&folder, name, 99).unwrap(), b"yes", "{name}");
+        }
+    }
+}

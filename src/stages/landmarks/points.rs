@@ -1,0 +1,49 @@
+//! The 68 landmarks of a face, the result of every fitter.
+
+use super::eyes::Eyes;
+use crate::base::capacity::LANDMARKS;
+use crate::base::defaults;
+use crate::base::frames::SensorFromFace;
+use crate::base::geometry::Point;
+use crate::camera::Camera;
+use crate::face_model::refinement;
+
+defaults! {
+    /// The 68 points of one face in one frame; before the first fit all at the origin, confidence 0.
+    #[derive(Clone, Debug)]
+    pub struct Landmarks {
+        /// Landmarks in the head frame, metres: rigid motion removed, the face's own size kept.
+        pub head: [Point; LANDMARKS] = [Point::origin(); LANDMARKS],
+        /// Landmarks in colour pixels; pixel centres are integers.
+        pub pixels: [[f32; 2]; LANDMARKS] = [[0.0; 2]; LANDMARKS],
+        /// Confidence of each point, 0…1.
+        pub point_confidence: [f32; LANDMARKS] = [0.0; LANDMARKS],
+        /// Confidence of the face, 0…1.
+        pub confidence: f32 = 0.0,
+        /// Puff of the right and the left cheek, measured by depth: about 0 to 1, plus a constant of the person.
+        pub cheeks: [f32; refinement::PUFFS] = [0.0; refinement::PUFFS],
+        /// Share of the mouth's points with something else in front: a hand, a cup, a sheet of paper.
+        pub mouth_hidden: f32 = 0.0,
+        /// Eye patches; none if the eyes are not visible.
+        pub eyes: Option<Eyes> = None,
+    }
+}
+
+impl Landmarks {
+    /// A face whose points are all certain, with nothing in front.
+    pub fn certain(head: [Point; LANDMARKS]) -> Self {
+        Self {
+            head,
+            point_confidence: [1.0; LANDMARKS],
+            confidence: 1.0,
+            ..Self::default()
+        }
+    }
+
+    /// The same face at another pose of its head.
+    pub fn move_to(&mut self, sensor_from_face: &SensorFromFace, camera: &Camera) {
+        self.pixels = self
+            .head
+            .map(|point| camera.colour_pixel(&(sensor_from_face * point)));
+    }
+}

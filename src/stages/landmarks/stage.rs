@@ -1,0 +1,135 @@
+//! The landmark stage of a pipeline: the chosen method behind one interface.
+
+use super::fit::{LandmarkFitter, Scratch, Settings};
+use super::paper_aam::PaperAamFitter;
+use super::points::Landmarks;
+use crate::base::capacity::PIXELS;
+use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromHead};
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
+use crate::camera::Camera;
+use crate::face_model::FaceModel;
+use crate::pose::HeadPose;
+
+/// How landmarks are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Cascade of regressions on gradient-orientation patches.
+    #[default]
+    Cascade,
+    /// The paper's 2D+3D active appearance model.
+    Paper,
+}
+
+/// Settings of the stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StageSettings {
+    /// The method.
+    pub method: Method,
+    /// Settings of the cascade.
+    pub cascade: Settings,
+}
+
+/// Why the stage cannot be created.
+#[derive(Debug, thiserror::Error)]
+pub enum LandmarkError {
+    /// The model was trained without it.
+    #[error(
+        "landmarks.method is \"paper\", but the face model holds no active appearance model; train one with mien-studio train, or set \"cascade\""
+    )]
+    NoPaperModel,
+    /// The model's block for the paper's method.
+    #[error(transparent)]
+    Paper(#[from] crate::face_model::ModelError),
+}
+
+/// The stage.
+pub enum LandmarkStage {
+    /// [`Method::Cascade`].
+    Cascade(Box<LandmarkFitter>),
+    /// [`Method::Paper`].
+    Paper(Box<PaperAamFitter>),
+}
+
+impl LandmarkStage {
+    /// Prepares the chosen method; all memory is allocated here.
+    ///
+    /// # Errors
+    /// If the model lacks what the method needs.
+    pub fn new(settings: StageSettings, model: &FaceModel) -> Result<Self, LandmarkError> {
+        match settings.method {
+            Method::Cascade => Ok(Self::Cascade(Box::new(LandmarkFitter::new(
+                settings.cascade,
+                model,
+            )))),
+            Method::Paper if model.paper_aam.is_empty() => Err(LandmarkError::NoPaperModel),
+            Method::Paper => {
+                let fitter = PaperAamFitter::new(&model.paper_aam)?;
+                Ok(Self::Paper(Box::new(fitter)))
+            }
+        }
+    }
+
+    /// Fits one frame; `None` if there is no face to be found at the pose.
+    pub fn fit(
+        &mut self,
+        scratch: &mut Scratch,
+        luma: &[u8; PIXELS],
+        depth: &[u16; PIXELS],
+        camera: &Camera,
+        pose: &HeadPose,
+        at: Timestamp,
+    ) -> Option<&Landmarks> {
+        match self {
+            Self::Cascade(fitter) => fitter.fit(scratch, luma, depth, camera, pose, at),
+            Self::Paper(fitter) => fitter.fit(luma, depth, camera, pose),
+        }
+    }
+
+    /// The default method, which can search a picture for a face; none with the paper's.
+    pub fn cascade(&self) -> Option<&LandmarkFitter> {
+        match self {
+            Self::Cascade(fitter) => Some(fitter),
+            Self::Paper(_) => None,
+        }
+    }
+
+    /// Rotation that makes this person's depth poses agree with the image; none with the paper's method.
+    pub fn rotation_in_head(&self) -> HeadFromFace {
+        self.cascade()
+            .map_or_else(HeadFromFace::identity, LandmarkFitter::rotation_in_head)
+    }
+
+    /// See [`LandmarkFitter::image_residual`]; `None` with the paper's method.
+    pub fn image_residual(&self) -> Option<Motion<Head, Head>> {
+        Some(self.cascade()?.image_residual())
+    }
+
+    /// See [`LandmarkFitter::search_face`]; `None` with the paper's method.
+    pub fn search_face(
+        &self,
+        scratch: &mut Scratch,
+        luma: &[u8; PIXELS],
+        camera: &Camera,
+        guess: &SensorFromHead,
+    ) -> Option<(f32, SensorFromHead)> {
+        self.cascade()?.search_face(scratch, luma, camera, guess)
+    }
+
+    /// See [`LandmarkFitter::take_correction`]; nothing with the paper's method.
+    pub fn take_correction(&mut self) -> Option<HeadFromFace> {
+        match self {
+            Self::Cascade(fitter) => fitter.take_correction(),
+            Self::Paper(_) => None,
+        }
+    }
+
+    /// Forgets the person.
+    pub fn reset(&mut self) {
+        match self {
+            Self::Cascade(fitter) => fitter.reset(),
+            Self::Paper(fitter) => fitter.reset(),
+        }
+    }
+}

@@ -1,0 +1,372 @@
+//! The head window: the face resampled upright and at a fixed scale from the whole colour picture.
+//!
+//! The depth pose gives where the head's origin appears ([`Camera::colour_pixel`]) and how colour pixels move with metres
+//! there (2×3 Jacobian by central differences). The Jacobian gives the axes of a virtual camera that looks straight at the
+//! head; the window is that camera's image, rotated upright, and a homography (from four points of the plane through the
+//! head's origin) maps it to the colour picture, so a head at the edge of the picture appears as if it were in the middle. Pixels,
+//! metres, radians. One bilinear look-up per window pixel, 34 k in all. Degenerate: a Jacobian without rank (head at the
+//! camera) gives no placement. Outside the picture its border is repeated.
+
+use core::ops::Range;
+
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+use super::view::View;
+use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::base::geometry::{Point, Rigid, Rotation, Vector};
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+use crate::base::vectors::{NO_FRACTION, wide};
+use crate::camera::Camera;
+
+/// Side of the window, pixels.
+pub const WINDOW: usize = 184;
+/// Window pixels per metre: a face 0.145 m wide is 100 px.
+pub const PIXELS_PER_METRE: f32 = 690.0;
+/// Where the head's origin appears, window pixels: brows to chin fit with an open jaw and 20° of pitch.
+pub const ORIGIN: [f32; 2] = [91.5, 66.0];
+/// Half the base of the central differences, metres: about an eye's distance, so that table steps do not matter.
+const DIFFERENCE: f32 = 0.03;
+/// Least side of a region, pixels.
+const LEAST_REGION: usize = 32;
+
+/// The part of a window that is used: pixel rows and columns, even numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Pixel rows.
+    pub rows: Range<usize>,
+    /// Pixel columns.
+    pub columns: Range<usize>,
+}
+
+impl Region {
+    /// All of it.
+    pub const WHOLE: Self = Self {
+        rows: 0..WINDOW,
+        columns: 0..WINDOW,
+    };
+
+    /// The bounding box of the points with a margin of `margin` pixels; at least one patch.
+    pub fn around(points: &[[f32; 2]], margin: f32) -> Self {
+        let along = |axis: usize| {
+            let values = points.iter().map(|point| point[axis]);
+            let low = values.clone().fold(f32::MAX, f32::min) - margin;
+            let high = values.fold(f32::MIN, f32::max) + margin;
+            let most = WINDOW - LEAST_REGION;
+            let first = (low.max(0.0) as usize / 2 * 2).min(most);
+            let end = (high.max(0.0) as usize + 2) / 2 * 2;
+            first..end.clamp(first + LEAST_REGION, WINDOW)
+        };
+        Self {
+            rows: along(1),
+            columns: along(0),
+        }
+    }
+}
+
+/// A grey picture to cut windows from.
+#[derive(Clone, Copy)]
+pub struct Picture<'a> {
+    /// Luma, row by row.
+    pub luma: &'a [u8],
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl Picture<'_> {
+    /// Bilinear value; beyond the border the border's own.
+    pub fn at(&self, x: f32, y: f32) -> f32 {
+        let x = x.clamp(0.0, (self.width - 1) as f32 - 1e-3);
+        let y = y.clamp(0.0, (self.height - 1) as f32 - 1e-3);
+        let (column, row) = (x as usize, y as usize);
+        let (fx, fy) = (x - column as f32, y - row as f32);
+        let at = row * self.width + column;
+        let value = |at: usize| f32::from(self.luma[at]);
+        let top = value(at) + (value(at + 1) - value(at)) * fx;
+        let below = at + self.width;
+        let bottom = value(below) + (value(below + 1) - value(below)) * fx;
+        top + (bottom - top) * fy
+    }
+}
+
+/// Where a window lies in a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Placement {
+    /// Homography from window pixels about [`ORIGIN`] to picture pixels.
+    pub picture_from_window: Matrix3<f32>,
+    window_from_picture: Matrix3<f32>,
+    /// Rotation of the window relative to the picture or the viewing camera, radians.
+    pub roll: f32,
+    /// The view of the depth pose in the window: upright, at [`PIXELS_PER_METRE`], origin at [`ORIGIN`].
+    pub start: View,
+}
+
+/// The rotation split into a turn in the picture and an upright rest: `(roll, rest)`, `rotation = Rz(roll) rest`.
+fn upright(rotation: &Rotation) -> (f32, Rotation) {
+    let down = rotation * Vector::y();
+    let roll = (-down.x).atan2(down.y);
+    (
+        roll,
+        Rotation::from_axis_angle(&Vector::z_axis(), -roll) * rotation,
+    )
+}
+
+/// Homography that takes four points to four others; `None` if three of them are in line.
+fn homography(from: &[[f32; 2]; 4], to: &[[f32; 2]; 4]) -> Option<Matrix3<f32>> {
+    let mut rows = SMatrix::<f64, 8, 8>::zeros();
+    let mut right = SVector::<f64, 8>::zeros();
+    for k in 0..4 {
+        let [x, y] = from[k].map(f64::from);
+        for axis in 0..2 {
+            let u = f64::from(to[k][axis]);
+            let row = 2 * k + axis;
+            for (column, value) in [(3 * axis, x), (3 * axis + 1, y), (3 * axis + 2, 1.0)] {
+                rows[(row, column)] = value;
+            }
+            rows[(row, 6)] = -x * u;
+            rows[(row, 7)] = -y * u;
+            right[row] = u;
+        }
+    }
+    let h = rows.lu().solve(&right)?;
+    Some(Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0).cast())
+}
+
+fn mapped(map: &Matrix3<f32>, x: f32, y: f32) -> [f32; 2] {
+    let p = map * Vector::new(x, y, 1.0);
+    [p.x / p.z, p.y / p.z]
+}
+
+/// Integer and fractional part of `x`, which is 0 to a few thousand.
+#[inline(always)]
+fn split(x: f32) -> (u32, f32) {
+    let rounded = (x - 0.5) + NO_FRACTION;
+    (
+        rounded.to_bits() - NO_FRACTION.to_bits(),
+        x - (rounded - NO_FRACTION),
+    )
+}
+
+impl Placement {
+    /// Placement from the depth pose; `None` if the head is outside the colour camera's view.
+    pub fn of_pose(camera: &Camera, sensor_from_head: &Rigid) -> Option<Self> {
+        let origin = sensor_from_head * Point::origin();
+        let slope = |axis: Vector| {
+            let [x1, y1] = camera.colour_pixel(&(origin + axis * DIFFERENCE));
+            let [x0, y0] = camera.colour_pixel(&(origin - axis * DIFFERENCE));
+            [
+                (x1 - x0) / (2.0 * DIFFERENCE),
+                (y1 - y0) / (2.0 * DIFFERENCE),
+            ]
+        };
+        let (dx, dy, dz) = (slope(Vector::x()), slope(Vector::y()), slope(Vector::z()));
+        let across = Vector::new(dx[0], dy[0], dz[0]);
+        let ray = across
+            .cross(&Vector::new(dx[1], dy[1], dz[1]))
+            .try_normalize(1e-3)?;
+        let right = across.try_normalize(1e-3)?;
+        let down = ray.cross(&right);
+        let axes = Matrix3::from_rows(&[right.transpose(), down.transpose(), ray.transpose()]);
+        let view_from_sensor =
+            Rotation::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(axes));
+        let (roll, rotation) = upright(&(view_from_sensor * sensor_from_head.rotation));
+        let (sin, cos) = roll.sin_cos();
+        let corners = [[-60.0, -50.0], [60.0, -50.0], [60.0, 80.0], [-60.0, 80.0]];
+        let seen = corners.map(|[x, y]: [f32; 2]| {
+            let along = right * (x * cos - y * sin) + down * (x * sin + y * cos);
+            camera.colour_pixel(&(origin + along / PIXELS_PER_METRE))
+        });
+        if seen.iter().flatten().any(|v| !v.is_finite()) {
+            return None;
+        }
+        let map = homography(&corners, &seen)?;
+        let inverse_distance = 1.0 / origin.coords.norm().max(0.1);
+        Self::new(map, roll, rotation, inverse_distance)
+    }
+
+    fn new(
+        picture_from_window: Matrix3<f32>,
+        roll: f32,
+        rotation: Rotation,
+        inverse_distance: f32,
+    ) -> Option<Self> {
+        Some(Self {
+            picture_from_window,
+            window_from_picture: picture_from_window.try_inverse()?,
+            roll,
+            start: View {
+                log_scale: PIXELS_PER_METRE.ln(),
+                rotation,
+                shift: ORIGIN,
+                inverse_distance,
+            },
+        })
+    }
+
+    /// Placement in the picture of a camera that looks straight at the head, from the head's view in picture pixels.
+    pub fn of_view(view: &View) -> Self {
+        let (roll, rotation) = upright(&view.rotation);
+        let (sin, cos) = roll.sin_cos();
+        let scale = view.log_scale.exp().max(1e-3) / PIXELS_PER_METRE;
+        let [x, y] = view.shift;
+        let across = Vector::new(scale * cos, scale * sin, 0.0);
+        let down = Vector::new(-scale * sin, scale * cos, 0.0);
+        let map = Matrix3::from_columns(&[across, down, Vector::new(x, y, 1.0)]);
+        let placement = Self::new(map, roll, rotation, view.inverse_distance);
+        placement.expect("a turn and a scale above 0 have an inverse")
+    }
+
+    /// Window pixel to picture pixel.
+    pub fn picture_pixel(&self, window: [f32; 2]) -> [f32; 2] {
+        mapped(
+            &self.picture_from_window,
+            window[0] - ORIGIN[0],
+            window[1] - ORIGIN[1],
+        )
+    }
+
+    /// Picture pixel to window pixel.
+    pub fn window_pixel(&self, picture: [f32; 2]) -> [f32; 2] {
+        let [x, y] = mapped(&self.window_from_picture, picture[0], picture[1]);
+        [x + ORIGIN[0], y + ORIGIN[1]]
+    }
+
+    /// Resamples a region of the window, row by row; outside the picture its border is repeated.
+    pub fn resample(&self, picture: &Picture, region: &Region, window: &mut [f32]) {
+        wide(
+            #[inline(always)]
+            || self.resample_rows(picture, region, window),
+        );
+    }
+
+    #[inline(always)]
+    fn resample_rows(&self, picture: &Picture, region: &Region, window: &mut [f32]) {
+        let map = &self.picture_from_window;
+        let (luma, width) = (picture.luma, picture.width as u32 as usize);
+        let most = [picture.width, picture.height].map(|size| (size - 1) as f32 - 1e-2);
+        // Places, looking up and weighing in turn: only the looking up goes pixel by pixel.
+        let (mut at, mut pairs) = ([0u32; WINDOW], [[0u16; WINDOW]; 2]);
+        let (mut fx, mut fy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
+        let columns = region.columns.start..region.columns.end.min(WINDOW);
+        for row in region.rows.clone() {
+            let line = &mut window.as_chunks_mut::<WINDOW>().0[row];
+            let down = row as f32 - ORIGIN[1];
+            // The three sums of the homography at the row's first pixel; they grow evenly along it.
+            let first = map.column(0) * -ORIGIN[0] + map.column(1) * down + map.column(2);
+            for column in columns.clone() {
+                // By way of a number of 32 bits, which unlike one of 64 a vector instruction takes to a float.
+                let along = column as u32 as i32 as f32;
+                let inverse = 1.0 / (first.z + map.m31 * along);
+                let x = ((first.x + map.m11 * along) * inverse)
+                    .max(0.0)
+                    .min(most[0]);
+                let y = ((first.y + map.m21 * along) * inverse)
+                    .max(0.0)
+                    .min(most[1]);
+                let ((left, part), (top, rest)) = (split(x), split(y));
+                (fx[column], fy[column]) = (part, rest);
+                at[column] = top * width as u32 + left;
+            }
+            for column in columns.clone() {
+                // One slice of both rows: one check of its bounds for all four.
+                let first = at[column] as usize;
+                let square = &luma[first..first + width + 2];
+                pairs[0][column] = u16::from_le_bytes([square[0], square[1]]);
+                pairs[1][column] = u16::from_le_bytes([square[width], square[width + 1]]);
+            }
+            for column in columns.clone() {
+                let [[a, b], [c, d]] = [pairs[0][column], pairs[1][column]]
+                    .map(|pair| [f32::from(pair & 0xff), f32::from(pair >> 8)]);
+                let top = a + (b - a) * fx[column];
+                let bottom = c + (d - c) * fx[column];
+                line[column] = top + (bottom - top) * fy[column];
+            }
+        }
+    }
+}
+
+/// The whole colour picture of the sensor as a [`Picture`].
+pub fn sensor_picture(luma: &[u8; crate::base::capacity::PIXELS]) -> Picture<'_> {
+    Picture {
+        luma,
+        width: WIDTH,
+        height: HEIGHT,
+    }
+}
+
+impl Placement {
+    /// A view in the picture as it is in the window.
+    pub fn window_view(&self, picture: &View) -> View {
+        self.carried(picture, -1.0, self.window_pixel(picture.shift))
+    }
+
+    /// A view in the window as it is in the picture.
+    pub fn picture_view(&self, window: &View) -> View {
+        self.carried(window, 1.0, self.picture_pixel(window.shift))
+    }
+
+    fn carried(&self, view: &View, way: f32, shift: [f32; 2]) -> View {
+        let map = &self.picture_from_window;
+        View {
+            log_scale: view.log_scale + way * map[(0, 0)].hypot(map[(1, 0)]).ln(),
+            rotation: Rotation::from_axis_angle(&Vector::z_axis(), way * self.roll) * view.rotation,
+            shift,
+            ..*view
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
+
+    #[test]
+    fn the_window_shows_the_points_where_the_camera_does() {
+        let camera = Camera::default();
+        for (x, y, z, yaw, roll) in [
+            (0.0, 0.0, 0.8, 0.0, 0.0),
+            (0.2, -0.1, 0.9, 0.3, 0.4),
+            (-0.25, 0.15, 1.2, -0.3, -0.3),
+        ] {
+            let pose = Rigid::from_parts(
+                nalgebra::Translation3::new(x, y, z),
+                rotation_from_yaw_pitch_roll(yaw, 0.1, roll),
+            );
+            let placement = Placement::of_pose(&camera, &pose).expect("in view");
+            for point in [
+                Point::new(0.045, 0.0, 0.01),
+                Point::new(-0.045, 0.0, 0.01),
+                Point::new(0.0, 0.1, 0.0),
+                Point::new(0.0, 0.04, -0.03),
+            ] {
+                let seen = camera.colour_pixel(&(pose * point));
+                let said = placement.picture_pixel(placement.start.project(&point));
+                let off = (seen[0] - said[0]).hypot(seen[1] - said[1]);
+                assert!(off < 0.35, "{seen:?} {said:?} at {x} {y} {z}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_number_is_its_parts_together() {
+        for x in [0.0, 0.25, 0.5, 0.999, 1.0, 1.5, 638.99, 639.0] {
+            let (whole, rest) = split(x);
+            assert_eq!(whole as f32 + rest, x);
+            assert!((0.0..=1.0).contains(&rest), "{x}: {whole} {rest}");
+        }
+    }
+
+    #[test]
+    fn the_window_is_upright() {
+        let pose = Rigid::from_parts(
+            nalgebra::Translation3::new(0.1, 0.0, 0.8),
+            rotation_from_yaw_pitch_roll(0.2, 0.1, 0.5),
+        );
+        let placement = Placement::of_pose(&Camera::default(), &pose).expect("in view");
+        let down = placement.start.rotation * Vector::y();
+        assert!(down.x.abs() < 1e-5 && down.y > 0.9);
+    }
+}

@@ -1,9 +1,0 @@
-//! When a Kinect's frames are taken.
-
-use crate::base::time::Timestamp;
-use crate::sensor::kinect::picture_clock::{FRAME_TICKS, timestamp_from_ticks};
-
-/// Time of frame `number` of a sensor that loses none.
-pub fn frame_time(number: usize) -> Timestamp {
-    timestamp_from_ticks(number as i64 * FRAME_TICKS)
-}

@@ -1,0 +1,171 @@
+//! What is counted: errors under each condition, and how often what is believed is right.
+
+use std::collections::BTreeMap;
+use std::fmt::{self, Display};
+
+use crate::evaluate::sessions::{Spread, median};
+use crate::train::evaluate::{differences, mean_percent};
+use mien_simulator::virtual_head::Truth;
+use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::landmarks::Landmarks;
+
+/// What is measured, its figure and its bar.
+pub(super) type Row = (&'static str, String, &'static str);
+
+/// What is averaged over frames; errors in per cent of the outer-eye distance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Condition {
+    /// The picture as it is.
+    Tracked,
+    /// … of which one offset per person and point, and the rest.
+    Offset,
+    Rest,
+    /// From a cold start.
+    Cold,
+    /// Beyond the common angles.
+    Beyond,
+    /// The points beside those that are covered.
+    Covered,
+    /// Frames until a face that is clear again is believed and within 5 %.
+    Recovered,
+    /// In a quarter of the light.
+    Dim,
+    /// Under a lamp that goes round, and without it in the same frames.
+    Lamp,
+    SameAsLamp,
+    /// Root mean square of a still face's motion, by person.
+    Jitter,
+    /// Of a fit, milliseconds.
+    Time,
+}
+
+/// What is counted as a share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Share {
+    /// Covered points that are flagged.
+    Flagged,
+    /// Visible points that are not.
+    Unflagged,
+    /// Frames of a hidden face that are called lost.
+    Unseen,
+    /// Good faces below the least confidence.
+    Lost,
+    /// Faces beyond 10 % above it.
+    Kept,
+}
+
+/// Everything seen, over all people.
+#[derive(Default)]
+pub(super) struct Seen {
+    pub(super) people: usize,
+    pub(super) faces: Calibration,
+    pub(super) points: Calibration,
+    pub(super) errors: BTreeMap<Condition, Vec<f64>>,
+    /// Yes, and all.
+    pub(super) shares: BTreeMap<Share, [usize; 2]>,
+}
+
+impl Seen {
+    pub(super) fn add(&mut self, condition: Condition, error: f64) {
+        self.errors.entry(condition).or_default().push(error);
+    }
+
+    pub(super) fn count(&mut self, share: Share, yes: bool) {
+        let [good, all] = self.shares.entry(share).or_default();
+        *good += usize::from(yes);
+        *all += 1;
+    }
+
+    /// Records a fit's confidences and its error, which it returns; from `least` on a face is believed.
+    pub(super) fn record_fit(
+        &mut self,
+        fit: &Landmarks,
+        truth: &Truth,
+        covered: &[bool; LANDMARKS],
+        least: f32,
+    ) -> f64 {
+        let d = differences(&fit.pixels, &truth.landmarks_px);
+        let error = f64::from(mean_percent(&d));
+        self.faces.add(fit.confidence, error <= 5.0);
+        for i in 0..LANDMARKS {
+            let good = mean_percent(&d[i..=i]) <= 5.0 && !covered[i];
+            self.points.add(fit.point_confidence[i], good);
+        }
+        if error <= 5.0 {
+            self.count(Share::Lost, fit.confidence < least);
+        } else if error > 10.0 {
+            self.count(Share::Kept, fit.confidence >= least);
+        }
+        error
+    }
+
+    pub(super) fn merge(&mut self, other: Self) {
+        self.people += other.people;
+        self.faces.merge(&other.faces);
+        self.points.merge(&other.points);
+        for (condition, errors) in other.errors {
+            self.errors.entry(condition).or_default().extend(errors);
+        }
+        for (share, [good, all]) in other.shares {
+            let sum = self.shares.entry(share).or_default();
+            *sum = [sum[0] + good, sum[1] + all];
+        }
+    }
+
+    pub(super) fn errors(&self, condition: Condition) -> &[f64] {
+        self.errors.get(&condition).map_or(&[], Vec::as_slice)
+    }
+
+    pub(super) fn spread(&self, condition: Condition) -> Spread {
+        Spread::from_values(self.errors(condition).to_vec())
+    }
+
+    pub(super) fn median(&self, condition: Condition) -> f64 {
+        median(self.errors(condition))
+    }
+
+    pub(super) fn percent(&self, share: Share) -> f64 {
+        let [good, all] = self.shares.get(&share).copied().unwrap_or_default();
+        100.0 * good as f64 / all.max(1) as f64
+    }
+}
+
+/// Faces or points that said about the same of themselves.
+#[derive(Clone, Copy, Debug, Default)]
+struct Bin {
+    count: usize,
+    confidence: f64,
+    good: usize,
+}
+
+/// How often what is believed is within 5 %, by confidence in fifths.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Calibration([Bin; 5]);
+
+impl Calibration {
+    fn add(&mut self, confidence: f32, good: bool) {
+        let bin = &mut self.0[((confidence * 5.0) as usize).min(4)];
+        bin.count += 1;
+        bin.confidence += f64::from(confidence);
+        bin.good += usize::from(good);
+    }
+
+    fn merge(&mut self, other: &Self) {
+        for (a, b) in self.0.iter_mut().zip(&other.0) {
+            a.count += b.count;
+            a.confidence += b.confidence;
+            a.good += b.good;
+        }
+    }
+}
+
+impl Display for Calibration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let told = self.0.iter().filter(|bin| bin.count > 0).map(|bin| {
+            let n = bin.count as f64;
+            let (said, was) = (bin.confidence / n, bin.good as f64 / n);
+            format!("{said:.2} → {was:.2} ({})", bin.count)
+        });
+        f.write_str(&told.collect::<Vec<_>>().join("; "))
+    }
+}

@@ -1,0 +1,90 @@
+//! The paper's active appearance model as the section of a model file: learned with the rest, taken from an earlier
+//! training, or put into a file that otherwise stays the same, byte for byte.
+
+use std::borrow::Cow;
+use std::path::Path;
+
+use super::args::TrainArgs;
+use super::paper_aam::paper_aam_block;
+use super::person::learn_frames;
+use crate::nrsfm::Tracks;
+use mien_appliance::source;
+use mien_sensors::Frame;
+use mien_stages::face_model::{FaceModel, SHIPPED, ShapeModel, file};
+use mien_workbench::atomic_write::write_out;
+use mien_workbench::fault::Fault;
+
+/// Where the section comes from. Read before anything is trained, so that a wrong file is told of at once.
+pub(super) enum Source {
+    Kept(Cow<'static, [u8]>),
+    /// Learned; the 3D shape of the actor of these tracks, or of a drawn one.
+    Learned(Option<Tracks>),
+}
+
+impl Source {
+    pub(super) fn read(args: &TrainArgs) -> Result<Self, Fault> {
+        if let Some(path) = &args.paper_of {
+            return Ok(Self::Kept(FaceModel::read(&model_bytes(path)?)?.paper_aam));
+        }
+        let tracks = args.tracks.as_deref().map(Tracks::read).transpose()?;
+        Ok(Self::Learned(tracks))
+    }
+
+    /// The bytes of the section.
+    pub(super) fn section(
+        &self,
+        args: &TrainArgs,
+        shape: &ShapeModel,
+        say: &mut dyn FnMut(&str),
+    ) -> Result<Cow<'static, [u8]>, Fault> {
+        let tracks = match self {
+            Self::Kept(bytes) => return Ok(bytes.clone()),
+            Self::Learned(tracks) => tracks.as_ref(),
+        };
+        let block = paper_aam_block(&args.data.data, shape, tracks, args.seed, say)?;
+        let bytes = block.len();
+        say(&format!(
+            "the paper's active appearance model: {bytes} bytes"
+        ));
+        Ok(block.into())
+    }
+}
+
+/// Trains the section alone, of everybody or of the one person of a recording, whom the default pipeline with the model
+/// of `args.paper_into` (the shipped one if absent) follows, and writes that model with it.
+///
+/// # Errors
+/// If the model, the data or the recording cannot be read or show too little, or the result cannot be written.
+pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
+    let bytes = match &args.paper_into {
+        Some(path) => model_bytes(path)?,
+        None => SHIPPED.to_vec(),
+    };
+    let model = FaceModel::read(&bytes)?;
+    let block = match &args.person {
+        Some(session) => {
+            let mut recording = source::Source::recording(session)?;
+            let camera = recording.camera().clone();
+            let mut next = |frame: &mut Frame| recording.next_frame(frame).unwrap_or(false);
+            learn_frames(&mut next, &camera, &model, args.seed, say)?.into()
+        }
+        None => Source::read(args)?.section(args, &model.shape, say)?,
+    };
+    let grafted = file::with_section(&bytes, *b"PAAM", &block)?;
+    write_out(&args.out, &grafted)?;
+    let kept = file::sections(&bytes)?
+        .zip(file::sections(&grafted)?)
+        .filter(|(before, after)| before == after)
+        .count();
+    say(&format!(
+        "wrote {}: {} bytes; {kept} other sections unchanged, byte for byte",
+        args.out.display(),
+        grafted.len()
+    ));
+    Ok(())
+}
+
+fn model_bytes(path: &Path) -> Result<Vec<u8>, Fault> {
+    let advice = "; expected a face model, such as config/face.model";
+    std::fs::read(path).map_err(Fault::cannot("read", path, advice))
+}

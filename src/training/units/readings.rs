@@ -1,0 +1,387 @@
+//! `mien-studio units`: learns how each unit is read from all measures together, on tracked faces whose expressions are known.
+//!
+//! People the face model may learn from act random mixtures (`Scene::Mixed`) in front of the simulated sensor, some of
+//! them with hair and accessories, through the whole pipeline. From every frame with a confident face and a learned rest,
+//! the deviations of all inputs and the true units ([`crate::evaluate::acted`]) make an example, and its mirror image
+//! another; real smiles ([`super::smiles`]) are added. Ridge regression on rises and falls gives the shares. A unit is read
+//! from inputs of its own part of the face ([`tells_of`]): others that seem to tell of it in one world do not in another.
+//! A reading is stretched, by [`MOST`] at most, so that the median of full expressions comes to [`FULL`]: what is hardly seen
+//! regresses to small readings. Last, cross-talk is removed (`chosen.toml`). Seeded; eye distances.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+use std::sync::LazyLock;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::examples::{self, Example, Glance, gaze_reader, written};
+use super::gaze;
+use crate::evaluate::acted::{Acted, UNIT_COUNT, UNITS};
+use crate::evaluate::sessions::{Trial, lighting, median, seed_of};
+use crate::frame_time::frame_time;
+use mien_baking::heads::PersonHead;
+use mien_sensors::Frame;
+use mien_simulator::virtual_head::{Look, Scene, Sensor, Simulator};
+use mien_stages::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS};
+use mien_stages::expression::readings::input_name;
+use mien_stages::expression::{Units, features};
+use mien_stages::users::TrackingState;
+use mien_workbench::atomic_write;
+use mien_workbench::correlation::correlation;
+use mien_workbench::fault::Fault;
+use mien_workbench::people_split::Split;
+use mien_workbench::progress::Progress;
+
+/// Seconds after which rest has been learnt.
+const SETTLED_S: f64 = 6.0;
+/// Every so many frames make an example: neighbours say the same.
+const EVERY: usize = 2;
+/// One person of so many wears hair and things: they take four times as long to draw.
+const DRESSED: usize = 5;
+/// One person of so many has the eyes of the photograph, all others drawn ones.
+const PHOTOGRAPHED: usize = 4;
+/// Penalty of the regression, in examples, on inputs scaled to their deviation.
+const PENALTY: f64 = 1000.0;
+/// What real smiles weigh beside everything that is acted, and what they are read as: most are slight. Then the units they
+/// tell of, and those they do not move; whatever else a smile does differs from person to person.
+const SMILES: f64 = 0.03;
+const SMILE: f64 = 0.8;
+const SMILERS: [&str; 2] = ["AU12L", "AU12R"];
+const NOT_SMILING: [&str; 5] = ["AU20", "AU18", "AU29", "AU9L", "AU9R"];
+/// What the middle one of full expressions is read as, and the most a reading is stretched for it.
+const FULL: f64 = 0.95;
+const MOST: f64 = 2.0;
+/// Lids that open wide hardly move: read from little, they are stretched by this at most.
+const MOST_OF_LIDS: f64 = 2.4;
+/// A unit that no measure is named after and that comes out with less than this is not seen well enough to be given.
+const LEAST_R: f64 = 0.4;
+
+/// Numbers chosen by hand, from `chosen.toml`.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Chosen {
+    pub(super) errors: BTreeMap<String, f64>,
+    pub(super) cross_talk: BTreeMap<String, CrossTalk>,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CrossTalk {
+    factor: f64,
+    pub(super) loses: BTreeMap<String, f64>,
+}
+
+pub(super) static CHOSEN: LazyLock<Chosen> =
+    LazyLock::new(|| toml::from_str(include_str!("chosen.toml")).expect("a test reads it"));
+
+/// Truth from which an expression is full.
+const FULLY: f64 = 0.8;
+
+/// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`; what is acted is
+/// `kept` in a file, or read from there if it exists.
+///
+/// # Errors
+/// If the data sets cannot be read or the model does not fit the settings.
+pub fn learn(
+    trial: &Trial,
+    kept: Option<&Path>,
+    say: &mut dyn FnMut(&str),
+) -> Result<String, Fault> {
+    let heads = trial.heads(|split| split != Split::Test)?;
+    let priors = feature_priors(&heads);
+    let mut examples = examples(trial, heads, kept)?;
+    let gaze = gaze::learn(&mut examples);
+    say(&gaze.say);
+    let smiles = super::smiles::departures(&trial.data.join("faces_frl189"), trial.model)?;
+    let (acted, smiling) = (examples.len(), smiles.len());
+    say(&format!("{acted} examples, {smiling} real smiles"));
+    let mirrored: Vec<Example> = examples.iter().map(Example::mirrored).collect();
+    examples.extend(mirrored);
+    let smiles = smiles.into_iter().flat_map(|departures| {
+        let smile = Example {
+            departures,
+            truth: [0.0; UNIT_COUNT],
+            glance: None,
+        };
+        [smile.mirrored(), smile]
+    });
+    let smiles: Vec<Example> = smiles.collect();
+    let mut text = priors;
+    let learnt: Vec<_> = (0..UNIT_COUNT)
+        .into_par_iter()
+        .map(|k| regress(&examples, &smiles, k))
+        .collect();
+    let measured = Units::shipped().by_measure().columns(false);
+    for ((unit, _), (shares, r, line)) in UNITS.iter().zip(learnt) {
+        let weak = r < LEAST_R && !measured.iter().any(|name| name == unit);
+        let left_out = if weak { ", left out" } else { "" };
+        say(&format!("{unit:6} r {r:.3}, {line}{left_out}"));
+        if !weak {
+            write_reading(&mut text, unit, &shares);
+        }
+    }
+    text.push_str(&gaze.text);
+    Ok(text)
+}
+
+/// What people act, or what they acted when it was kept in a file.
+fn examples(
+    trial: &Trial,
+    heads: Vec<PersonHead>,
+    kept: Option<&Path>,
+) -> Result<Vec<Example>, Fault> {
+    if let Some(path) = kept.filter(|path| path.is_file()) {
+        let text = std::fs::read_to_string(path).map_err(unusable(path))?;
+        let examples = examples::read(&text);
+        if examples.is_empty() {
+            let found = "expected lines written by --examples, found none; give another file";
+            return Err(Fault::within(path)(found));
+        }
+        return Ok(examples);
+    }
+    let play = |(number, head)| practise(trial, number, head);
+    let played = Progress::each("units", heads.into_iter().enumerate().collect(), play);
+    let examples = played.into_iter().collect::<Result<Vec<_>, _>>()?.concat();
+    if let Some(path) = kept {
+        atomic_write::write(path, written(&examples)).map_err(unusable(path))?;
+    }
+    Ok(examples)
+}
+
+fn unusable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
+    let advice = "; give another file with --examples";
+    Fault::cannot("read or write", path, advice)
+}
+
+fn practise(trial: &Trial, number: usize, mut head: PersonHead) -> Result<Vec<Example>, Fault> {
+    let seed = seed_of(trial.sessions.seed, head.person);
+    let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
+    if number % PHOTOGRAPHED != 1 {
+        mien_baking::heads::eyes::paint(&mut head.asset, seed);
+    }
+    let acted = Acted::new(&head.asset);
+    let mut simulator = Simulator::new(head.asset, Scene::Mixed, seed).lit(light, exposure);
+    if number % DRESSED == 1 {
+        simulator = simulator
+            .dressed([Look::numbered(number, seed)])
+            .seen_by(Sensor {
+                faults: 1.0,
+                ..Sensor::default()
+            });
+    }
+    let look = gaze_reader(simulator.asset());
+    let mut pipeline = trial.pipeline(simulator.camera())?;
+    let mut frame = Frame::default();
+    let mut examples = Vec::new();
+    for index in 0..(trial.sessions.seconds * 30.0) as usize {
+        let shown = simulator.draw(frame_time(index), &mut frame);
+        pipeline.follow(&frame);
+        let state = pipeline.report().state;
+        let followed = matches!(state, TrackingState::Warming | TrackingState::Tracking);
+        let (Some(shown), true) = (shown, followed) else {
+            continue;
+        };
+        if (index as f64) < SETTLED_S * 30.0 || index % EVERY != 0 {
+            continue;
+        }
+        let Some(&departures) = pipeline.expression(0).departures() else {
+            continue;
+        };
+        let report = pipeline.report();
+        let eyes = report.landmarks.and_then(|face| face.eyes);
+        examples.push(Example {
+            departures,
+            glance: Glance::from_frame(number, eyes, report.sensor_from_face, look(&shown)),
+            truth: core::array::from_fn(|k| acted.truth_of(UNITS[k].0, &shown).unwrap_or(0.0)),
+        });
+    }
+    Ok(examples)
+}
+
+/// How the names of inputs begin, by part of the face; nose and upper lip move with what brows and lids do.
+const BROWS: [&str; 2] = ["brow_", "inner_brow_"];
+const OUTER_BROWS: [&str; 1] = ["outer_brow_"];
+const LIDS: [&str; 4] = ["lid_", "upper_lid_", "lower_lid_", "gaze_"];
+const NOSE_AND_LIP: [&str; 4] = ["nostril_", "nose_width", "upper_lip_L", "upper_lip_R"];
+
+/// Whether an input's part of the face tells of a unit. A brow's lowering is read from measures alone, a wrinkled nose from
+/// brows too, and a wide eye from lids and gaze alone: lids follow a glance.
+fn tells_of(unit: &str, input: usize) -> bool {
+    let name = input_name(input);
+    let is = |names: &[&str]| names.iter().any(|start| name.starts_with(start));
+    let (outer_brows, lids) = (is(&OUTER_BROWS), is(&LIDS));
+    let brows_and_lids = is(&BROWS) || outer_brows || lids;
+    let upper = brows_and_lids || is(&NOSE_AND_LIP);
+    match stem(unit) {
+        "AU4" => upper && input < LEARNT_MEASURES,
+        "AU5" => lids,
+        "AU1" | "AU2" | "AU7" | "AU43" => upper,
+        "AU6" => true,
+        "AU9" => !lids && !outer_brows,
+        _ => !brows_and_lids,
+    }
+}
+
+/// Shares by input and side of one unit, their correlation with the truth, and what to say of them.
+fn regress(
+    examples: &[Example],
+    smiles: &[Example],
+    unit: usize,
+) -> ([[f64; 2]; INPUTS], f64, String) {
+    let side = |d: f64, s: usize| if s == 0 { d.max(0.0) } else { d.min(0.0) };
+    let inputs = (0..INPUTS).filter(|&i| tells_of(UNITS[unit].0, i));
+    let kept: Vec<(usize, usize)> = inputs.flat_map(|i| [(i, 0), (i, 1)]).collect();
+    let scale = |&(i, s): &(usize, usize)| {
+        let squares = examples.iter().map(|e| side(e.departures[i], s).powi(2));
+        (squares.sum::<f64>() / examples.len() as f64)
+            .sqrt()
+            .max(1e-4)
+    };
+    let scales: Vec<f64> = kept.iter().map(scale).collect();
+    let n = kept.len();
+    let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
+    if let Some(error) = CHOSEN.errors.get(stem(UNITS[unit].0)) {
+        // An error falls on either side of rest.
+        let squares = 0.5 * examples.len() as f64 * error.powi(2);
+        for (k, scale) in scales.iter().enumerate() {
+            gram[(k, k)] += squares / scale.powi(2);
+        }
+    }
+    let mut right = DVector::zeros(n);
+    let mut row = vec![0.0; n];
+    let (name, _) = UNITS[unit];
+    let smiled = if SMILERS.contains(&name) { SMILE } else { 0.0 };
+    let told = smiled > 0.0 || NOT_SMILING.contains(&name);
+    let weight = SMILES * examples.len() as f64 / smiles.len().max(1) as f64;
+    let practised = examples.iter().map(|e| (e, 1.0, e.truth[unit]));
+    let real = smiles.iter().filter(|_| told);
+    for (e, weight, truth) in practised.chain(real.map(|e| (e, weight, smiled))) {
+        for ((x, &(i, s)), scale) in row.iter_mut().zip(&kept).zip(&scales) {
+            *x = side(e.departures[i], s) / scale;
+        }
+        for a in (0..n).filter(|&a| row[a] != 0.0) {
+            right[a] += weight * row[a] * truth;
+            for b in 0..=a {
+                gram[(a, b)] += weight * row[a] * row[b];
+            }
+        }
+    }
+    let mut shares = [[0.0; 2]; INPUTS];
+    if let Some(solution) = nalgebra::linalg::Cholesky::new(gram).map(|c| c.solve(&right)) {
+        for ((&(i, s), value), scale) in kept.iter().zip(solution.iter()).zip(&scales) {
+            shares[i][s] = value / scale;
+        }
+    }
+    let line = stretch(&mut shares, examples, unit);
+    let pairs = examples
+        .iter()
+        .map(|e| [read(e, &shares).max(0.0), e.truth[unit]]);
+    (shares, correlation(pairs), line)
+}
+
+/// What shares make of an example.
+fn read(e: &Example, shares: &[[f64; 2]; INPUTS]) -> f64 {
+    let sum = shares.iter().zip(&e.departures);
+    sum.map(|(s, &d)| s[usize::from(d <= 0.0)] * d).sum()
+}
+
+/// Stretches a reading until the middle one of full expressions is read as [`FULL`], within bounds; says by how much.
+fn stretch(shares: &mut [[f64; 2]; INPUTS], examples: &[Example], unit: usize) -> String {
+    let full = examples.iter().filter(|e| e.truth[unit] > FULLY);
+    let full: Vec<f64> = full.map(|e| read(e, shares)).collect();
+    let middle = if full.is_empty() { FULL } else { median(&full) };
+    let most = if UNITS[unit].0.starts_with("AU5") {
+        MOST_OF_LIDS
+    } else {
+        MOST
+    };
+    let stretch = (FULL / middle.max(1e-3)).clamp(1.0, most);
+    for share in shares.iter_mut().flatten() {
+        *share *= stretch;
+    }
+    format!("full {middle:.2}, stretched by {stretch:.2}")
+}
+
+/// Rest, its deviation and span of every feature over these people's neutral heads and single expressions.
+fn feature_priors(heads: &[PersonHead]) -> String {
+    let mut rests = vec![Vec::new(); LENGTHS];
+    let mut spans = [0.0f64; LENGTHS];
+    for head in heads {
+        let asset = &head.asset;
+        let lengths = |acted: Option<usize>| -> Vec<f64> {
+            let points = asset.acting(acted, 1.0);
+            let w = nalgebra::distance(&points[39], &points[42]);
+            let all = features::ALL.iter();
+            all.map(|f| f64::from(f.raw(&points) / w)).collect()
+        };
+        let neutral = lengths(None);
+        for (rests, &rest) in rests.iter_mut().zip(&neutral) {
+            rests.push(rest);
+        }
+        for k in 0..asset.expressions.len() {
+            for ((span, full), rest) in spans.iter_mut().zip(lengths(Some(k))).zip(&neutral) {
+                *span = span.max((full - rest).abs());
+            }
+        }
+    }
+    let mut text = String::new();
+    for ((feature, rests), span) in features::ALL.iter().zip(&rests).zip(&spans) {
+        let n = rests.len() as f64;
+        let mean = rests.iter().sum::<f64>() / n;
+        let sd = (rests.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / n).sqrt();
+        // People differ by more than this head set's.
+        let sd = 1.2 * sd + 0.01;
+        let _ = write!(
+            text,
+            "\n[[feature]]\nname = \"{}\"\nrest = {mean:.3}\nrest_sd = {sd:.3}\nspan = {:.3}\n",
+            feature.name,
+            0.5 * span
+        );
+    }
+    // People look ahead, and look about.
+    for name in features::GAZE {
+        text += &format!(
+            "\n[[feature]]\nname = \"{name}\"\nrest = 0.000\nrest_sd = 0.300\nspan = 0.500\n"
+        );
+    }
+    text
+}
+
+fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
+    let _ = write!(text, "\n[[reading]]\nunit = \"{unit}\"\nfrom = [\n");
+    let cross_talk = CHOSEN.cross_talk.get(stem(unit));
+    let factor = cross_talk.map_or(1.0, |cross_talk| cross_talk.factor);
+    for (i, share) in shares.iter().enumerate() {
+        if *share != [0.0; 2] {
+            let [rise, fall] = share.map(|share| share * factor);
+            let _ = writeln!(text, "[\"{}\",{rise:.2},{fall:.2}],", input_name(i));
+        }
+    }
+    for (by, share) in cross_talk.iter().flat_map(|cross_talk| &cross_talk.loses) {
+        // Of the same side if both have sides, else all there are.
+        let side = &unit[stem(unit).len()..];
+        let counts = |other: &&str| {
+            let sided = !side.is_empty() && other.len() > by.len();
+            stem(other) == *by && (!sided || other.ends_with(side))
+        };
+        let others: Vec<&str> = UNITS.iter().map(|unit| unit.0).filter(counts).collect();
+        for other in &others {
+            let _ = writeln!(
+                text,
+                "[\"{other}\",-{:.2},0.00],",
+                share / others.len() as f64
+            );
+        }
+    }
+    text.push_str("]\n");
+}
+
+/// A unit without its side.
+fn stem(unit: &str) -> &str {
+    unit.trim_end_matches(['L', 'R'])
+}
+
+/// The measures come first among the inputs.
+const _: () = assert!(INPUTS == LEARNT_MEASURES + FEATURES);

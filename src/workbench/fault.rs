@@ -1,0 +1,92 @@
+//! Why a command of the workstation failed: one sentence for whoever typed it.
+//!
+//! Nothing here acts on the kind of a failure, so it is put into words where it is met.
+
+use std::error::Error;
+use std::fmt::{self, Display};
+use std::path::Path;
+
+use mien_stages::base::bounded_read::reason;
+
+/// Exit code of wrong words on the command line.
+pub const USAGE: u8 = 64;
+
+/// Why a command failed.
+#[derive(Debug)]
+pub struct Fault {
+    /// The sentence.
+    text: String,
+    /// Exit code of the program.
+    pub code: u8,
+}
+
+impl Fault {
+    /// With this sentence.
+    pub fn new(text: impl Into<String>) -> Self {
+        Self::with_code(text, 1)
+    }
+
+    /// The same, with an exit code of its own.
+    pub fn with_code(text: impl Into<String>, code: u8) -> Self {
+        let text = text.into();
+        Self { text, code }
+    }
+
+    /// What the system said of a file that cannot be read or written; `advice` follows it.
+    pub fn cannot<E: Display>(what: &str, path: &Path, advice: &str) -> impl Fn(E) -> Self {
+        let published = match data_set_of(path).filter(|_| !path.exists()) {
+            Some(set) => {
+                format!("; docs/data.md says what the data set {set} is and how to get it")
+            }
+            None => String::new(),
+        };
+        let path = path.display().to_string();
+        move |error| {
+            Self::new(format!(
+                "cannot {what} {path}: {}{advice}{published}",
+                reason(error)
+            ))
+        }
+    }
+
+    /// What is wrong with the contents of a file.
+    pub fn within<E: Display>(path: &(impl AsRef<Path> + ?Sized)) -> impl Fn(E) -> Self {
+        move |error| Self::new(format!("{}: {error}", path.as_ref().display()))
+    }
+
+    /// What is wrong with a line of a file, counted from 1; of what it holds the beginning is shown.
+    pub fn at_line(path: &Path, line: usize, expected: &str, found: &str) -> Self {
+        let found: String = found.chars().take(60).collect();
+        let text = format!("line {line}: expected {expected}, found {found:?}");
+        Self::within(path)(text)
+    }
+}
+
+/// The published data set (`docs/data.md`) that a path lies in, by the name of a folder on it.
+fn data_set_of(path: &Path) -> Option<&'static str> {
+    const SETS: [&str; 9] = [
+        "faces_frl189",
+        "faces_ytfaces68",
+        "ict_facekit",
+        "kinect_v1_desk",
+        "kinect_v1_film",
+        "kinect_v1_pcl",
+        "kinect_v2_faces",
+        "nrsfm_bench",
+        "video_talkingface",
+    ];
+    let mut folders = path.iter().filter_map(std::ffi::OsStr::to_str);
+    folders.find_map(|folder| SETS.into_iter().find(|set| *set == folder))
+}
+
+impl Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl<E: Error> From<E> for Fault {
+    fn from(error: E) -> Self {
+        Self::new(error.to_string())
+    }
+}

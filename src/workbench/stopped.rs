@@ -1,0 +1,92 @@
+//! What Ctrl-C leaves of long work: one sentence on standard error, then the end that the signal always brings.
+
+use std::fs::metadata;
+use std::io::{IsTerminal, Write};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::SystemTime;
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::flag;
+use signal_hook::iterator::Signals;
+use signal_hook::low_level::emulate_default_handler;
+
+/// A file's number and its last change: another after it was replaced.
+type Version = Option<(u64, SystemTime)>;
+
+fn version(path: &Path) -> Version {
+    let file = metadata(path).ok()?;
+    Some((file.ino(), file.modified().ok()?))
+}
+
+/// What is kept of a file now that was of this version when the work began.
+fn kept(path: &Path, before: Version) -> String {
+    let what = match before {
+        _ if version(path) != before => "was written, but the remaining steps were not run",
+        Some(_) => "was not changed",
+        None => "was not written",
+    };
+    format!("{} {what}", path.display())
+}
+
+/// From now on Ctrl-C and SIGTERM print what is kept of the result and end the program. `result` is the file, which is written
+/// whole or not at all; `None` means standard output.
+pub fn report_what_is_kept(result: Option<PathBuf>) {
+    // Without it a signal ends the program as well, only in silence.
+    let _ = listen(result);
+}
+
+fn listen(result: Option<PathBuf>) -> std::io::Result<()> {
+    let result = result.map(|path| (version(&path), path));
+    let mut signals = Signals::new([SIGINT, SIGTERM])?;
+    let wait = move || {
+        let Some(signal) = signals.forever().next() else {
+            return;
+        };
+        let mut stderr = std::io::stderr();
+        // A bar may stand in the line.
+        let begin = if stderr.is_terminal() { "\n" } else { "" };
+        let kept = result.map(|(before, path)| kept(&path, before));
+        let kept = kept.unwrap_or_else(|| "nothing was written".into());
+        let line = format!("{begin}mien-studio: stopped; {kept}\n");
+        let _ = stderr.write_all(line.as_bytes());
+        let _ = emulate_default_handler(signal);
+    };
+    std::thread::Builder::new()
+        .name("stopped".into())
+        .spawn(wait)?;
+    Ok(())
+}
+
+/// What the first Ctrl-C sets; the second ends the program at once.
+pub fn flag_on_signals() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        // Without them a signal ends the program at once, as it does elsewhere.
+        let _ = flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop));
+        let _ = flag::register(signal, Arc::clone(&stop));
+    }
+    stop
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{kept, version};
+    use crate::atomic_write;
+
+    #[test]
+    fn what_is_kept_is_what_changed_since_the_work_began() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("face.model");
+        let none = version(&path);
+        assert!(kept(&path, none).ends_with("face.model was not written"));
+        atomic_write::write(&path, "first").unwrap();
+        assert!(kept(&path, none).contains("face.model was written, but"));
+        let first = version(&path);
+        assert!(kept(&path, first).ends_with("face.model was not changed"));
+        atomic_write::write(&path, "other").unwrap();
+        assert!(kept(&path, first).contains("face.model was written, but"));
+    }
+}
