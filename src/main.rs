@@ -4,7 +4,8 @@ use std::process::ExitCode;
 
 use mien_appliance::cli::{self, Command};
 use mien_appliance::memory::Counting;
-use mien_appliance::{run, send_test, service, wires};
+use mien_appliance::{run, send_test, service};
+use mien_outputs::table;
 use mien_stages::face_model::FaceModel;
 
 #[global_allocator]
@@ -36,7 +37,7 @@ fn main() -> ExitCode {
         Command::CheckConfig(file) => service::settings(file.as_deref()).map(drop),
         Command::PrintConfig(file) => service::settings(file.as_deref()).and_then(|settings| {
             service::print(&settings.to_toml())?;
-            let without = wires::not_built();
+            let without = table::not_built();
             if !without.is_empty() {
                 // Not among what is printed, which may become a file for another build.
                 mien_appliance::log::say(format_args!(

@@ -15,10 +15,10 @@ use crate::cli::Run;
 use crate::pipeline::Pipeline;
 use crate::service::{self, Failure};
 use crate::settings::Settings;
-use crate::source::{self, SourceError};
+use crate::source;
 use mien_outputs::Report;
 use mien_sensors::Frame;
-use mien_simulator::resent::Resent;
+use mien_simulator::round_trip::PacketRoundTrip;
 
 /// Frames without `--frames`: ten seconds.
 const FRAMES: u64 = 300;
@@ -137,19 +137,18 @@ fn time(
     settings: &Settings,
     allocations: fn() -> u64,
 ) -> Result<(Times, u64), Failure> {
-    let mut source = source::open(name, true, settings.sensor.device)?;
+    let (mut source, _) = source::open(name, true, settings.sensor.device)?;
     let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &service::model(None)?)?;
     let mut times = Times::new(frames);
-    let (mut resent, mut frame) = (Resent::default(), Frame::default());
+    let (mut round_trip, mut frame) = (PacketRoundTrip::default(), Frame::default());
     let mut allocated = 0;
     for number in 0..frames.saturating_add(WARM_UP) {
-        match source.next_frame(resent.next_frame()) {
+        match source.next_frame(round_trip.next_frame()) {
             Ok(true) => {}
             Ok(false) => break,
-            Err(SourceError::Waiting(_)) => continue,
-            Err(problem) => return Err(problem.into()),
+            Err(_) => continue,
         }
-        resent.cut();
+        round_trip.cut();
         let before = allocations();
         let began = Instant::now();
         let mut last = began;
@@ -160,14 +159,14 @@ fn time(
             times.now[step] = Some(before + (now - last).as_secs_f32() * 1e3);
             last = now;
         };
-        resent.assemble(number);
+        round_trip.assemble(number);
         lap(PACKETS, &mut times);
-        resent.unpack(&mut frame);
+        round_trip.unpack(&mut frame);
         lap(UNPACK, &mut times);
-        resent.develop(&mut frame);
+        round_trip.demosaic(&mut frame);
         lap(LUMA, &mut times);
-        (frame.index, frame.at) = (resent.sent().index, resent.sent().at);
-        frame.has_colour = resent.sent().has_colour;
+        (frame.index, frame.at) = (round_trip.sent().index, round_trip.sent().at);
+        frame.has_colour = round_trip.sent().has_colour;
         pipeline.follow_by_stage(&frame, |stage| lap(STAGES + stage as usize, &mut times));
         times.now[FRAME] = Some(began.elapsed().as_secs_f32() * 1e3);
         let counts = number >= WARM_UP;

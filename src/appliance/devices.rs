@@ -6,28 +6,33 @@ use serialport::SerialPortType;
 
 use crate::log::one_line;
 use mien_outputs::serial::{STABLE_NAMES, stable_name};
-pub(super) use mien_sensors::kinect::device::DeviceError;
-pub(super) use mien_sensors::kinect::usb_devices::{self, Listed};
+use mien_sensors::SENSORS;
+use mien_sensors::table::{Found, Missing};
 
 /// Where Linux lists its terminals.
 const TERMINALS: &str = "/sys/class/tty";
 
 /// `mien devices`: one line for each sensor and each serial port; below a sensor, a sentence saying what is wrong, if anything.
 pub fn report() -> String {
-    text(&usb_devices::devices(), &serial_ports())
+    let sensors = SENSORS.iter().map(|kind| (kind.list)());
+    text(sensors, &serial_ports())
 }
 
-fn text(sensors: &Result<Vec<Listed>, DeviceError>, ports: &[(PathBuf, String)]) -> String {
+fn text(
+    sensors: impl Iterator<Item = Result<Vec<Found>, Missing>>,
+    ports: &[(PathBuf, String)],
+) -> String {
     let mut lines = Vec::new();
-    match sensors {
-        Ok(sensors) => {
-            for sensor in sensors {
-                lines.push(sensor.to_string());
-                let trouble = sensor.trouble.iter();
-                lines.extend(trouble.map(|trouble| format!("  {trouble}")));
+    for kind in sensors {
+        match kind {
+            Ok(found) => {
+                for sensor in found {
+                    lines.push(sensor.line);
+                    lines.extend(sensor.trouble.map(|trouble| format!("  {trouble}")));
+                }
             }
+            Err(missing) => lines.push(missing.text),
         }
-        Err(problem) => lines.push(problem.to_string()),
     }
     for (name, about) in ports {
         lines.push(format!("serial port {}{about}", name.display()));
@@ -72,58 +77,32 @@ fn serial_ports() -> Vec<(PathBuf, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mien_sensors::kinect::device::Model;
-    use mien_sensors::kinect::usb_devices::Driver;
 
-    fn listed(model: Model, driver: Driver, trouble: Option<DeviceError>) -> Listed {
-        Listed {
-            model,
-            serial: "A00366A08793039A".into(),
-            speed: "480 Mbit/s",
-            bus: 1,
-            address: 5,
-            driver,
-            trouble,
-            motor: true,
+    fn found(line: &str, trouble: Option<&str>) -> Found {
+        Found {
+            line: line.to_owned(),
+            serial: String::new(),
+            trouble: trouble.map(str::to_owned),
         }
     }
 
     #[test]
     fn every_sensor_and_port_is_one_line_and_trouble_one_sentence_below() {
         let sensors = Ok(vec![
-            listed(Model::Xbox1414, Driver::Kernel("gspca_kinect".into()), None),
-            listed(
-                Model::Windows1517,
-                Driver::Program,
-                Some(DeviceError::Busy(1, 5)),
-            ),
+            found("a:1, free", None),
+            found("a:2", Some("it is in use; stop the other program")),
         ]);
+        let none = Err(Missing {
+            is_absent: true,
+            text: "no b; plug it in".to_owned(),
+        });
         let ports = [("/dev/ttyACM0".into(), ", USB 2341:0043 Uno".into())];
         assert_eq!(
-            text(&sensors, &ports),
-            "kinect:A00366A08793039A Kinect for Xbox 360 (1414), 480 Mbit/s, bus 1 address 5, \
-             driver gspca_kinect (detached while mien runs)\n\
-             kinect:A00366A08793039A Kinect for Windows (1517), 480 Mbit/s, bus 1 address 5, in use by a program\n  \
-             the Kinect at bus 1 address 5 is in use; stop the other program that reads it, or unload its driver with \
-             `rmmod gspca_kinect`\n\
+            text([sensors, none].into_iter(), &ports),
+            "a:1, free\na:2\n  it is in use; stop the other program\nno b; plug it in\n\
              serial port /dev/ttyACM0, USB 2341:0043 Uno\n"
         );
-    }
-
-    #[test]
-    fn nothing_plugged_in_is_said_with_what_to_do() {
-        assert_eq!(
-            text(&Err(DeviceError::Absent), &[]),
-            "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug in the Kinect and its power supply\n\
-             no serial port\n"
-        );
-        let unpowered = text(&Err(DeviceError::NoPower), &[]);
-        assert!(
-            unpowered.contains("no 12 V; plug in its power supply\n"),
-            "{unpowered}"
-        );
-        let bare = text(&Err(DeviceError::NoUsb), &[]);
-        assert!(bare.contains("/dev/bus/usb is missing"), "{bare}");
+        assert_eq!(text([].into_iter(), &[]), "no serial port\n");
     }
 
     #[test]
@@ -131,26 +110,11 @@ mod tests {
         assert!(report().ends_with('\n'));
     }
 
-    /// The rule that the permission sentence names covers every part of every model.
-    #[test]
-    fn the_udev_rule_opens_every_part_of_a_kinect() {
-        let rule = include_str!("../../systemd/mien.rules");
-        // Cameras, motor, audio devices, the hub of the later models.
-        for product in [
-            0x02ae, 0x02bf, 0x02b0, 0x02ad, 0x02be, 0x02c3, 0x02bb, 0x02c2,
-        ] {
-            assert!(rule.contains(&format!("{product:04x}")), "{product:04x}");
-        }
-        let sentence = DeviceError::Access(1, 5).to_string();
-        assert!(sentence.contains("systemd/mien.rules") && rule.contains("60-mien.rules"));
-    }
-
     #[test]
     fn what_a_device_calls_itself_cannot_write_lines_of_its_own() {
-        let mut odd = listed(Model::Xbox1414, Driver::Program, None);
-        odd.serial = "A\n\x1b[2Jkinect:B\u{9b}1m".into();
+        let odd = found("A\n\x1b[2Jkinect:B\u{9b}1m", None);
         let ports = [("/dev/ttyACM0".into(), ", USB 2341:0043 Uno\r\u{7f}".into())];
-        let text = text(&Ok(vec![odd]), &ports);
+        let text = text([Ok(vec![odd])].into_iter(), &ports);
         assert_eq!(text.lines().count(), 2, "{text:?}");
         assert!(
             !text.chars().any(|c| c.is_control() && c != '\n'),

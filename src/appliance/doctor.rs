@@ -6,12 +6,12 @@ use std::io::ErrorKind;
 use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
-use crate::devices::{DeviceError, usb_devices};
 use crate::log::one_line;
 use crate::service;
 use crate::settings::Settings;
 use crate::source;
-use crate::wires;
+use mien_outputs::table;
+use mien_sensors::table::Missing;
 use mien_stages::base::bounded_read::reason;
 
 /// Kernel limit on the memory of USB transfers, in MB.
@@ -57,14 +57,14 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
     let settings = found.unwrap_or_else(|_| service::settings_unchecked(config));
     let model = service::model(settings.sensor.model()).map(|model| format!("{:08x}", model.id));
     lines.judge(FAIL, "face model", model);
-    sensor(&mut lines, &settings, usb_devices::devices());
+    sensor(&mut lines, &settings);
     let limit = std::fs::read_to_string(USB_MEMORY).unwrap_or_default();
     if let Ok(megabytes @ 1..USB_MEMORY_MB) = limit.trim().parse() {
         let advice = format!("write 16 to {USB_MEMORY}");
         let text = format_args!("the limit is {megabytes} MB for all transfers; {advice}");
         lines.say(WARN, "USB memory", text);
     }
-    serial(&mut lines, &settings.serial.port);
+    serial(&mut lines, &settings.outputs.serial.port);
     targets(&mut lines, &settings);
     status(&mut lines, Path::new(&settings.status_path));
     let failed = lines.failed.into();
@@ -72,32 +72,27 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
     (lines.text, code)
 }
 
-fn sensor(
-    lines: &mut Lines,
-    settings: &Settings,
-    found: Result<Vec<usb_devices::Listed>, DeviceError>,
-) {
-    let ("kinect" | source::AUTO, serial) = source::parts(&settings.sensor.source) else {
+fn sensor(lines: &mut Lines, settings: &Settings) {
+    let Some((kind, serial)) = source::kind(&settings.sensor.source) else {
         let text = format_args!("using {}; no USB sensor is needed", settings.sensor.source);
         return lines.say(OK, "sensor", text);
     };
-    match found {
-        Err(problem @ DeviceError::Absent) => lines.say(WARN, "sensor", problem),
-        Err(problem) => lines.say(FAIL, "sensor", problem),
-        Ok(listed) => {
-            for sensor in &listed {
-                match &sensor.trouble {
-                    None => lines.say(OK, "sensor", sensor),
-                    Some(trouble) => lines.say(FAIL, "sensor", trouble),
-                }
-            }
-            if let Some(wanted) = serial
-                && listed.iter().all(|sensor| sensor.serial != wanted)
-            {
-                let problem = DeviceError::OtherSerial(wanted.to_owned(), listed.len());
-                lines.say(FAIL, "sensor", problem);
-            }
+    let found = match (kind.list)() {
+        Err(Missing { is_absent, text }) => {
+            return lines.say(if is_absent { WARN } else { FAIL }, "sensor", text);
         }
+        Ok(found) => found,
+    };
+    for sensor in &found {
+        match &sensor.trouble {
+            None => lines.say(OK, "sensor", &sensor.line),
+            Some(trouble) => lines.say(FAIL, "sensor", trouble),
+        }
+    }
+    if let Some(wanted) = serial
+        && found.iter().all(|sensor| sensor.serial != wanted)
+    {
+        lines.say(FAIL, "sensor", (kind.other_serial)(wanted, found.len()));
     }
 }
 
@@ -152,16 +147,16 @@ fn keys(lines: &mut Lines, path: &str) {
 }
 
 fn targets(lines: &mut Lines, settings: &Settings) {
-    for row in wires::enabled(settings) {
+    for row in table::enabled(&settings.outputs) {
         match row.section {
             "serial" => continue,
             "keys" => {
-                keys(lines, &settings.keys_device);
+                keys(lines, &settings.outputs.keys.device);
                 continue;
             }
             _ => {}
         }
-        for target in (row.targets)(settings) {
+        for target in (row.targets)(&settings.outputs) {
             let found = target.to_socket_addrs().ok().and_then(|mut all| all.next());
             let (verdict, text) = match found {
                 Some(address) => (OK, receivers(address.ip())),

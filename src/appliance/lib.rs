@@ -17,7 +17,6 @@ mod signals;
 pub mod source;
 pub mod status;
 mod terminal;
-pub mod wires;
 
 #[cfg(test)]
 #[allow(dead_code, reason = "each crate uses some of it")]

@@ -21,7 +21,7 @@ use tracing::{Event, Level, Metadata, Subscriber};
 
 use crate::pipe::Pipe;
 use crate::terminal::OVER;
-use mien_outputs::limits::Allowance;
+use mien_outputs::limits::TokenBucket;
 
 /// Longest line; longer ones are truncated, so that a line's memory is bounded.
 const LINE: usize = 512;
@@ -37,14 +37,16 @@ const UNBOUNDED: [&str; 1] = ["mien_appliance::send_test"];
 
 /// What each place in the program may still write, and how many of its lines were left out; those that came when it was full
 /// share the last one.
-struct Limits<Place>(heapless::Vec<(Place, Allowance, u32), PLACES>);
+struct Limits<Place>(heapless::Vec<(Place, TokenBucket, u32), PLACES>);
 
 impl<Place: PartialEq> Limits<Place> {
     /// Whether the place may write now: `Some` with how many like it were left out.
     fn admit(&mut self, place: Place, now: Instant) -> Option<u32> {
         let found = self.0.iter().position(|known| known.0 == place);
         let found = found.unwrap_or_else(|| {
-            let _ = self.0.push((place, Allowance::new(BURST, REFILL, now), 0));
+            let _ = self
+                .0
+                .push((place, TokenBucket::new(BURST, REFILL, now), 0));
             self.0.len() - 1
         });
         let (_, allowance, left_out) = &mut self.0[found];

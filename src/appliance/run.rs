@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use crate::cli::Run;
+use crate::memory;
 use crate::pipe::{Pipe, Rows};
 use crate::pipeline::Pipeline;
 use crate::service::{Failure, SYSTEM_CONFIG, model, settings};
@@ -16,11 +17,12 @@ use crate::signals::Signals;
 use crate::source::{self, Pacer, Source, SourceError};
 use crate::status::Status;
 use crate::terminal::Live;
-use crate::{memory, wires};
 use mien_outputs::csv::Csv;
 use mien_outputs::gesture::Gestures;
+use mien_outputs::table;
 use mien_outputs::{Command, Output, OutputError, Report};
 use mien_sensors::Frame;
+use mien_sensors::Sensor;
 use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::FaceModel;
 use mien_stages::users::saved::People;
@@ -50,7 +52,7 @@ struct Session<'r> {
     pipeline: Pipeline,
     signals: Signals,
     csv: Option<Csv<Rows>>,
-    wires: Vec<Box<dyn Output>>,
+    outputs: Vec<Box<dyn Output>>,
     gestures: Gestures,
     status: Status,
     people: Option<People>,
@@ -75,30 +77,25 @@ impl<'r> Session<'r> {
         crate::log::start(run.level(settings.log_level));
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;
         let name = run.source.as_ref().unwrap_or(&settings.sensor.source);
-        let source = source::open(name, run.require_device, settings.sensor.device)?;
-        let name = if name == source::AUTO {
-            source.kind()
-        } else {
-            name
-        }
-        .to_owned();
+        let (source, name) = source::open(name, run.require_device, settings.sensor.device)?;
+        let name = name.to_owned();
         let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
         let signals = Signals::watch()?;
         let csv = run.csv.as_deref();
-        let csv = csv.map(|to| table(to, &signals, &source, &pipeline, &settings));
+        let csv = csv.map(|to| csv_table(to, &signals, &*source, &pipeline, &settings));
         let csv = match csv.transpose() {
             // Nobody came to read it.
             Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(None),
             csv => csv?,
         };
-        let wires = wires::open(&settings, &pipeline.unit_names())?;
-        if wires.is_empty() && csv.is_none() {
+        let outputs = table::open(&settings.outputs, &pipeline.unit_names())?;
+        if outputs.is_empty() && csv.is_none() {
             tracing::warn!(
                 "nothing is sent, because no output is enabled and --csv is not given; enable an output in the configuration (see `mien print-config`)"
             );
         }
         let (gestures, status) = shown(&settings, &name, &pipeline);
-        let people = people(&settings, &source);
+        let people = people(&settings, &*source);
         if let Some(people) = &people {
             pipeline.recall(people.load());
         }
@@ -115,7 +112,7 @@ impl<'r> Session<'r> {
             pipeline,
             signals,
             csv,
-            wires,
+            outputs,
             gestures,
             status,
             people,
@@ -173,7 +170,7 @@ impl<'r> Session<'r> {
         }
         let units = Pipeline::unit_names_with(&new.stages);
         let units: Vec<&str> = units.iter().map(String::as_str).collect();
-        let opened = wires::open(&new, &units)?;
+        let opened = table::open(&new.outputs, &units)?;
         // Another receiver is no reason to lose whoever is tracked.
         if new.stages != old.stages {
             self.pipeline.rebuild(&new.stages, &self.model)?;
@@ -189,12 +186,12 @@ impl<'r> Session<'r> {
         self.settings = new;
         let (gestures, status) = shown(&self.settings, &self.name, &self.pipeline);
         let before = std::mem::replace(&mut self.status, status);
-        let tallies = self.wires.iter().map(|wire| wire.tally());
+        let tallies = self.outputs.iter().map(|output| output.tally());
         self.status.go_on_from(before, tallies);
         self.gestures = gestures;
         // Those before say goodbye, and leave their ports.
-        self.wires = opened;
-        self.people = people(&self.settings, &self.source);
+        self.outputs = opened;
+        self.people = people(&self.settings, &*self.source);
         Ok(true)
     }
 
@@ -203,20 +200,19 @@ impl<'r> Session<'r> {
         match self.source.next_frame(&mut self.frame) {
             Ok(true) => {}
             Ok(false) if !self.begun => {
-                return Err(SourceError::Nothing(self.source.frames()).into());
+                return Err(SourceError::Nothing(self.source.state().frames).into());
             }
             Ok(false) => {
                 self.left = 0;
                 return Ok(false);
             }
             // For what, the sensor's thread has said.
-            Err(SourceError::Waiting(_)) => {
+            Err(_) => {
                 self.wait()?;
                 return Ok(false);
             }
-            Err(problem) => return Err(problem.into()),
         }
-        if !self.run.fast && !self.source.is_live() {
+        if !self.run.fast && !self.source.state().is_live {
             self.pacer.wait(self.frame.at);
         }
         if !std::mem::replace(&mut self.begun, true) {
@@ -224,7 +220,7 @@ impl<'r> Session<'r> {
             self.pipeline.age(self.started.elapsed().as_secs_f64());
         }
         self.taken = Instant::now();
-        self.arrived = self.source.arrived().unwrap_or(self.taken);
+        self.arrived = self.source.state().arrived.unwrap_or(self.taken);
         Ok(true)
     }
 
@@ -236,10 +232,10 @@ impl<'r> Session<'r> {
             ..Report::default()
         };
         self.gestures.observe(std::slice::from_mut(&mut nobody));
-        tell_gestures(&mut self.gestures, &mut self.wires);
+        tell_gestures(&mut self.gestures, &mut self.outputs);
         // The CSV has rows of frames only.
-        for wire in &mut self.wires {
-            wire.send(&nobody)?;
+        for output in &mut self.outputs {
+            output.send(&nobody)?;
         }
         self.status.observe(&nobody, None);
         self.pipeline.forget_older(self.now());
@@ -264,19 +260,19 @@ impl<'r> Session<'r> {
         for report in &mut reports {
             report.latency_us = latency_us.try_into().unwrap_or(u32::MAX);
             if let Some(Err(problem)) = self.csv.as_mut().map(|csv| csv.send(report)) {
-                // Whoever plays a recording wants its table; people who are there want their wires.
-                if !self.source.is_live() {
+                // Whoever plays a recording wants its table; people who are there want their outputs.
+                if !self.source.state().is_live {
                     return Err(problem.into());
                 }
                 tracing::error!("{problem}; the CSV ends here, the run continues");
                 self.csv = None;
             }
-            for wire in &mut self.wires {
-                wire.send(report)?;
+            for output in &mut self.outputs {
+                output.send(report)?;
             }
         }
         // After the reports, as a tapped key goes up with the next ones.
-        tell_gestures(&mut self.gestures, &mut self.wires);
+        tell_gestures(&mut self.gestures, &mut self.outputs);
         let mut latency = Some(self.arrived.elapsed());
         for report in &reports {
             self.status.observe(report, latency.take());
@@ -310,13 +306,13 @@ impl<'r> Session<'r> {
     /// Switches off what gestures have switched on.
     fn release(&mut self) {
         self.gestures.release();
-        tell_gestures(&mut self.gestures, &mut self.wires);
+        tell_gestures(&mut self.gestures, &mut self.outputs);
     }
 
     /// What is due with or without a frame: commands, status, the service manager.
     fn keep_up(&mut self, state: std::fmt::Arguments<'_>) {
-        for wire in &mut self.wires {
-            while let Some(command) = wire.next_command() {
+        for output in &mut self.outputs {
+            while let Some(command) = output.next_command() {
                 self.pipeline.obey(command);
                 if let Command::Level(gesture, hundredths) = command {
                     let level = f32::from(hundredths) / 100.0;
@@ -325,9 +321,9 @@ impl<'r> Session<'r> {
                 tracing::info!("receiver asked to {command}");
             }
         }
-        let wires = self.wires.iter().map(|wire| wire.tally());
+        let outputs = self.outputs.iter().map(|output| output.tally());
         let csv = self.csv.iter().map(Output::tally);
-        self.status.write(csv.chain(wires));
+        self.status.write(csv.chain(outputs));
         let now = Instant::now();
         self.manager.alive(now);
         self.manager.state(state, now);
@@ -342,23 +338,23 @@ impl<'r> Session<'r> {
         if let Some(live) = self.live {
             live.end(self.started.elapsed());
         }
-        let frames = self.source.skipped();
+        let frames = self.source.state().skipped;
         if frames > 0 {
             tracing::warn!(frames, "damaged frames were skipped");
         }
     }
 }
 
-fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
-    gestures.for_each_switch(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
+fn tell_gestures(gestures: &mut Gestures, outputs: &mut [Box<dyn Output>]) {
+    gestures.for_each_switch(|switch| outputs.iter_mut().for_each(|output| output.switch(switch)));
 }
 
 /// What of the units is looked at besides sending them.
 fn shown(settings: &Settings, source: &str, pipeline: &Pipeline) -> (Gestures, Status) {
-    let (units, names) = (pipeline.unit_names(), settings.gesture_names());
+    let (units, names) = (pipeline.unit_names(), settings.outputs.gesture_names());
     let status = Status::new(&settings.status_path, source, &units, &names)
         .with_ranges(settings.status_ranges);
-    (Gestures::new(&settings.gestures, &units), status)
+    (Gestures::new(&settings.outputs.gestures, &units), status)
 }
 
 /// The line on a terminal that goes with the run, unless the CSV goes there or it was asked to be quiet.
@@ -367,7 +363,7 @@ fn live(run: &Run, source: &str, settings: &Settings) -> Option<Live> {
         return None;
     }
     let live = Live::on_a_terminal()?;
-    live.greet(source, &wires::named(settings));
+    live.greet(source, &table::named(&settings.outputs));
     Some(live)
 }
 
@@ -383,16 +379,16 @@ fn lock_memory(manager: &ServiceManager) {
 }
 
 /// Where people are saved, if enabled: a recording must replay identically every time.
-fn people(settings: &Settings, source: &Source) -> Option<People> {
-    let saves = settings.state.persist && source.is_live();
-    saves.then(|| People::at(Path::new(&settings.state.path)))
+fn people(settings: &Settings, source: &dyn Sensor) -> Option<People> {
+    let saves = settings.state.persist && source.state().is_live;
+    saves.then(|| People::new(Path::new(&settings.state.path)))
 }
 
 /// Opens the CSV requested.
-fn table(
+fn csv_table(
     to: &Path,
     signals: &Signals,
-    source: &Source,
+    source: &dyn Sensor,
     pipeline: &Pipeline,
     settings: &Settings,
 ) -> Result<Csv<Rows>, OutputError> {
@@ -401,9 +397,9 @@ fn table(
     } else {
         Pipe::create(to, &signals.stop)
     };
-    let rows = pipe.map(|pipe| Rows::to(pipe, &signals.stop, source.is_live()));
+    let rows = pipe.map(|pipe| Rows::to(pipe, &signals.stop, source.state().is_live));
     let rows = rows.map_err(OutputError::Csv)?;
-    let (units, gestures) = (pipeline.unit_names(), settings.gesture_names());
+    let (units, gestures) = (pipeline.unit_names(), settings.outputs.gesture_names());
     let csv = Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)?;
-    Ok(csv.of_reduced(source.reduced()))
+    Ok(csv.with_reduction(source.state().reduced))
 }

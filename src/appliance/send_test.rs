@@ -10,7 +10,7 @@ use crate::service::{Failure, model, settings};
 use crate::settings::Settings;
 use crate::signals::Signals;
 use crate::source;
-use crate::wires;
+use mien_outputs::table;
 use mien_outputs::{Output, OutputError, Report, TrackingState, View};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::{Point, Rigid, Vector};
@@ -89,7 +89,7 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
     let names = expression.unit_names();
     let units: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
     let mut sender = Sender {
-        outputs: wires::open(settings, &units)?,
+        outputs: table::open(&settings.outputs, &units)?,
         model,
         camera: source::nominal(),
         start: Instant::now(),
@@ -102,12 +102,12 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         return Ok(());
     }
     let mut weights = vec![0.0; units.len()];
-    tracing::info!("sending to {}", wires::named(settings));
+    tracing::info!("sending to {}", table::named(&settings.outputs));
     for _ in 0..NEUTRAL {
         sender.send(&weights, "")?;
     }
     let shown = View {
-        units: settings.units.clone(),
+        units: settings.outputs.units.clone(),
         ..View::default()
     };
     for (i, unit) in units.iter().enumerate() {

@@ -7,8 +7,8 @@ use std::time::Duration;
 use crate::pipeline::{Pipeline, PipelineError};
 use crate::settings::{Refused, Settings, SettingsError};
 use crate::source::{self, SourceError};
-use crate::wires;
 use mien_outputs::OutputError;
+use mien_outputs::table;
 use mien_stages::base::bounded_read::{self, reason};
 use mien_stages::face_model::FaceModel;
 
@@ -119,7 +119,9 @@ fn refused(settings: &Settings) -> Option<Refused> {
             return of("sensor", "model", problem.to_string());
         }
     }
-    if let Err((section, problem)) = wires::check(settings) {
+    let units = Pipeline::unit_names_with(&settings.stages);
+    let units: Vec<&str> = units.iter().map(String::as_str).collect();
+    if let Err((section, problem)) = table::check(&settings.outputs, &units) {
         let forbidden = match &problem {
             OutputError::Password(_, error) | OutputError::Certificates(_, error) => {
                 error.kind() == ErrorKind::PermissionDenied
@@ -130,8 +132,8 @@ fn refused(settings: &Settings) -> Option<Refused> {
             return of(section, problem.key(), problem.to_string());
         }
     }
-    let at = &settings.page.listen;
-    (wires::share_a_port(settings)).then_some(())?;
+    let at = &settings.outputs.page.listen;
+    (table::share_a_port(&settings.outputs)).then_some(())?;
     let problem = "expected page.listen on another port than websocket.listen";
     of("page", "listen", format!("{problem}, found {at}"))
 }

@@ -367,7 +367,7 @@ impl Files {
     fn beside(json: &Path) -> Self {
         let prometheus = json.with_file_name("mien.prom");
         // Whoever watches may read them, whatever else the process keeps to itself. Not synced: they are of this second.
-        let file = |path: &Path| AtomicFile::at(path, Some(0o644), false);
+        let file = |path: &Path| AtomicFile::new(path, Some(0o644), false);
         Self {
             files: [json, &prometheus].map(file),
             error_logged: false,

@@ -98,7 +98,7 @@ impl Line {
             let _ = strong.insert(at, (weight.min(9.99), name, both.is_some()));
         }
         for (weight, name, both) in strong {
-            let written = match unit_words::of(name) {
+            let written = match unit_words::find(name) {
                 Some((words, side)) if !both && !side.is_empty() => {
                     self.add(format_args!(" {} {side} {weight:.2} ", words.plain))
                 }
@@ -208,12 +208,16 @@ impl Live {
     }
 
     /// Prints the source, the destinations, and what to do next.
-    pub(super) fn greet(&self, source: &str, wires: &str) {
+    pub(super) fn greet(&self, source: &str, outputs: &str) {
         let version = env!("CARGO_PKG_VERSION");
-        let to = if wires.is_empty() { "nowhere" } else { wires };
-        let next = if wires.is_empty() {
+        let to = if outputs.is_empty() {
+            "nowhere"
+        } else {
+            outputs
+        };
+        let next = if outputs.is_empty() {
             "enable an output in the configuration (see `mien print-config`), or add --csv FILE; Ctrl-C stops"
-        } else if wires.contains(LIVE_PAGE_HEARS) {
+        } else if outputs.contains(LIVE_PAGE_HEARS) {
             "`mien-studio preview` shows the face at http://127.0.0.1:9180, `mien send-test` tests a receiver; Ctrl-C stops"
         } else {
             "`mien send-test` moves every shape once to test a receiver; Ctrl-C stops"

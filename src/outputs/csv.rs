@@ -14,28 +14,28 @@ use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::prelude::*;
 use mien_stages::landmarks::Landmarks;
 
-/// Decimals of lengths in metres, quaternions, measures and weights: 1 µm, and finer than any of them is known.
+/// Decimals of lengths in metres, quaternions, measures and weights: 1 µm, below their accuracy.
 const FINE: usize = 6;
 /// Decimals of pixels and confidences.
 const COARSE: usize = 4;
-/// The head's box in depth pixels: first column and row, one past the last.
+/// Names of the sides of the head's box, depth pixels: first column and row, one past the last.
 const BOX: [&str; 4] = ["x0", "y0", "x1", "y1"];
-/// Longest field: the largest f32 in full, with its comma.
+/// Bytes of the longest field: the largest f32 written out, with its comma.
 const FIELD_BYTES: usize = 52;
 
-/// The rows as text, one after the other in the same buffer.
+/// Formats rows as text, one at a time in a reused buffer.
 pub struct Rows {
     row: String,
     measures: usize,
     units: usize,
     gestures: usize,
-    /// Pixels of the camera to one of the frame, along each side: of depth, and of pictures.
+    /// Camera pixels per frame pixel along each side: of depth, of pictures.
     reduced: [usize; 2],
 }
 
 impl Rows {
-    /// With the header in place. `measures`, `units` and `gestures` are names without `w_` and `g_`; an `m_` the measures' names
-    /// may have.
+    /// Starts with the header row. `measures` are names with or without `m_`; `units` and `gestures` are names without `w_` and
+    /// `g_`.
     pub fn new(measures: &[&str], units: &[&str], gestures: &[&str]) -> Self {
         let names = (0..LANDMARKS).map(|i| format!("x{i},y{i}"));
         let names = names.chain((0..LANDMARKS).map(|i| format!("c{i}")));
@@ -59,19 +59,19 @@ impl Rows {
         }
     }
 
-    /// The header, then the last row, with its line's end.
+    /// The header, later the last row, each with its newline.
     pub fn text(&self) -> &str {
         &self.row
     }
 
-    /// Appends a field.
+    /// Appends a number; an empty field if it is missing or not finite.
     fn number(&mut self, value: Option<f32>, decimals: usize) {
         self.row.push(',');
         let start = self.row.len();
         if let Some(value) = value.filter(|value| value.is_finite()) {
             write!(self.row, "{value:.decimals$}").expect("a String takes everything");
         }
-        // What rounds to zero has no sign.
+        // No sign on a value rounded to zero.
         if let Some(digits) = self.row[start..].strip_prefix('-')
             && digits.bytes().all(|digit| matches!(digit, b'0' | b'.'))
         {
@@ -79,11 +79,11 @@ impl Rows {
         }
     }
 
-    /// Makes the row of a report; `false` if it has none.
+    /// Formats the row of a report; `false` if it gets no row.
     pub fn fill(&mut self, report: &Report) -> bool {
-        // Who was forgotten has no row; a frame without anybody has one without a user.
+        // A forgotten user gets no row; a frame with nobody gets one without a user.
         let gone = report.user.is_some() && report.state == TrackingState::Absent;
-        if gone && !report.alone {
+        if gone && !report.none_left {
             return false;
         }
         let user = report.user.filter(|_| !gone);
@@ -96,24 +96,24 @@ impl Rows {
         write!(row, ",{}", report.state.name()).expect("a String takes everything");
         self.number(Some(report.confidence), COARSE);
 
-        // Lost and absent users have no values, posed ones no face, whatever is handed in.
+        // Lost and absent users get no values, posed ones no face values, even if the report has some.
         let present = report.state.is_present();
         let pose = report.pose();
-        let place = pose.map(|pose| pose.translation.vector);
-        (0..3).for_each(|i| self.number(place.map(|place| place[i]), FINE));
+        let position = pose.map(|pose| pose.translation.vector);
+        (0..3).for_each(|i| self.number(position.map(|position| position[i]), FINE));
         // nalgebra keeps quaternions as x, y, z, w.
-        let turn = pose.map(|pose| pose.rotation.coords);
-        (0..4).for_each(|i| self.number(turn.map(|turn| turn[i]), FINE));
+        let rotation = pose.map(|pose| pose.rotation.coords);
+        (0..4).for_each(|i| self.number(rotation.map(|rotation| rotation[i]), FINE));
 
         let face = report.state.has_face();
-        let [of_depth, of_picture] = self.reduced;
-        let middle = (of_picture - 1) as f32 * 0.5;
-        let own = |pixel: f32| pixel * of_picture as f32 + middle;
+        let [depth_factor, picture_factor] = self.reduced;
+        let middle = (picture_factor - 1) as f32 * 0.5;
+        let camera_pixel = |pixel: f32| pixel * picture_factor as f32 + middle;
         let points =
             |value: &dyn Fn(&Landmarks) -> f32| report.landmarks.filter(|_| face).map(value);
         for i in 0..LANDMARKS {
             for axis in 0..2 {
-                self.number(points(&|face| own(face.pixels[i][axis])), COARSE);
+                self.number(points(&|face| camera_pixel(face.pixels[i][axis])), COARSE);
             }
         }
         for i in 0..LANDMARKS {
@@ -122,14 +122,14 @@ impl Rows {
         let value = |values: &[f32], i: usize| values.get(i).copied().filter(|_| face);
         (0..self.measures).for_each(|i| self.number(value(report.measures, i), FINE));
         for i in 0..self.units {
-            // Never below 0; `max` would turn what is not a number into 0.
+            // Not `max`: it would turn NaN into 0.
             let weight =
                 value(report.weights, i).map(|weight| if weight < 0.0 { 0.0 } else { weight });
             self.number(weight, FINE);
         }
         let sides = report.head_box.filter(|_| present);
-        let sides =
-            sides.map(|r| [r.x0, r.y0, r.x1, r.y1].map(|side| u32::from(side) * of_depth as u32));
+        let sides = sides
+            .map(|r| [r.x0, r.y0, r.x1, r.y1].map(|side| u32::from(side) * depth_factor as u32));
         (0..BOX.len()).for_each(|i| self.number(sides.map(|sides| sides[i] as f32), 0));
         for i in 0..self.gestures {
             let is_on = report.gestures >> i & 1 == 1;
@@ -140,7 +140,7 @@ impl Rows {
     }
 }
 
-/// A CSV that is being written.
+/// A CSV output to a writer.
 #[cfg(feature = "std")]
 pub struct Csv<W> {
     to: W,
@@ -170,14 +170,14 @@ impl<W: Write> Csv<W> {
         Ok(csv)
     }
 
-    /// Points and boxes in the pixels of a camera whose depth and picture were reduced by these numbers.
-    pub fn of_reduced(mut self, reduced: [usize; 2]) -> Self {
+    /// Writes points and boxes in camera pixels: depth and picture were reduced by these factors.
+    pub fn with_reduction(mut self, reduced: [usize; 2]) -> Self {
         self.rows.reduced = reduced;
         self
     }
 
     fn write_row(&mut self) -> Result<(), OutputError> {
-        // One write for the row, so that a reader never sees half of one for long.
+        // One write per row, so that a reader does not see partial rows.
         let row = self.rows.text().as_bytes();
         match self.to.write_all(row).and_then(|()| self.to.flush()) {
             Ok(()) => self.tally.sent += 1,

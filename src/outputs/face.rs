@@ -1,5 +1,4 @@
-//! The face an output shows: weights clamped, and held or faded while nobody is seen; and which face a single-person output
-//! shows.
+//! Weights as outputs show them: clamped, and held or faded after a loss. Chooses the face of single-person outputs.
 
 use super::report::{Report, unit_range};
 use super::view::{Channel, LossPolicy, View};
@@ -13,7 +12,7 @@ pub(super) struct WireWeights {
     channels: Box<[Channel]>,
     weights: Box<[f32]>,
     seen: Option<Timestamp>,
-    /// Current fade factor.
+    /// Current fade factor, 0…1.
     share: f32,
     policy: LossPolicy,
     /// Weights that were NaN and were shown as 0.
@@ -30,7 +29,7 @@ impl WireWeights {
         }
     }
 
-    /// Takes the weights of a report, or their absence.
+    /// Takes the weights of a report; without weights, continues the hold or fade.
     pub(super) fn observe(&mut self, report: &Report) {
         if report.state.has_face() && !report.weights.is_empty() {
             for (shown, channel) in self.weights.iter_mut().zip(&self.channels) {
@@ -55,18 +54,19 @@ impl WireWeights {
         (self.seen, self.share) = (None, 0.0);
     }
 
-    /// Whether all is at rest.
+    /// Whether the fade is complete.
     pub(super) fn is_neutral(&self) -> bool {
         self.share <= 0.0
     }
 
-    /// 0…1, as shown now.
+    /// Current weights, 0…1, fade applied.
     pub(super) fn shown(&self) -> impl ExactSizeIterator<Item = f32> + Clone {
         self.weights.iter().map(|weight| weight * self.share)
     }
 }
 
-/// The face of a single-person output: of the users in whose place no other is shown, the first one seen until lost, then whoever comes next.
+/// The face of a single-person output: the first eligible user until lost, then the next. A user is eligible unless the report
+/// sets `other_is_shown`.
 #[derive(Default)]
 pub(super) struct OneFace {
     pub(super) weights: WireWeights,
@@ -90,14 +90,14 @@ impl OneFace {
         }
     }
 
-    /// The state to show, with the weights updated; `None` if the report is of a face that this output does not show.
+    /// Updates the weights and returns the state to show; `None` if the report is of a user that this output does not show.
     pub(super) fn follow(&mut self, report: &Report) -> Option<TrackingState> {
         if report.user.is_some() && report.user != self.user {
             let shown_next = !report.other_is_shown && report.state.is_present();
             if !shown_next || (self.present && !self.other_is_shown) {
                 return None;
             }
-            // The next face: nothing of the one before may fade into it.
+            // A new face: the previous one must not fade into it.
             self.user = report.user;
             self.weights.reset();
         }

@@ -1,5 +1,5 @@
-//! Settings of the outputs that are optional build features: Live Link, web, MQTT. Every build knows them, so
-//! that all builds read the same configuration; enabling an output that is not built in is an error.
+//! Settings of the outputs that are optional build features: Live Link, web, MQTT. Every build has the settings, so that all
+//! builds read the same configuration; enabling an output that is not built in is an error.
 
 #[cfg(feature = "wires")]
 use super::OutputError;
@@ -8,7 +8,7 @@ use super::View;
 use mien_stages::base::bounded_read;
 use mien_stages::base::settings::{is_host_port, keyed};
 
-/// What the path of a file that may be left out looks like.
+/// Expected value of an optional path, for messages.
 const OPTIONAL_FILE: &str = "the path of a file, or empty";
 
 keyed! {
@@ -71,7 +71,7 @@ keyed! {
     }
 }
 
-/// Whether every topic may begin so.
+/// Whether the text is valid as a prefix of MQTT topics.
 fn is_topic(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_graphic() && !"#+\"\\$".contains(c);
     let open = text.starts_with('/') || text.ends_with('/');
@@ -80,7 +80,7 @@ fn is_topic(text: &str) -> bool {
 
 /// Largest password file, bytes.
 #[cfg(feature = "wires")]
-const PASSWORD_MOST: usize = 4096;
+const PASSWORD_FILE_MAX: usize = 4096;
 
 /// The first line of a password file; `None` if no file is named.
 ///
@@ -91,7 +91,7 @@ pub(super) fn password(path: &str) -> Result<Option<String>, OutputError> {
     if path.is_empty() {
         return Ok(None);
     }
-    let text = bounded_read::regular(path.as_ref(), PASSWORD_MOST);
+    let text = bounded_read::read_regular(path.as_ref(), PASSWORD_FILE_MAX);
     let text = text.map_err(|error| OutputError::Password(path.to_owned(), error))?;
     let text = String::from_utf8_lossy(&text);
     Ok(Some(text.lines().next().unwrap_or_default().to_owned()))

@@ -1,13 +1,12 @@
-//! Gestures: expressions that switch something, as a raised brow that presses a key.
+//! Gestures: expressions used as switches, such as a raised brow that presses a key.
 //!
-//! A gesture reads a sum of units, or the least of several. It goes on when that has been at its upper level for its hold
-//! time, but not while the person has the head turned away or is not known yet, nor before its pause is over, and while they
-//! speak only at twice that level; and off below its lower level.
-//! Every on has an off: also when the head turns away, the face is lost, the person leaves, the source falls silent, the
-//! configuration changes or the run ends.
+//! A gesture evaluates a sum of units, or the smallest of several sums. It goes on when the value has been at the upper level for
+//! the hold time, and off below the lower level. It does not go on while the head is turned away, before the face is tracked, or
+//! before the pause is over; during speech it needs twice the level. Every on is followed by an off, also when the head turns
+//! away, the face is lost, the person leaves, the source stops, the configuration changes or the run ends.
 //!
-//! Somebody speaks while their mouth opens and closes again and again: at least [`REVERSALS`] turns of at least [`REVERSAL`]
-//! and a [`SHARE`] of the opening within [`SPEECH_S`], the last of them less than [`QUIET_S`] ago.
+//! Speech is detected from the mouth's opening: at least [`REVERSALS`] reversals within [`SPEECH_S`], each of at least [`REVERSAL`]
+//! and at least a [`SHARE`] of the opening, the last one less than [`QUIET_S`] ago.
 //!
 //! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
 
@@ -22,35 +21,39 @@ use mien_stages::users::TrackingState;
 
 /// Whether this build has gestures.
 pub const ENABLED: bool = cfg!(any(test, feature = "wires"));
-/// Turns of the mouth that make speech, how far each goes, and within how long.
+/// Reversals of the mouth's opening that count as speech.
 const REVERSALS: usize = 4;
+/// Smallest reversal, weight.
 const REVERSAL: f32 = 0.15;
+/// Smallest reversal as a share of the opening.
 const SHARE: f32 = 0.2;
+/// Time within which the reversals must occur, seconds.
 const SPEECH_S: f64 = 1.2;
+/// Speech ends this long after the last reversal, seconds.
 const QUIET_S: f64 = 0.4;
-/// Somebody who speaks still makes a gesture at this multiple of its upper level: a broad smile is no speech.
+/// Factor on the upper level during speech: a broad smile still counts, movements of speech do not.
 const SPEAKING_FACTOR: f32 = 2.0;
 /// Least and greatest upper level.
 pub const LEVELS: [f32; 2] = [0.01, 8.0];
-/// The state of every gesture is repeated at this interval, for receivers that missed a change.
+/// Interval at which every state is repeated for receivers that missed a change, seconds.
 const REPEAT_S: f64 = 2.0;
 
-/// Whose gesture it is.
+/// Whose expression counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Person {
-    /// Of the person that single-person outputs show.
+    /// The person that single-person outputs show.
     #[default]
     Shown,
-    /// On while anybody makes it.
+    /// Anybody: on while at least one person makes it.
     Any,
-    /// Of everybody by themselves.
+    /// Each person separately.
     Each,
 }
 
 /// How a key is pressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Press {
-    /// Down and up again at once: a key that stays down repeats.
+    /// Down and up again at once, because a key held down repeats.
     #[default]
     Tap,
     /// Down while the gesture is on.
@@ -90,15 +93,15 @@ keyed! {
     }
 }
 
-/// Longest sum, bytes: every unit once.
-const SUM_MOST: usize = 512;
+/// Longest sum, bytes; enough for every unit once.
+const SUM_MAX: usize = 512;
 
 /// Whether a text is a sum of units, or several joined by `&`.
 fn is_sum(text: &str) -> bool {
-    text.len() <= SUM_MOST && Gesture::sums(text).flatten().all(|(_, unit)| is_unit(unit))
+    text.len() <= SUM_MAX && Gesture::sums(text).flatten().all(|(_, unit)| is_unit(unit))
 }
 
-/// Whether there is such a key; a build that presses none believes any.
+/// Whether the key exists; a build without key output accepts any name.
 fn is_key(name: &str) -> bool {
     #[cfg(feature = "wires")]
     let is_known = super::key_codes::is_key;
@@ -107,14 +110,14 @@ fn is_key(name: &str) -> bool {
     name.is_empty() || is_known(name)
 }
 
-/// Whether a gesture may be called so: its name is a part of topics and addresses, and a column.
+/// Whether the text is valid as a gesture's name, which is part of topics, addresses and column names.
 fn is_topic_part(name: &str) -> bool {
     is_name(name) && !name.contains(['!', '+', '"', '\\'])
 }
 
-/// Gestures that need no more than their name: name, sums, on, off, hold time, largest angle sideways. Eyes stay on what they
-/// look at when the head turns; a mouth seen from the side looks pursed. Many real smiles bare teeth and hardly move the
-/// corners; in speech the jaw moves.
+/// Gestures with built-in settings: name, sums, on, off, hold time in seconds, largest sideways angle in degrees. Reasons for the
+/// values: the gaze stays on its target when the head turns; a mouth seen from the side looks pursed; many real smiles bare the
+/// teeth and hardly move the corners; in speech the jaw moves.
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32, f32); 10] = [
     ("smile", "AU12L + AU12R + AU10L + AU10R - AU26", 0.25, 0.15, 0.5, 40.0),
@@ -128,30 +131,30 @@ pub const PRESETS: [(&str, &str, f32, f32, f32, f32); 10] = [
     ("look_up", "AU63", 0.55, 0.33, 0.4, 12.0),
     ("kiss", "AU18", 0.6, 0.4, 0.2, 30.0),
 ];
-/// A face that is turned up or down by more makes no gestures, degrees: the sensor stands above what it looks at.
-const NODDED_DEG: f32 = 30.0;
+/// Largest angle up or down at which a face makes gestures, degrees.
+const PITCH_MAX_DEG: f32 = 30.0;
 
 impl Gesture {
-    /// A preset, or for another name one that still needs its sum.
+    /// The preset of this name; for any other name a gesture without a sum.
     pub fn named(name: &str) -> Self {
         let mut gesture = Self {
             name: name.into(),
             ..Self::default()
         };
-        if let Some((_, of, on, off, hold_s, turned_deg)) = PRESETS.iter().find(|p| p.0 == name) {
-            gesture.of = (*of).into();
+        if let Some((_, sum, on, off, hold_s, turned_deg)) = PRESETS.iter().find(|p| p.0 == name) {
+            gesture.of = (*sum).into();
             (gesture.on, gesture.off) = (*on, *off);
             (gesture.hold_s, gesture.turned_deg) = (*hold_s, *turned_deg);
         }
         gesture
     }
 
-    /// Signs and units of each sum; what is no unit stays as it is.
-    pub fn sums(of: &str) -> impl Iterator<Item = impl Iterator<Item = (f32, &str)>> {
-        of.split('&').map(Self::terms)
+    /// Sign and unit of each term, for each sum; unit names are not checked.
+    pub fn sums(text: &str) -> impl Iterator<Item = impl Iterator<Item = (f32, &str)>> {
+        text.split('&').map(Self::terms)
     }
 
-    /// Indices of the units among `units`, and signs, of each sum; units that are not measured are left out.
+    /// Index among `units` and sign of each term, for each sum; units that are not measured are omitted.
     pub fn indexed(&self, units: &[&str]) -> Vec<Vec<(usize, f32)>> {
         let index = |(sign, unit)| Some((units.iter().position(|name| *name == unit)?, sign));
         let sums = Self::sums(&self.of);
@@ -159,31 +162,31 @@ impl Gesture {
             .collect()
     }
 
-    fn terms(of: &str) -> impl Iterator<Item = (f32, &str)> {
-        let signs = of
+    fn terms(sum: &str) -> impl Iterator<Item = (f32, &str)> {
+        let signs = sum
             .matches(['+', '-'])
             .map(|sign| if sign == "-" { -1.0 } else { 1.0 });
         let signs = core::iter::once(1.0).chain(signs);
-        signs.zip(of.split(['+', '-']).map(str::trim))
+        signs.zip(sum.split(['+', '-']).map(str::trim))
     }
 }
 
-/// What an output is told: a gesture went on or off, or is repeated.
+/// Message to outputs: a gesture went on or off, or its state is repeated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch<'a> {
-    /// Its number among the gestures.
+    /// Index among the gestures.
     pub index: usize,
     /// The gesture.
     pub gesture: &'a Gesture,
-    /// Slot of the user, of a gesture of each.
+    /// Slot of the user; only with [`Person::Each`].
     pub user: Option<usize>,
     /// Whether it is on.
     pub is_on: bool,
-    /// Whether it was not before; otherwise this is a repetition.
+    /// Whether the state changed; otherwise this is a repetition.
     pub is_new: bool,
 }
 
-/// The name, of each with the slot: `smile`, `smile/2`.
+/// The name, with [`Person::Each`] followed by the slot: `smile`, `smile/2`.
 impl core::fmt::Display for Switch<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(&self.gesture.name)?;
@@ -195,8 +198,9 @@ impl core::fmt::Display for Switch<'_> {
 #[derive(Clone, Copy, Default)]
 struct Activation {
     is_on: bool,
-    /// Since when the sum is at its level, and when it went off last.
+    /// Start of the time at the upper level.
     since: Option<Timestamp>,
+    /// When it last went off.
     off_at: Option<Timestamp>,
 }
 
@@ -218,28 +222,29 @@ impl Activation {
     }
 }
 
-/// Whether somebody speaks.
+/// Speech detector of one person.
 #[derive(Clone, Copy, Default)]
 struct Speech {
-    /// The last extreme of the mouth's opening, and whether it opens since.
+    /// Extreme of the mouth's opening since the last reversal.
     extreme: f32,
-    opens: bool,
-    /// When the last turns were, newest first.
+    /// Whether the mouth opens since then.
+    is_opening: bool,
+    /// Times of the last reversals, newest first.
     turns: [Option<Timestamp>; REVERSALS],
 }
 
 impl Speech {
     /// Takes the mouth's opening; returns whether the person speaks.
     fn update(&mut self, opening: f32, at: Timestamp) -> bool {
-        let back = if self.opens {
+        let back = if self.is_opening {
             self.extreme - opening
         } else {
             opening - self.extreme
         };
-        // A mouth held wide open trembles more than a closed one.
+        // Noise grows with the opening.
         let least = REVERSAL.max(SHARE * opening.max(self.extreme));
         if back > least {
-            self.opens = !self.opens;
+            self.is_opening = !self.is_opening;
             self.turns.rotate_right(1);
             self.turns[0] = Some(at);
         }
@@ -252,29 +257,30 @@ impl Speech {
     }
 }
 
-/// A gesture, and who makes it.
+/// A gesture and its state for every user.
 struct Watched {
     gesture: Gesture,
     /// [`Gesture::indexed`] among the weights.
     sums: Vec<Vec<(usize, f32)>>,
     activations: [Activation; USERS],
-    /// What outputs were told last: of each user, and of anybody.
+    /// State sent last: of each user, then of anybody.
     last_sent: [bool; USERS + 1],
 }
 
-/// The gestures of everybody.
+/// Evaluates all gestures of all users.
 pub struct Gestures {
     all: Vec<Watched>,
-    /// Weights that open the mouth.
+    /// Indices of the weights that open the mouth.
     mouth: Vec<usize>,
     speech: [Speech; USERS],
-    /// When everything was told last.
+    /// When all states were last sent.
     repeated: Option<Timestamp>,
     at: Timestamp,
 }
 
 impl Gestures {
-    /// `units` are the names in the order of the weights. Units that are not measured count as 0.
+    /// Gestures in the order of the configuration; `units` are the names in the order of the weights. Units that are not measured
+    /// count as 0.
     pub fn new(all: &[Gesture], units: &[&str]) -> Self {
         let index = |unit: &str| units.iter().position(|name| *name == unit);
         let watched = |gesture: &Gesture| Watched {
@@ -283,9 +289,9 @@ impl Gestures {
             activations: Default::default(),
             last_sent: Default::default(),
         };
-        let most = if ENABLED { GESTURES } else { 0 };
+        let limit = if ENABLED { GESTURES } else { 0 };
         Self {
-            all: all.iter().take(most).map(watched).collect(),
+            all: all.iter().take(limit).map(watched).collect(),
             mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
             speech: Default::default(),
             repeated: None,
@@ -293,21 +299,21 @@ impl Gestures {
         }
     }
 
-    /// Follows everybody of a frame; [`Report::gestures`] then says which of theirs are on.
+    /// Evaluates the reports of one frame and sets their [`Report::gestures`].
     pub fn observe(&mut self, reports: &mut [Report<'_>]) {
         if !ENABLED {
             return;
         }
-        let mut seen = [false; USERS];
+        let mut is_reported = [false; USERS];
         for report in reports {
-            // Another clock; times before it mean nothing.
+            // The source changed; earlier times are meaningless.
             if report.at < self.at {
                 self.release();
             }
             self.at = report.at;
             if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
-                seen[slot] = true;
-                // A face that is missed in a frame keeps what it does.
+                is_reported[slot] = true;
+                // A face missed for a frame keeps its state.
                 if report.state != TrackingState::Held {
                     self.follow(slot, report);
                 }
@@ -316,7 +322,7 @@ impl Gestures {
                 report.gestures = on.fold(0, |bits, on| bits << 1 | on);
             }
         }
-        for slot in (0..USERS).filter(|&slot| !seen[slot]) {
+        for slot in (0..USERS).filter(|&slot| !is_reported[slot]) {
             for watched in &mut self.all {
                 watched.activations[slot] = Activation::default();
             }
@@ -325,9 +331,9 @@ impl Gestures {
 
     fn follow(&mut self, slot: usize, report: &Report<'_>) {
         let weight = |&unit: &usize| unit_range(report.weights.get(unit).copied().unwrap_or(0.0));
-        let sees = report.state == TrackingState::Tracking;
+        let is_tracked = report.state == TrackingState::Tracking;
         let opening = self.mouth.iter().map(weight).sum();
-        let speaks = sees && self.speech[slot].update(opening, report.at);
+        let is_speaking = is_tracked && self.speech[slot].update(opening, report.at);
         let [sideways, up] = report.sensor_from_face.map_or([0.0; 2], |pose| {
             let (face, sight) = (-face_normal(pose), pose.translation.vector);
             let angles = |v: &Vector| [v.x.atan2(v.z), v.y.atan2(v.x.hypot(v.z))];
@@ -336,32 +342,33 @@ impl Gestures {
         });
         for watched in &mut self.all {
             let gesture = &watched.gesture;
-            let theirs = gesture.person != Person::Shown || !report.other_is_shown;
-            let counts = sees && theirs && sideways <= gesture.turned_deg && up <= NODDED_DEG;
+            let is_theirs = gesture.person != Person::Shown || !report.other_is_shown;
+            let counts =
+                is_tracked && is_theirs && sideways <= gesture.turned_deg && up <= PITCH_MAX_DEG;
             let sum = |terms: &Vec<_>| terms.iter().map(|(unit, sign)| sign * weight(unit)).sum();
             let least = watched.sums.iter().map(sum).fold(f32::MAX, f32::min);
-            // Less than any level.
+            // Below any level.
             let sum = if counts { least } else { f32::MIN };
-            let may_start = gesture.speaking || !speaks || sum >= SPEAKING_FACTOR * gesture.on;
+            let may_start = gesture.speaking || !is_speaking || sum >= SPEAKING_FACTOR * gesture.on;
             watched.activations[slot].observe(gesture, sum, may_start, report.at);
         }
     }
 
-    /// Calls `each` with what has changed since the last call, and from time to time with everything.
+    /// Calls `each` with every change since the last call, and every `REPEAT_S` with all states.
     pub fn for_each_switch(&mut self, mut each: impl FnMut(&Switch<'_>)) {
         if !ENABLED {
             return;
         }
         let last = self.repeated.map(|last| self.at.seconds_since(last));
-        // Before the last time only by another clock.
-        let again = last.is_none_or(|last| !(0.0..REPEAT_S).contains(&last));
-        if again {
+        // Negative only if the source changed.
+        let repeat = last.is_none_or(|last| !(0.0..REPEAT_S).contains(&last));
+        if repeat {
             self.repeated = Some(self.at);
         }
         for (index, watched) in self.all.iter_mut().enumerate() {
             let (gesture, activations) = (&watched.gesture, &watched.activations);
             for (slot, last_sent) in watched.last_sent.iter_mut().enumerate() {
-                // Behind the users, anybody.
+                // The last entry stands for anybody.
                 if (gesture.person == Person::Each) != (slot < USERS) {
                     continue;
                 }
@@ -371,7 +378,7 @@ impl Gestures {
                     None => activations.iter().any(|one| one.is_on),
                 };
                 let is_new = core::mem::replace(last_sent, is_on) != is_on;
-                if is_new || again {
+                if is_new || repeat {
                     each(&Switch {
                         index,
                         gesture,
@@ -384,7 +391,7 @@ impl Gestures {
         }
     }
 
-    /// Everything off, as if nobody had ever been there.
+    /// Switches everything off.
     pub fn release(&mut self) {
         for watched in &mut self.all {
             watched.activations = Default::default();
@@ -392,7 +399,7 @@ impl Gestures {
         self.speech = Default::default();
     }
 
-    /// Moves the levels of a gesture, until the configuration is read again; within what a configuration may say.
+    /// Sets the upper level of a gesture, within [`LEVELS`], and scales the lower one, until the configuration is read again.
     pub fn set_level(&mut self, index: usize, on: f32) {
         if let Some(Watched { gesture, .. }) = self.all.get_mut(index).filter(|_| on > 0.0) {
             let on = on.clamp(LEVELS[0], LEVELS[1]);
@@ -409,7 +416,7 @@ mod tests {
 
     const UNITS: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 
-    fn at(ms: u64) -> Timestamp {
+    fn milliseconds(ms: u64) -> Timestamp {
         Timestamp::from_us(1_000_000 + 1000 * ms)
     }
 
@@ -417,14 +424,14 @@ mod tests {
         Report {
             user: Some(slot),
             state: TrackingState::Tracking,
-            at: at(ms),
+            at: milliseconds(ms),
             weights,
             ..Report::default()
         }
     }
 
-    /// What outputs are told, repetitions left out: name, user, on or off.
-    fn told(gestures: &mut Gestures) -> Vec<(String, Option<usize>, bool)> {
+    /// The switches since the last call, without repetitions: name, user, on or off.
+    fn switches(gestures: &mut Gestures) -> Vec<(String, Option<usize>, bool)> {
         let mut all = Vec::new();
         gestures.for_each_switch(|switch| {
             if switch.is_new {
@@ -474,7 +481,7 @@ mod tests {
             let weights = [sum / 2.0, sum / 2.0, 0.0, 0.0];
             let mut reports = [user(0, ms, &weights)];
             gestures.observe(&mut reports);
-            for (_, _, is_on) in told(&mut gestures) {
+            for (_, _, is_on) in switches(&mut gestures) {
                 changes.push((ms, is_on));
                 assert_eq!(reports[0].gestures, u32::from(is_on));
             }
@@ -520,7 +527,7 @@ mod tests {
                 gestures.observe(&mut [user(1, ms, &faces)]);
             }
             assert_eq!(
-                told(&mut gestures),
+                switches(&mut gestures),
                 [("smile".to_owned(), None, true)],
                 "{end}"
             );
@@ -529,7 +536,7 @@ mod tests {
                 state: TrackingState::Held,
                 ..user(1, 233, &faces)
             }]);
-            assert_eq!(told(&mut gestures), [], "{end}");
+            assert_eq!(switches(&mut gestures), [], "{end}");
             let [turned, nodded] = [[0.8, 0.0], [0.0, 0.6]].map(|[yaw, pitch]| {
                 Rigid::from_parts(
                     Vector::new(0.0, 0.0, 0.8).into(),
@@ -559,7 +566,7 @@ mod tests {
                 _ => gestures.release(),
             }
             assert_eq!(
-                told(&mut gestures),
+                switches(&mut gestures),
                 [("smile".to_owned(), None, false)],
                 "{end}"
             );
@@ -592,7 +599,7 @@ mod tests {
             ("any".to_owned(), None, true),
             ("each".to_owned(), Some(2), true),
         ];
-        assert_eq!(told(&mut gestures), on);
+        assert_eq!(switches(&mut gestures), on);
     }
 
     #[test]
@@ -625,7 +632,7 @@ mod tests {
                 &[smiles, smiles, opening, opening],
             )]);
             on.extend(
-                told(&mut gestures)
+                switches(&mut gestures)
                     .into_iter()
                     .map(|(name, _, _)| (name, s)),
             );
@@ -650,8 +657,8 @@ mod tests {
     fn presets_read_units_that_are_measured() {
         let known = mien_stages::expression::Units::shipped();
         let names = known.columns(false);
-        for (name, of, on, off, ..) in PRESETS {
-            for terms in Gesture::sums(of) {
+        for (name, text, on, off, ..) in PRESETS {
+            for terms in Gesture::sums(text) {
                 let terms: Vec<(f32, &str)> = terms.collect();
                 for (_, unit) in &terms {
                     assert!(
@@ -662,7 +669,7 @@ mod tests {
                 assert!(off < on && on < terms.len() as f32);
             }
         }
-        for (of, expected) in [
+        for (text, expected) in [
             ("AU1L", "+AU1L"),
             ("AU1L -AU1R+AU26", "+AU1L -AU1R +AU26"),
             ("AU1L +", "+AU1L +"),
@@ -671,12 +678,12 @@ mod tests {
             ("AU1L - AU4L&AU1R", "+AU1L -AU4L & +AU1R"),
             ("AU1L &", "+AU1L & +"),
         ] {
-            let sums = Gesture::sums(of).map(|terms| {
+            let sums = Gesture::sums(text).map(|terms| {
                 let sign = |sign| if sign < 0.0 { '-' } else { '+' };
                 let terms = terms.map(|(s, unit)| format!("{}{unit}", sign(s)));
                 terms.collect::<Vec<_>>().join(" ")
             });
-            assert_eq!(sums.collect::<Vec<_>>().join(" & "), expected, "{of}");
+            assert_eq!(sums.collect::<Vec<_>>().join(" & "), expected, "{text}");
         }
     }
 

@@ -5,7 +5,7 @@ use sha1_smol::Sha1;
 /// Longest name, bytes: the limit of a DNS label.
 const LONGEST: usize = 63;
 
-/// `name`, or the host's if that is empty; letters, digits and `-` only, as in host names and topics.
+/// The box's name: `name`, or the host's if empty; characters other than letters, digits and `-` are replaced by `-`.
 pub(super) fn name(name: &str) -> String {
     let host = name.is_empty().then(host);
     let name = host.as_deref().unwrap_or(name);

@@ -15,7 +15,7 @@ pub(super) const KEYS: [(&str, u16, u8); 66] = [
     ("mouse_left", 0x110, 0), ("mouse_right", 0x111, 0), ("mouse_middle", 0x112, 0), ("play_pause", 164, 0),
 ];
 
-/// Whether there is a key of that name.
+/// Whether `name` is in [`KEYS`].
 pub(super) fn is_key(name: &str) -> bool {
     KEYS.iter().any(|key| key.0 == name)
 }

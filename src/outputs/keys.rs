@@ -1,11 +1,11 @@
-//! Keys and mouse buttons that gestures press: through the kernel's `uinput`, or on the wire of a USB HID gadget, where the
-//! box is a keyboard for any computer.
+//! Presses keys and mouse buttons for gestures: through the kernel's `uinput`, or as a USB HID gadget that is a keyboard for
+//! another computer.
 //!
-//! A tapped key goes up with the frame after it went down. With `uinput` the kernel itself releases what is pressed when this
-//! process ends, however it ends; a gadget's host does not know, so a gadget is told that nothing is pressed when it is opened.
+//! A tapped key goes up with the frame after it went down. With `uinput` the kernel releases pressed keys when this process ends.
+//! A gadget's host is not informed of that, so an empty report is sent when the gadget is opened.
 //!
 //! Sources: Linux `uinput.h` and `input-event-codes.h`; USB HID 1.11, appendix B.1 (boot keyboard); HID Usage Tables 1.5,
-//! page 7. A path that is neither device gets `uinput`'s events as they are, for tests.
+//! page 7. Any other path receives `uinput`'s events, for tests.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -24,47 +24,51 @@ const EV_KEY: u16 = 1;
 const UI_SET_EVBIT: libc::Ioctl = 0x4004_5564;
 const UI_SET_KEYBIT: libc::Ioctl = 0x4004_5565;
 const UI_DEV_CREATE: libc::Ioctl = 0x5501;
-/// Bytes of `struct uinput_user_dev`: the name, bus and ids, then limits of axes that we have none of.
+/// Bytes of `struct uinput_user_dev`: name, bus and ids, then limits of axes (unused).
 const DEVICE_BYTES: usize = 1116;
-/// Bytes of an event's time, two words of the kernel whatever the C library's are, and of an event.
+/// Bytes of an event's time: two kernel words, independent of the C library's `time_t`.
 const TIME_BYTES: usize = 2 * size_of::<libc::c_ulong>();
+/// Bytes of an event.
 const EVENT_BYTES: usize = TIME_BYTES + 8;
-/// Keys that a device has if it is a keyboard.
+/// Key codes that a device must have to be taken for a keyboard.
 const KEYBOARD: core::ops::Range<u16> = 1..89;
 const NAME: &[u8] = b"mien gestures";
-/// How often, and at which interval, the last keys are let go.
-const TRIES: u32 = 100;
-const TRY: Duration = Duration::from_millis(2);
-/// First and longest pause before the device is tried again.
+/// Attempts to release the last keys at the end.
+const RELEASE_TRIES: u32 = 100;
+/// Pause between these attempts.
+const RELEASE_PAUSE: Duration = Duration::from_millis(2);
+/// First and longest pause before reopening the device.
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
-/// Keys of a HID report.
+/// Keys in a HID report.
 const REPORT_KEYS: usize = 6;
 
-/// Presses keys.
+/// An output that presses keys.
 pub struct Keys {
     path: String,
-    /// `None` while it is not there or may not be used.
+    /// `None` while it is missing or may not be used.
     device: Option<File>,
-    /// When it is tried again.
-    again: Instant,
+    /// Time of the next attempt to open it.
+    retry_at: Instant,
     back_off: BackOff,
-    /// Whether it takes reports of a boot keyboard, not events of the kernel.
+    /// Whether the device takes boot-keyboard reports instead of kernel events.
     is_gadget: bool,
-    /// Gestures that hold each key, a bit each; whether it is tapped; and whether the device was told that it is down.
+    /// Gestures that hold each key, one bit each.
     held: [u128; KEYS.len()],
+    /// Whether each key is being tapped.
     tapped: [bool; KEYS.len()],
+    /// Whether the device was last told that each key is down.
     is_down: [bool; KEYS.len()],
     tally: Tally,
 }
 
 impl Keys {
-    /// Opens the device, or tries it again until it is there.
+    /// Opens the device at `path`; if that fails, retries with later frames.
     pub fn new(path: &str) -> Self {
         let name = Path::new(path).file_name().unwrap_or_default();
         let mut keys = Self {
             path: path.to_owned(),
             device: None,
-            again: Instant::now(),
+            retry_at: Instant::now(),
             back_off: BackOff::new(PAUSES),
             is_gadget: name.to_string_lossy().starts_with("hidg"),
             held: [0; KEYS.len()],
@@ -78,14 +82,17 @@ impl Keys {
         keys
     }
 
-    /// Opens the device; what is held is pressed with the next frame.
+    /// Opens the device; held keys are pressed with the next frame.
+    ///
+    /// # Errors
+    /// If the device is missing or may not be used.
     fn open(&mut self) -> Result<(), OutputError> {
-        self.again = Instant::now() + self.back_off.pause();
-        let opened = opened(&self.path, self.is_gadget);
+        self.retry_at = Instant::now() + self.back_off.pause();
+        let opened = open_device(&self.path, self.is_gadget);
         let mut device = opened.map_err(|problem| OutputError::Keys(self.path.clone(), problem))?;
         self.is_down = [false; KEYS.len()];
         if self.is_gadget {
-            // Without a host there is nobody to tell.
+            // Fails without a host, which does not matter.
             let _ = device.write_all(&self.report());
         }
         self.device = Some(device);
@@ -93,10 +100,10 @@ impl Keys {
         Ok(())
     }
 
-    /// Tells the device what changed; what it does not take at once is told again with the next frame.
+    /// Sends changed keys to the device; changes it does not accept at once are sent again with the next frame.
     fn sync(&mut self) {
         if self.device.is_none() {
-            // A tap is of its moment.
+            // A tap that cannot be sent is not made up for.
             self.tapped = [false; KEYS.len()];
             return;
         }
@@ -107,7 +114,7 @@ impl Keys {
             }
             let before = std::mem::replace(&mut self.is_down[i], is_down);
             let report = self.report();
-            let events = press(KEYS[i].1, is_down);
+            let events = key_events(KEYS[i].1, is_down);
             let bytes: &[u8] = if self.is_gadget { &report } else { &events };
             let written = self.device.as_mut().map(|device| device.write_all(bytes));
             if let Some(Ok(())) = written {
@@ -116,7 +123,7 @@ impl Keys {
             }
             self.tally.dropped += 1;
             self.is_down[i] = before;
-            // Gone, not only busy or without a host.
+            // The device is gone, not just busy or without a host.
             if matches!(written, Some(Err(problem)) if problem.raw_os_error() == Some(libc::ENODEV))
             {
                 tracing::warn!(
@@ -130,7 +137,7 @@ impl Keys {
         }
     }
 
-    /// The keys that are down, in a boot keyboard's report.
+    /// Boot-keyboard report of the keys that are down.
     fn report(&self) -> [u8; 2 + REPORT_KEYS] {
         let mut report = [0; 2 + REPORT_KEYS];
         let down = (0..KEYS.len()).filter(|&i| self.is_down[i] && KEYS[i].2 > 0);
@@ -143,7 +150,7 @@ impl Keys {
 
 impl Output for Keys {
     fn send(&mut self, _: &Report) -> Result<(), OutputError> {
-        if self.device.is_none() && Instant::now() >= self.again && self.open().is_ok() {
+        if self.device.is_none() && Instant::now() >= self.retry_at && self.open().is_ok() {
             tracing::info!("pressing keys through {}", self.path);
         }
         for (tapped, is_down) in self.tapped.iter_mut().zip(self.is_down) {
@@ -176,31 +183,31 @@ impl Output for Keys {
 impl Drop for Keys {
     fn drop(&mut self) {
         (self.held, self.tapped) = ([0; KEYS.len()], [false; KEYS.len()]);
-        // A gadget takes one report at a time, and whoever is at its other end may have gone.
-        for _ in 0..TRIES {
+        // A gadget takes one report at a time, and its host may be gone.
+        for _ in 0..RELEASE_TRIES {
             self.sync();
             if self.device.is_none() || !self.is_down.contains(&true) {
                 return;
             }
-            std::thread::sleep(TRY);
+            std::thread::sleep(RELEASE_PAUSE);
         }
     }
 }
 
-/// Opens a device for writing without waiting; `uinput` becomes a keyboard.
-fn opened(path: &str, is_gadget: bool) -> io::Result<File> {
+/// Opens a device for non-blocking writes; makes a keyboard of `uinput`.
+fn open_device(path: &str, is_gadget: bool) -> io::Result<File> {
     let mut device = OpenOptions::new()
         .write(true)
         .custom_flags(libc::O_NONBLOCK)
         .open(path)?;
     if device.metadata()?.file_type().is_char_device() && !is_gadget {
-        create(&mut device)?;
+        create_uinput(&mut device)?;
     }
     Ok(device)
 }
 
-/// Two events of the kernel, whose time it fills in: a key, and that this is all.
-fn press(code: u16, is_down: bool) -> [u8; 2 * EVENT_BYTES] {
+/// Two kernel events, a key and the end of the report; the kernel fills in their times.
+fn key_events(code: u16, is_down: bool) -> [u8; 2 * EVENT_BYTES] {
     let mut bytes = [0; 2 * EVENT_BYTES];
     let at = TIME_BYTES;
     bytes[at..at + 2].copy_from_slice(&EV_KEY.to_ne_bytes());
@@ -209,9 +216,9 @@ fn press(code: u16, is_down: bool) -> [u8; 2 * EVENT_BYTES] {
     bytes
 }
 
-/// Makes a keyboard and mouse of an open `uinput`.
+/// Creates a keyboard and mouse on an open `uinput`.
 #[expect(unsafe_code, reason = "uinput is set up by ioctl")]
-fn create(device: &mut File) -> io::Result<()> {
+fn create_uinput(device: &mut File) -> io::Result<()> {
     let fd = device.as_raw_fd();
     let set = |request: libc::Ioctl, value: u16| {
         // SAFETY: these requests take a number, and the descriptor is open as long as `device` is.
@@ -240,7 +247,7 @@ mod tests {
     use mien_stages::base::time::Timestamp;
     use mien_stages::users::TrackingState;
 
-    /// What is written for a smile and a brow that press the same key, and for one that presses none.
+    /// Bytes written for a smile and a brow that press the same key, and for a gesture without a key.
     fn written(name: &str) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(name);
@@ -429,7 +436,7 @@ mod tests {
         keys.send(&Report::default()).unwrap();
         assert!(!keys.tally().connected && keys.tally().dropped == 0);
         std::fs::write(&path, []).unwrap();
-        keys.again = Instant::now();
+        keys.retry_at = Instant::now();
         keys.send(&Report::default()).unwrap();
         assert!(keys.tally().connected);
         drop(keys);

@@ -1,15 +1,13 @@
 //! Outputs: CSV, OSC, serial and others. Each takes a [`Report`] per frame and user and is independent of the others.
 //!
-//! Except in CSV, weights are 0…1 and never NaN, and a face that is lost, or whose head is tracked by depth alone, does not
-//! freeze: its last weights are held briefly, then fade to neutral ([`LossPolicy`]). Dropping an output sends neutral and
-//! absent. Nothing allocates per report, and no output can block the pipeline: what it cannot send at once is dropped and counted.
+//! Except in CSV, weights are 0…1 and never NaN. When a face is lost, or only its head is still tracked by depth, its last weights
+//! are held briefly and then fade to neutral ([`LossPolicy`]). Dropping an output sends neutral and absent. Nothing allocates per
+//! report. No output blocks the pipeline: data that cannot be sent at once is dropped and counted.
 
 #![cfg_attr(not(feature = "std"), no_std)]
 
 extern crate alloc;
 
-#[cfg(feature = "wires")]
-pub mod board;
 pub mod csv;
 mod face;
 #[cfg(feature = "std")]
@@ -26,10 +24,14 @@ pub mod limits;
 #[cfg(feature = "wires")]
 pub mod live_link;
 #[cfg(feature = "wires")]
+pub mod mailbox;
+#[cfg(feature = "wires")]
 pub mod mqtt;
 pub mod osc;
 mod report;
 pub mod serial;
+#[cfg(feature = "std")]
+pub mod table;
 mod view;
 #[cfg(feature = "wires")]
 pub mod web;
@@ -44,6 +46,7 @@ pub use report::finite;
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
 #[cfg(feature = "std")]
+pub use table::{SECTIONS, Settings};
 pub use view::all_units;
 pub(crate) use view::is_unit;
 pub use view::{LossPolicy, UnitView, View, is_name};
@@ -51,18 +54,18 @@ pub use view::{LossPolicy, UnitView, View, is_name};
 /// A command from a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// Forget what was learned about the user in a slot.
+    /// Discard everything learned about the user in this slot.
     Forget(usize),
-    /// Stop or resume learning for the user in a slot.
+    /// Stop (`true`) or resume (`false`) learning for the user in this slot.
     Freeze(usize, bool),
-    /// Take the current face of the user in a slot as rest.
+    /// Use the current face of the user in this slot as the neutral face.
     Neutral(usize),
-    /// Let a gesture go on at a level, in hundredths.
+    /// Set the upper level of the gesture with this index, in hundredths.
     Level(usize, u16),
 }
 
 impl core::fmt::Display for Command {
-    /// What a receiver asked for, as in "asked to …".
+    /// The command as the end of a sentence "receiver asked to …".
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match *self {
             Self::Forget(slot) => write!(f, "forget person {}", slot + 1),
@@ -78,7 +81,7 @@ impl core::fmt::Display for Command {
 }
 
 impl Command {
-    /// A command by its name, for a slot; `freeze` has `on`. `None` if there is no such command or slot.
+    /// The command called `what` for a slot; only `freeze` takes `on`. `None` if there is no such command or slot.
     pub fn named(what: &str, slot: usize, on: Option<bool>) -> Option<Self> {
         match (what, on) {
             _ if slot >= USERS => None,
@@ -89,9 +92,9 @@ impl Command {
         }
     }
 
-    /// The same of words: the slot, then `0` or `1`.
+    /// As [`Self::named`], with the arguments as text: the slot, then `0` or `1`.
     #[cfg(feature = "wires")]
-    fn of_words<'a>(what: &str, mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
+    fn from_words<'a>(what: &str, mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
         let slot = words.next()?.parse().ok()?;
         let on = match (words.next(), words.next()) {
             (None, _) => None,
@@ -106,23 +109,23 @@ defaults! {
     /// Counters of an output.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Tally {
-        /// Its section of the configuration.
+        /// Section of the configuration.
         pub name: &'static str = "",
         /// Datagrams, frames or rows sent, over all targets.
         pub sent: u64 = 0,
-        /// Those that were dropped: not accepted at once, replaced by a newer one, or without a known destination.
+        /// Datagrams, frames or rows dropped: not accepted at once, replaced by a newer one, or without a known destination.
         pub dropped: u64 = 0,
         /// Whether there is a destination: false while a serial port is absent.
         pub connected: bool = true,
         /// Weights that were NaN and were sent as 0.
         pub not_numbers: u64 = 0,
-        /// Commands accepted, and those refused as malformed or too frequent.
+        /// Commands accepted, and commands refused as malformed or too frequent.
         pub commands: [u64; 2] = [0; 2],
     }
 }
 
 impl Tally {
-    /// The sums of both, of which `later` tells whether there is a destination.
+    /// Adds the counters; name and `connected` are taken from `later`.
     #[cfg(feature = "std")]
     pub fn plus(self, later: Self) -> Self {
         let [a, b] = [self.commands, later.commands];
@@ -135,7 +138,7 @@ impl Tally {
         }
     }
 
-    /// Nothing counted yet.
+    /// Counters at zero.
     fn empty(name: &'static str) -> Self {
         Self {
             name,
@@ -153,13 +156,13 @@ pub trait Output {
     /// error.
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
 
-    /// Tells that a gesture went on or off, or that it is as it was; most outputs have no use for it.
+    /// Reports a gesture that went on or off, or repeats its state; ignored by default.
     fn switch(&mut self, _: &gesture::Switch<'_>) {}
 
     /// The counters so far.
     fn tally(&self) -> Tally;
 
-    /// The next command received; most outputs have none.
+    /// The next command received; none by default.
     fn next_command(&mut self) -> Option<Command> {
         None
     }
@@ -172,7 +175,7 @@ pub enum OutputError {
     #[cfg(feature = "std")]
     #[error("cannot write the CSV: {0}; check the path and the free space")]
     Csv(std::io::Error),
-    /// No UDP socket.
+    /// A UDP socket cannot be opened.
     #[cfg(feature = "std")]
     #[error("cannot open a UDP socket to send OSC: {0}; is the network configured?")]
     Socket(std::io::Error),
@@ -181,15 +184,15 @@ pub enum OutputError {
         "cannot listen for OSC commands at {0:?}; expected address:port of this machine, like 127.0.0.1:9131"
     )]
     Listen(String),
-    /// Not a `host:port`.
+    /// The target is not a `host:port`.
     #[error("OSC target is {0:?}, expected host:port like 127.0.0.1:9130")]
     Target(String),
-    /// An OSC address must start with a slash and contain no pattern characters.
+    /// The OSC prefix does not start with a slash or has pattern characters.
     #[error(
         "OSC prefix is {0:?}, expected printable ASCII like /face, at most 64 characters, without space # * , ? [ ] {{ }}"
     )]
     Prefix(String),
-    /// The names of so many units do not fit one datagram or line: bytes needed, and available.
+    /// The unit names do not fit one datagram or line: number of units, bytes needed, bytes available.
     #[error("the names of {0} units take {1} bytes, expected at most {2}; shorten some in [units]")]
     Names(usize, usize, usize),
     /// An unknown unit is requested.
@@ -197,22 +200,22 @@ pub enum OutputError {
         "serial.units names {0:?}, which is not measured with these settings; remove it from the list"
     )]
     Unit(String),
-    /// The password file, which cannot be read or has no password.
+    /// The password file cannot be read or has no password.
     #[cfg(feature = "std")]
     #[error(
         "cannot use password_file {0:?}: {1}; expected the password in its first line, readable by mien's user"
     )]
     Password(String, std::io::Error),
-    /// The certificate file, which cannot be read.
+    /// The certificate file cannot be read.
     #[cfg(feature = "std")]
     #[error("cannot read mqtt.ca_file {0:?}: {1}; expected the CA certificates in PEM")]
     Certificates(String, std::io::Error),
-    /// A section is enabled that this build does not contain.
+    /// The enabled section is not part of this build.
     #[error(
         "[{0}] is enabled, but this mien was built without it; build with --features wires, or install the package"
     )]
     NotBuilt(&'static str),
-    /// The device that presses keys, which cannot be used.
+    /// The device that presses keys cannot be used.
     #[cfg(feature = "wires")]
     #[error(
         "cannot press keys through {0:?}: {1}; is the module uinput loaded, and may mien's user write to it?"
@@ -225,7 +228,7 @@ pub enum OutputError {
 }
 
 impl OutputError {
-    /// Key of its section that it is about; empty for the section as a whole.
+    /// The configuration key at fault; empty for the section as a whole.
     #[cfg(feature = "std")]
     pub fn key(&self) -> &'static str {
         match self {
@@ -241,14 +244,14 @@ impl OutputError {
     }
 }
 
-/// Decides when something that is repeated is due again, by capture time.
+/// Schedules a repeated message by capture time.
 #[derive(Default)]
 struct Every {
     last: Option<Timestamp>,
 }
 
 impl Every {
-    /// Whether `period_s` have passed since it was last due, or time has gone backwards (another source).
+    /// Whether `period_s` seconds have passed since it was last due, or time has gone backwards because the source changed.
     fn due(&mut self, now: Timestamp, period_s: f64) -> bool {
         let due = self
             .last

@@ -1,6 +1,5 @@
-//! How often something may be tried or asked for: pauses that double, an address that is tried until it is free, and an
-//! allowance that fills again. How long the end of an output may take, whose thread may still send the messages that report
-//! nobody, but no more.
+//! Rate limits: retry pauses that double, a listening socket that retries its address, and a token bucket. Time limit for the end
+//! of an output's thread.
 
 use std::net::{IpAddr, SocketAddr};
 use std::thread::JoinHandle;
@@ -13,7 +12,7 @@ pub(super) struct BackOff {
     first: Duration,
     longest: Duration,
     /// Pauses so far.
-    tries: u32,
+    pauses: u32,
 }
 
 impl BackOff {
@@ -21,58 +20,58 @@ impl BackOff {
         Self {
             first,
             longest,
-            tries: 0,
+            pauses: 0,
         }
     }
 
-    /// How long to wait now.
+    /// The next pause.
     pub(super) fn pause(&mut self) -> Duration {
-        let doubled = self.first * (1 << self.tries.min(16));
-        self.tries = self.tries.saturating_add(1);
+        let doubled = self.first * (1 << self.pauses.min(16));
+        self.pauses = self.pauses.saturating_add(1);
         doubled.min(self.longest)
     }
 
-    /// It has worked: the next pause is the first one again.
+    /// After a success: the next pause is the first one again.
     pub(super) fn reset(&mut self) {
-        self.tries = 0;
+        self.pauses = 0;
     }
 }
 
 /// First and longest pause before retrying an address that is in use.
 const IN_USE: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
 
-/// A socket that listens as soon as its address is free, or this machine's.
+/// A listening socket that retries while its address is in use or not this machine's.
 pub(super) struct Listening<T> {
     address: SocketAddr,
     pub(super) socket: Option<T>,
-    again: Instant,
+    retry_at: Instant,
     back_off: BackOff,
 }
 
 impl<T> Listening<T> {
-    /// At `address:port`; not tried yet.
+    /// For `address:port`; does not bind yet.
     ///
     /// # Errors
-    /// If it is not an address with a port.
-    pub(super) fn on(address: &str) -> Result<Self, OutputError> {
+    /// If the text is not an address with a port.
+    pub(super) fn new(address: &str) -> Result<Self, OutputError> {
         let parsed = address.parse();
         Ok(Self {
             address: parsed.map_err(|_| OutputError::Listen(address.to_owned()))?,
             socket: None,
-            again: Instant::now(),
+            retry_at: Instant::now(),
             back_off: BackOff::new(IN_USE),
         })
     }
 
-    /// Tries, if need be, when it is time to; `what` it is for is told if that fails.
+    /// Binds if the socket is not open and the pause is over; `what` names its purpose in the warning.
     pub(super) fn open(&mut self, what: &str, bind: fn(SocketAddr) -> std::io::Result<T>) {
-        if self.socket.is_some() || Instant::now() < self.again {
+        if self.socket.is_some() || Instant::now() < self.retry_at {
             return;
         }
         let address = self.address;
         let bound = bind(address).inspect_err(|error| {
-            // Not the first failure: before a reload the address is still this program's own for a moment.
-            if self.back_off.tries == 1 {
+            // The first failure is not logged: after a reload the former socket may still be closing.
+            if self.back_off.pauses == 1 {
                 tracing::warn!(
                     "cannot listen{what} at {address} ({error}); retrying every {} s",
                     IN_USE[1].as_secs()
@@ -80,12 +79,12 @@ impl<T> Listening<T> {
             }
         });
         self.socket = bound.ok();
-        self.again = Instant::now() + self.back_off.pause();
+        self.retry_at = Instant::now() + self.back_off.pause();
     }
 }
 
-/// Whether an address is one of this machine or of its networks.
-pub(super) fn is_near(address: IpAddr) -> bool {
+/// Whether the address is a loopback, private or link-local one.
+pub(super) fn is_local(address: IpAddr) -> bool {
     match address.to_canonical() {
         IpAddr::V4(four) => four.is_loopback() || four.is_private() || four.is_link_local(),
         IpAddr::V6(six) => {
@@ -94,51 +93,54 @@ pub(super) fn is_near(address: IpAddr) -> bool {
     }
 }
 
-/// A token bucket: so many at once, then one more every `each`.
+/// A token bucket: so many at once, then one more every `interval`.
 #[derive(Clone, Copy)]
-pub struct Allowance {
-    at_once: u32,
-    each: Duration,
-    /// When it is full again.
-    pub(super) full: Instant,
+pub struct TokenBucket {
+    burst: u32,
+    interval: Duration,
+    /// Time at which it will be full.
+    pub(super) full_at: Instant,
 }
 
-impl Allowance {
-    /// `at_once` events at a time, and one more every `each`.
-    pub const fn new(at_once: u32, each: Duration, now: Instant) -> Self {
+impl TokenBucket {
+    /// `burst` events at a time, and one more every `interval`.
+    pub const fn new(burst: u32, interval: Duration, now: Instant) -> Self {
         Self {
-            at_once,
-            each,
-            full: now,
+            burst,
+            interval,
+            full_at: now,
         }
     }
 
-    /// Of commands from one sender.
-    pub(super) const fn of_commands(now: Instant) -> Self {
+    /// Limit on commands from one sender.
+    pub(super) const fn per_sender(now: Instant) -> Self {
         Self::new(16, Duration::from_millis(250), now)
     }
 
-    /// Of commands from all senders together: an address costs nothing.
-    pub(super) const fn of_all_commands(now: Instant) -> Self {
+    /// Limit on commands from all senders together, because a sender can use many addresses.
+    pub(super) const fn all_senders(now: Instant) -> Self {
         Self::new(32, Duration::from_millis(125), now)
     }
 
-    /// Whether there is one left.
-    pub(super) fn is_left(&self, now: Instant) -> bool {
-        self.full.saturating_duration_since(now) <= self.each * (self.at_once - 1)
+    /// Whether an event is allowed now.
+    pub(super) fn has_token(&self, now: Instant) -> bool {
+        self.full_at.saturating_duration_since(now) <= self.interval * (self.burst - 1)
     }
 
-    /// Takes one; whether there was one.
+    /// Uses a token; `false` if there was none.
     pub fn take(&mut self, now: Instant) -> bool {
-        let left = self.is_left(now);
-        if left {
-            self.full = self.full.max(now) + self.each;
+        let had_token = self.has_token(now);
+        if had_token {
+            self.full_at = self.full_at.max(now) + self.interval;
         }
-        left
+        had_token
     }
 }
 
 /// Starts the thread of an output.
+///
+/// # Errors
+/// If the system refuses a thread.
 pub(super) fn start_thread(
     name: &str,
     work: impl FnOnce() + Send + 'static,
@@ -147,18 +149,18 @@ pub(super) fn start_thread(
     thread.spawn(work).map_err(OutputError::Thread)
 }
 
-/// Time limit of the end.
-const CLOSING: Duration = Duration::from_millis(500);
+/// Longest wait for a thread to end.
+const JOIN_LIMIT: Duration = Duration::from_millis(500);
 
-/// Waits for a thread that was told to stop; a hanging one is abandoned.
-pub(super) fn wait_for(thread: &mut Option<JoinHandle<()>>) {
+/// Joins a thread that has been asked to stop; abandons it after [`JOIN_LIMIT`].
+pub(super) fn join_or_abandon(thread: &mut Option<JoinHandle<()>>) {
     let Some(thread) = thread.take() else { return };
     let start = Instant::now();
-    while !thread.is_finished() && start.elapsed() < CLOSING {
+    while !thread.is_finished() && start.elapsed() < JOIN_LIMIT {
         std::thread::sleep(Duration::from_millis(2));
     }
     if thread.is_finished() {
-        // A panic of the thread has been reported by itself.
+        // The panic hook has already reported a panic.
         thread.join().ok();
     }
 }
@@ -179,7 +181,7 @@ mod tests {
     #[test]
     fn an_allowance_is_spent_at_once_and_fills_one_by_one() {
         let now = Instant::now();
-        let mut commands = Allowance::of_commands(now);
+        let mut commands = TokenBucket::per_sender(now);
         assert_eq!((0..40).filter(|_| commands.take(now)).count(), 16);
         let later = now + Duration::from_secs(1);
         assert_eq!((0..40).filter(|_| commands.take(later)).count(), 4);

@@ -10,8 +10,8 @@
 //! | 1 + 61 × 4 | the count 61 and as many floats; absent without a face |
 //!
 //! Angles are in radians, as Unreal turns the app's transforms: yaw to the subject's right, pitch down, roll towards the
-//! subject's left shoulder. Eyes: 30° where the unit is 1. Shapes that are not measured are 0. Not tested with
-//! Unreal itself: the signs of the angles are derived from its axes.
+//! subject's left shoulder. Eyes turn 30° at weight 1. Shapes that are not measured are 0. Not tested with Unreal: the signs of
+//! the angles are derived from its axes.
 
 use super::features::LiveLinkSettings;
 use super::osc::parameters::Parameter;
@@ -19,7 +19,7 @@ use super::osc::{Sender, udp};
 use super::{OneFace, Output, OutputError, Report, Tally, identity};
 use mien_stages::base::time::Timestamp;
 
-/// The shapes in their order; ARKit's names but for the first letter.
+/// The shapes in the order of the protocol: ARKit's names with an upper-case first letter.
 #[rustfmt::skip]
 const SHAPES: [&str; 52] = [
     "EyeBlinkLeft", "EyeLookDownLeft", "EyeLookInLeft", "EyeLookOutLeft", "EyeLookUpLeft", "EyeSquintLeft",
@@ -34,8 +34,9 @@ const SHAPES: [&str; 52] = [
 ];
 /// Shapes and angles.
 const VALUES: usize = SHAPES.len() + 9;
-/// Gaze among [`SHAPES`]: down, in, out, up, of the left and the right eye.
+/// Indices in [`SHAPES`] of the left eye's gaze: down, in, out, up.
 const LEFT_EYE: [usize; 4] = [1, 2, 3, 4];
+/// Indices in [`SHAPES`] of the right eye's gaze: down, in, out, up.
 const RIGHT_EYE: [usize; 4] = [8, 9, 10, 11];
 /// Frames a second.
 const RATE: u32 = 30;
@@ -50,15 +51,15 @@ pub struct LiveLink {
     face: OneFace,
     device: String,
     subject: String,
-    /// Shapes that are sent, with their index.
+    /// Measured shapes, with their index in [`SHAPES`].
     shapes: Box<[(usize, Parameter)]>,
-    /// Yaw, pitch and roll of the head when last seen.
-    turn: [f32; 3],
+    /// Last yaw, pitch and roll of the head, radians.
+    head_angles: [f32; 3],
     at: Timestamp,
 }
 
 impl LiveLink {
-    /// Opens the sockets. `units` are the names in the order of the weights, `name` is the box's.
+    /// Opens the sockets. `units` are the names in the order of the weights, `name` is the name of the box.
     ///
     /// # Errors
     /// If no socket can be opened.
@@ -68,11 +69,11 @@ impl LiveLink {
         units: &[&str],
     ) -> Result<Self, OutputError> {
         let name = identity::name(name);
-        let place = |parameter: Parameter| {
+        let index = |parameter: Parameter| {
             let same = |shape: &&str| shape.eq_ignore_ascii_case(&parameter.name);
             Some((SHAPES.iter().position(same)?, parameter))
         };
-        let shapes = Parameter::of_arkit(settings.derived, units).into_iter();
+        let shapes = Parameter::arkit(settings.derived, units).into_iter();
         let subject = Some(settings.subject).filter(|subject| !subject.is_empty());
         let mut subject = subject.unwrap_or_else(|| name.clone());
         while subject.len() > LONGEST {
@@ -83,8 +84,8 @@ impl LiveLink {
             face: OneFace::new(units, &settings.view),
             device: as_text(identity::uuid(&name)),
             subject,
-            shapes: shapes.filter_map(place).collect(),
-            turn: [0.0; 3],
+            shapes: shapes.filter_map(index).collect(),
+            head_angles: [0.0; 3],
             at: Timestamp::default(),
         })
     }
@@ -92,38 +93,39 @@ impl LiveLink {
     fn send_frame(&mut self, face: bool) {
         let values = face.then(|| {
             let mut values = [0.0; VALUES];
-            for (place, shape) in &self.shapes {
-                values[*place] = shape.value(self.face.weights.shown()).max(0.0);
+            for (index, shape) in &self.shapes {
+                values[*index] = shape.value(self.face.weights.shown()).max(0.0);
             }
             let full = std::f32::consts::FRAC_PI_6;
             let [down, inwards, out, up] = LEFT_EYE.map(|at| values[at]);
             let left = [inwards - out, down - up, 0.0].map(|share| share * full);
             let [down, inwards, out, up] = RIGHT_EYE.map(|at| values[at]);
             let right = [out - inwards, down - up, 0.0].map(|share| share * full);
-            let angles = [self.turn, left, right];
+            let angles = [self.head_angles, left, right];
             values[SHAPES.len()..].copy_from_slice(angles.as_flattened());
             values
         });
         self.to.send(&self.emit(values.as_ref()));
     }
 
-    /// Writes a datagram: shapes, then yaw, pitch and roll of the head, the left and the right eye; nothing without a face.
+    /// Formats a datagram. `values` are the shapes, then yaw, pitch and roll of the head, the left and the right eye; `None` without
+    /// a face.
     fn emit(&self, values: Option<&[f32; VALUES]>) -> heapless::Vec<u8, LARGEST> {
         let mut bytes = heapless::Vec::new();
-        // There is room for the longest subject.
-        let mut put = |part: &[u8]| bytes.extend_from_slice(part).unwrap_or_default();
-        put(&[6]);
-        put(&36_u32.to_be_bytes());
-        put(self.device.as_bytes());
-        put(&(self.subject.len() as u32).to_be_bytes());
-        put(self.subject.as_bytes());
+        // Always fits: the buffer has room for the longest subject.
+        let mut append = |part: &[u8]| bytes.extend_from_slice(part).unwrap_or_default();
+        append(&[6]);
+        append(&36_u32.to_be_bytes());
+        append(self.device.as_bytes());
+        append(&(self.subject.len() as u32).to_be_bytes());
+        append(self.subject.as_bytes());
         let frames = self.at.as_us() as f64 * 1e-6 * f64::from(RATE);
         for word in [frames as u32, (frames.fract() as f32).to_bits(), RATE, 1] {
-            put(&word.to_be_bytes());
+            append(&word.to_be_bytes());
         }
         if let Some(values) = values {
-            put(&[VALUES as u8]);
-            values.iter().for_each(|value| put(&value.to_be_bytes()));
+            append(&[VALUES as u8]);
+            values.iter().for_each(|value| append(&value.to_be_bytes()));
         }
         bytes
     }
@@ -141,7 +143,7 @@ impl Output for LiveLink {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         if self.face.follow(report).is_some() {
             self.at = report.at;
-            self.turn = self.face.view.angles(report).unwrap_or(self.turn);
+            self.head_angles = self.face.view.angles(report).unwrap_or(self.head_angles);
             self.send_frame(!self.face.weights.is_neutral());
         }
         Ok(())
@@ -153,11 +155,11 @@ impl Output for LiveLink {
 }
 
 impl Drop for LiveLink {
-    /// A neutral face, then none.
+    /// Sends a neutral face, then none.
     fn drop(&mut self) {
         if self.to.is_used() {
             self.face.weights.reset();
-            self.turn = [0.0; 3];
+            self.head_angles = [0.0; 3];
             self.send_frame(true);
             self.send_frame(false);
         }
@@ -259,7 +261,7 @@ mod tests {
         let units = mien_stages::expression::units::Units::shipped();
         let columns = units.columns(false);
         let units: Vec<&str> = columns.iter().map(|name| name.as_str()).collect();
-        for parameter in Parameter::of_arkit(true, &units) {
+        for parameter in Parameter::arkit(true, &units) {
             let same = |shape: &&str| shape.eq_ignore_ascii_case(&parameter.name);
             assert!(SHAPES.iter().any(same), "{}", parameter.name);
         }

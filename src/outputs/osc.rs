@@ -1,4 +1,4 @@
-//! OSC over UDP, schema `native`: who is there, pose and weights, for each user.
+//! OSC over UDP, schema `native`: presence, pose and weights of each user.
 //!
 //! | address | arguments | when |
 //! | --- | --- | --- |
@@ -9,15 +9,15 @@
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
 //! | `/face/<u>/frozen` | 0 or 1: learning is frozen | the same |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
-//! | `/face/alive` | number, program version, seconds since the start | every second, even with nobody |
-//! | `/mien/gesture/<name>`, `/mien/gesture/<name>/<u>` of each | 1 or 0 | on change and every 2 s, a datagram each |
-//! | `/face/<u>/range/<unit>` | low, rest, high of the range that its weight is computed with; readiness 0…1 | every 5 s with a face, if enabled |
+//! | `/face/alive` | number, program version, capture time in seconds | every second, even with nobody |
+//! | `/mien/gesture/<name>`, per person `/mien/gesture/<name>/<u>` | 1 or 0 | on change and every 2 s, a datagram each |
+//! | `/face/<u>/range/<unit>` | low, rest, high of the range from which its weight is computed; readiness 0…1 | every 5 s with a face, if enabled |
 //!
 //! The latency is the time from the frame's arrival in this machine to its being sent. Units have the names set in the
-//! configuration, which may also allow receivers to send commands ([`commands`]).
+//! configuration. Receivers may send commands if the configuration allows it ([`commands`]).
 //!
-//! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. Presets for
-//! programs with their own OSC schema: [`vmc`], [`vrchat`], [`faceosc`].
+//! Datagrams are bundles of at most 1472 bytes with the time tag "immediately"; a message is never split. Presets for programs
+//! with their own OSC schema: [`vmc`], [`vrchat`], [`faceosc`].
 
 pub mod commands;
 pub mod faceosc;
@@ -52,7 +52,7 @@ pub(super) use wire::Sender;
 use wire::Wire;
 pub use wire::{Datagrams, Targets, is_prefix};
 
-/// Interval at which the names of the units are repeated, for receivers that join later; seconds.
+/// Interval at which the unit names are repeated for receivers that join later, seconds.
 const SCHEMA_PERIOD_S: f64 = 5.0;
 /// Interval between range messages, seconds.
 const RANGES_PERIOD_S: f64 = 5.0;
@@ -101,7 +101,7 @@ pub struct Osc {
     wire: Wire,
     style: Style,
     ranges: bool,
-    /// Output names.
+    /// Output names of the units.
     units: Box<[String]>,
     view: View,
     users: [User; USERS],
@@ -114,7 +114,7 @@ pub struct Osc {
     commands: Option<Listener>,
 }
 
-/// What was sent about one user.
+/// State of one user as sent.
 #[derive(Default)]
 struct User {
     count: i32,
@@ -137,20 +137,24 @@ impl Osc {
         let (targets, levels) = (&settings.targets, settings.levels);
         let open = || Listener::open(&settings.listen, &settings.prefix, targets, levels);
         let commands = settings.commands.then(open).transpose()?;
-        let mut osc = Self::over(udp::open(targets)?, settings, units)?;
+        let mut osc = Self::with_targets(udp::open(targets)?, settings, units)?;
         osc.commands = commands;
         Ok(osc)
     }
 
-    /// As [`Self::new`], but to these targets instead of the configured ones, and without listening: received datagrams can be
-    /// read with [`commands::requests`].
+    /// As [`Self::new`], but with these targets instead of the configured ones and without a command port; the caller parses
+    /// received datagrams with [`commands::requests`].
     ///
     /// # Errors
     /// If the prefix is unusable or the names do not fit a datagram.
-    pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+    pub fn with_targets(
+        targets: Targets,
+        settings: Settings,
+        units: &[&str],
+    ) -> Result<Self, OutputError> {
         let Settings { prefix, view, .. } = settings;
         let names = view.names(units.iter().copied());
-        // Address, tags, version and the names, each padded; with room for the bundle's own bytes.
+        // Address, tags, version and names, each padded, plus the bundle's header.
         let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
         if bytes > packet::LARGEST {
             return Err(OutputError::Names(units.len(), bytes, packet::LARGEST));
@@ -159,7 +163,7 @@ impl Osc {
             return Err(OutputError::Prefix(prefix));
         }
         Ok(Self {
-            wire: Wire::new(targets, wire::usable(prefix)?),
+            wire: Wire::new(targets, wire::checked_prefix(prefix)?),
             style: settings.style,
             ranges: settings.ranges,
             units: names,
@@ -177,7 +181,7 @@ impl Osc {
         })
     }
 
-    /// Writes everything about one user, starting in the current datagram.
+    /// Appends all messages about one user, starting in the current datagram.
     fn send_user(&mut self, slot: usize, report: &Report, state: TrackingState) {
         let (wire, user) = (&mut self.wire, &mut self.users[slot]);
         let (present, confidence) = (state.is_present(), unit_range(report.confidence));
@@ -206,14 +210,14 @@ impl Osc {
         }
         let changed = (user.present, user.frozen) != (present, report.frozen);
         (user.present, user.frozen) = (present, report.frozen);
-        // Asked in any case: a change starts the second anew.
+        // `due` is called even on a change, which restarts the interval.
         if user.presence.due(report.at, ALIVE_PERIOD_S) || changed {
             for (what, is) in [("present", present), ("frozen", report.frozen)] {
                 let argument = Argument::Int(is.into());
                 wire.message(format_args!("/{slot}/{what}"), [argument]);
             }
         }
-        // Ranges are of the unit itself, not of its reflection nor its gain.
+        // Ranges are those of the unit itself, neither mirrored nor scaled.
         let wanted = self.ranges && present && !report.ranges.is_empty();
         if wanted && user.range.due(report.at, RANGES_PERIOD_S) {
             for (name, range) in self.units.iter().zip(report.ranges) {
@@ -225,7 +229,7 @@ impl Osc {
         }
     }
 
-    /// Adds the schema to the datagram.
+    /// Appends the schema message.
     fn write_schema(&mut self) {
         let names = self.units.iter().map(|name| Argument::Text(name));
         let arguments = core::iter::once(Argument::Int(SCHEMA_VERSION)).chain(names);
@@ -262,7 +266,7 @@ impl Output for Osc {
                 self.send_user(slot, report, report.state);
             }
             _ => {
-                // Nobody: whoever was there fades out; the first slot's number goes on so that silence is not loss.
+                // Nobody: former users fade out. Slot 0 keeps counting, so that receivers can tell an empty scene from loss.
                 for slot in 0..USERS {
                     let user = &mut self.users[slot];
                     let fading = user.present || !user.weights.is_neutral();
@@ -290,7 +294,7 @@ impl Output for Osc {
     fn switch(&mut self, switch: &Switch<'_>) {
         if gesture::ENABLED {
             let address = format_args!("/mien/gesture/{switch}");
-            self.wire.alone(address, switch.is_on.into());
+            self.wire.send_single(address, switch.is_on.into());
         }
     }
 
@@ -333,7 +337,7 @@ impl Drop for Osc {
     }
 }
 
-/// The count after `count`; wraps to 0 before it would become negative.
+/// The number after `count`; wraps to 0 instead of becoming negative.
 fn next(count: i32) -> i32 {
     count.checked_add(1).unwrap_or(0)
 }

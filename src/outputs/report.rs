@@ -19,10 +19,10 @@ pub struct Report<'a> {
     pub at: Timestamp,
     /// Slot of the user, below [`mien_stages::base::capacity::USERS`]; `None` if nobody is there.
     pub user: Option<usize>,
-    /// State of the user; [`TrackingState::Absent`] with a slot once, when they are forgotten.
+    /// State of the user; [`TrackingState::Absent`] with a slot is reported once, when the user is forgotten.
     pub state: TrackingState,
-    /// This user is gone and nobody else is reported for this frame.
-    pub alone: bool,
+    /// Whether this user is gone and nobody else is reported for this frame.
+    pub none_left: bool,
     /// Whether single-person outputs show another user.
     pub other_is_shown: bool,
     /// Confidence of the face, or of the pose if there is no face; 0…1.
@@ -39,24 +39,23 @@ pub struct Report<'a> {
     pub measures: &'a [f32],
     /// Weights in the order of the units' names; empty when posed, lost or absent.
     pub weights: &'a [f32],
-    /// The range that each weight is computed with, in the order of the units' names; empty when posed, lost
-    /// or absent.
+    /// Range from which each weight is computed, in the order of the units' names; empty when posed, lost or absent.
     pub ranges: &'a [UnitRange],
-    /// Gestures of the user that are on, a bit each in the order of the configuration.
+    /// Gestures of the user that are on, one bit each in the order of the configuration.
     pub gestures: u32,
-    /// From the frame's arrival to its being sent, µs; 0 if not known.
+    /// Time from the frame's arrival to its being sent, µs; 0 if unknown.
     pub latency_us: u32,
 }
 
 impl Report<'_> {
-    /// The pose of a face that is present, whatever is handed in.
+    /// The pose, unless the state is lost or absent.
     pub(super) fn pose(&self) -> Option<&Rigid> {
         let present = self.state.is_present();
         self.sensor_from_face.filter(|_| present)
     }
 }
 
-/// What is no finite number becomes 0.
+/// Replaces NaN and infinities by 0.
 pub fn finite(value: f32) -> f32 {
     if value.is_finite() { value } else { 0.0 }
 }

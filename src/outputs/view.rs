@@ -25,7 +25,7 @@ pub struct UnitView {
 }
 
 keyed! {
-    /// What an output shows when a face is lost: the last weights for a while, then a fade to neutral.
+    /// Behaviour when a face is lost: hold the last weights, then fade to neutral.
     #[derive(Copy)]
     pub struct LossPolicy {
         /// How long the last weights of a lost face are held.
@@ -33,8 +33,8 @@ keyed! {
         /// How long they then take to fade to neutral.
         decay_s: f32 = 0.4 => seconds(),
     }
-    /// How an output presents faces and units. Units that are not named keep their name and a gain of 1; names
-    /// and gains are read once, from the section `[units]`, and copied into every view.
+    /// How an output presents faces and units. Units that are not listed keep their name and a gain of 1. Names and gains come
+    /// from the section `[units]` and are copied into every view.
     pub struct View {
         /// Whether left and right are swapped, as in a mirror.
         mirror: bool = false => Bool(),
@@ -43,7 +43,7 @@ keyed! {
     }
 }
 
-/// Where an output weight comes from.
+/// Source of an output weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Channel {
     /// Index among the weights of a report.
@@ -66,7 +66,7 @@ impl View {
         units.map(|unit| self.name(unit).to_owned()).collect()
     }
 
-    /// A channel for every unit, in their order.
+    /// A channel for every unit, in the order of `units`.
     pub(super) fn channels(&self, units: &[&str]) -> Box<[Channel]> {
         let source = |i: usize| {
             let opposite = Some(units[i]).filter(|_| self.mirror).and_then(other_side);
@@ -81,17 +81,20 @@ impl View {
             .collect()
     }
 
-    /// The pose of a report in numbers: position, and rotation as x, y, z, w; `None` without one, or if any is not finite.
+    /// Pose of a report, mirrored if configured: position in metres and quaternion x, y, z, w, sensor frame. `None` without a pose
+    /// or if a number is not finite.
     pub(super) fn pose_numbers(&self, report: &Report) -> Option<[f32; 7]> {
         let pose = self.pose(report.pose()?);
         // nalgebra keeps quaternions as x, y, z, w.
-        let (place, turn) = (pose.translation.vector, pose.rotation.coords);
-        let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w];
+        let (position, rotation) = (pose.translation.vector, pose.rotation.coords);
+        let numbers = [
+            position.x, position.y, position.z, rotation.x, rotation.y, rotation.z, rotation.w,
+        ];
         let all_finite = numbers.iter().all(|number| number.is_finite());
         all_finite.then_some(numbers)
     }
 
-    /// Yaw, pitch and roll of that pose, radians.
+    /// Yaw, pitch and roll of the pose, mirrored if configured, radians; `None` as for [`Self::pose_numbers`].
     #[cfg(feature = "wires")]
     pub(super) fn angles(&self, report: &Report) -> Option<[f32; 3]> {
         self.pose_numbers(report)?;
@@ -115,7 +118,7 @@ pub fn is_name(text: &str) -> bool {
     !text.is_empty() && text.len() <= LONGEST_NAME && text.chars().all(plain)
 }
 
-/// Names of all units, with either method of learning.
+/// Names of all units of both methods of learning.
 pub fn all_units() -> Vec<String> {
     let table = Units::shipped();
     let mut names: Vec<String> = Vec::new();
@@ -127,17 +130,22 @@ pub fn all_units() -> Vec<String> {
     names
 }
 
-/// Whether there is a unit of that name.
+/// Whether `name` is a unit.
 pub(crate) fn is_unit(name: &str) -> bool {
     all_units().iter().any(|known| known == name)
 }
 
-/// The reflection of a pose in the plane x = 0 of the sensor, of a head that is its own reflection.
+/// Reflects a pose in the sensor's plane x = 0, for a symmetric head.
 fn mirrored(pose: &Rigid) -> Rigid {
-    let (place, turn) = (pose.translation.vector, pose.rotation.coords);
+    let (position, rotation) = (pose.translation.vector, pose.rotation.coords);
     Rigid::from_parts(
-        nalgebra::Vector3::new(-place.x, place.y, place.z).into(),
-        Rotation::new_unchecked(nalgebra::Quaternion::new(turn.w, turn.x, -turn.y, -turn.z)),
+        nalgebra::Vector3::new(-position.x, position.y, position.z).into(),
+        Rotation::new_unchecked(nalgebra::Quaternion::new(
+            rotation.w,
+            rotation.x,
+            -rotation.y,
+            -rotation.z,
+        )),
     )
 }
 
@@ -163,7 +171,7 @@ mod tests {
             .iter()
             .map(|c| (c.source, c.gain))
             .collect();
-        // The gain belongs to what is shown; a side without its other stays.
+        // The gain belongs to the output unit; a unit without an opposite side is not swapped.
         let [mouth, eyes] = [
             [(0, 1.0), (2, 2.0), (1, 1.0), (3, 1.0)].as_slice(),
             &[(5, 1.0), (4, 1.0), (6, 1.0)],

@@ -1,5 +1,5 @@
-//! The pictures of a recording, and what the two kinds of recordings share. A file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG and JPEG where the program has
-//! decoders: the workstation's build, `--features studio`. Why a frame is skipped, and how that is told.
+//! Code shared by both kinds of recordings: reading picture files, errors, and the count of skipped frames. Formats: PGM (P5) and PPM
+//! (P6) of 8 or 16 bit; with the feature `studio` also PNG and JPEG.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -7,25 +7,25 @@ use std::path::{Path, PathBuf};
 use mien_stages::base::bounded_read::{self, reason};
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
-/// Bytes of a file besides its pixels.
-const HEADER_MOST: usize = 4096;
-/// Up to this many skipped frames are logged in full; after that only when their number has doubled.
+/// Most bytes of a file besides its pixels.
+const HEADER_MAX: usize = 4096;
+/// Number of skipped frames that are all logged; after that only at powers of two.
 const WARNINGS_IN_FULL: u64 = 10;
 
-/// Why a recording cannot be opened or written: the file, and what is wrong with it.
+/// Why a recording cannot be opened or written: the file and the problem.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {}", .0.display(), .1)]
 pub struct RecordingError(pub(super) PathBuf, pub(super) String);
 
 impl RecordingError {
-    /// Of a file that cannot be read or written.
-    pub(super) fn of_file(path: &Path, problem: &std::io::Error) -> Self {
+    /// The error for a file that cannot be read or written.
+    pub(super) fn from_io(path: &Path, problem: &std::io::Error) -> Self {
         let advice = "check the path, its permissions and the free space";
         Self(path.to_owned(), format!("{}; {advice}", reason(problem)))
     }
 }
 
-/// Place of what is nearest to a time in a list that is sorted by time; of two equally near the earlier.
+/// Index of the entry nearest to `time` in a list sorted by time; of two equally near the earlier.
 pub(super) fn nearest<T>(list: &[T], time: i64, time_of: impl Fn(&T) -> i64) -> Option<usize> {
     let after = list.partition_point(|one| time_of(one) < time);
     let near = after.saturating_sub(1)..list.len().min(after + 1);
@@ -51,12 +51,12 @@ pub(super) enum Damage {
     Value(u16),
 }
 
-/// Counts the frames that are skipped.
+/// Counts skipped frames.
 #[derive(Default)]
 pub(super) struct Skipped(pub(super) u64);
 
 impl Skipped {
-    /// One more, because of the file last touched.
+    /// Counts a frame skipped because of `file`, and logs it.
     pub(super) fn add(&mut self, frame: usize, file: &Path, damage: &Damage) {
         self.0 += 1;
         let Self(skipped) = self;
@@ -67,7 +67,7 @@ impl Skipped {
     }
 }
 
-/// A file's bytes.
+/// Reused buffers for reading picture files.
 pub(super) struct PictureFile {
     bytes: Vec<u8>,
     #[cfg(feature = "studio")]
@@ -77,34 +77,34 @@ pub(super) struct PictureFile {
 /// The pixels of a picture.
 pub(super) struct Pixels<'a> {
     columns: usize,
-    /// 1: grey, 3: RGB.
+    /// 1 = grey, 3 = RGB.
     pub(super) channels: usize,
-    /// 16 bit, the upper byte first.
-    pub(super) wide: bool,
+    /// Whether values have 16 bits, big endian, instead of 8.
+    pub(super) is_16_bit: bool,
     pub(super) body: &'a [u8],
 }
 
 impl Pixels<'_> {
-    /// A 16-bit number.
-    pub(super) fn wide_at(&self, at: usize) -> u16 {
+    /// The 16-bit value at index `at`.
+    pub(super) fn u16_at(&self, at: usize) -> u16 {
         u16::from_be_bytes([self.body[2 * at], self.body[2 * at + 1]])
     }
 
-    /// Brightness of one pixel, 0 to 255.
+    /// Luma of one pixel, 0…255; `white`: 16-bit value that becomes 255.
     fn luma(&self, pixel: usize, white: u32) -> u32 {
         let at = pixel * self.channels;
-        let value = |at: usize| match self.wide {
-            true => (u32::from(self.wide_at(at)) * 255 / white).min(255),
+        let value = |at: usize| match self.is_16_bit {
+            true => (u32::from(self.u16_at(at)) * 255 / white).min(255),
             false => self.body[at].into(),
         };
         match self.channels {
             1 => value(at),
-            // BT.601, as everywhere.
+            // BT.601, as in `kinect::colour`.
             _ => (77 * value(at) + 150 * value(at + 1) + 29 * value(at + 2) + 128) >> 8,
         }
     }
 
-    /// The brightness of `reduced`² pixels each, and beyond `kept` columns and rows the border's.
+    /// Luma averaged over blocks of `reduced`² pixels, for the given columns and rows; the border is repeated beyond them.
     pub(super) fn brightness(
         &self,
         reduced: usize,
@@ -133,16 +133,19 @@ impl Pixels<'_> {
 }
 
 impl PictureFile {
-    /// For pictures of so many bytes.
+    /// Buffers for pictures of up to `bytes` bytes.
     pub(super) fn new(bytes: usize) -> Self {
         Self {
-            bytes: Vec::with_capacity(bytes + HEADER_MOST),
+            bytes: Vec::with_capacity(bytes + HEADER_MAX),
             #[cfg(feature = "studio")]
             decoded: Vec::new(),
         }
     }
 
-    /// Reads a picture of a size. What follows its last pixel is ignored, as fakenect does.
+    /// Reads a picture of `size` columns and rows. Bytes after the last pixel are ignored, as in fakenect.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is damaged, or has another size.
     pub(super) fn read(&mut self, path: &Path, size: [usize; 2]) -> Result<Pixels<'_>, Damage> {
         self.bytes.clear();
         let most = self.bytes.capacity() as u64;
@@ -174,7 +177,7 @@ impl PictureFile {
         let picture = reader.decode().map_err(|_| Damage::Format)?;
         let found = [picture.width(), picture.height()].map(|n| n as usize);
         self.decoded.clear();
-        let (channels, wide) = match picture {
+        let (channels, is_16_bit) = match picture {
             _ if picture.color().has_color() => {
                 self.decoded.extend_from_slice(&picture.into_rgb8());
                 (3, false)
@@ -190,14 +193,14 @@ impl PictureFile {
                 (1, false)
             }
         };
-        pixels(&self.decoded, channels, wide, found, size)
+        pixels(&self.decoded, channels, is_16_bit, found, size)
     }
 }
 
 fn pixels(
     body: &[u8],
     channels: usize,
-    wide: bool,
+    is_16_bit: bool,
     found: [usize; 2],
     expected: [usize; 2],
 ) -> Result<Pixels<'_>, Damage> {
@@ -205,17 +208,17 @@ fn pixels(
         return Err(Damage::Size(expected, found));
     }
     let columns = found[0];
-    let bytes = columns * found[1] * channels * (1 + usize::from(wide));
+    let bytes = columns * found[1] * channels * (1 + usize::from(is_16_bit));
     let body = body.get(..bytes).ok_or(Damage::Short)?;
     Ok(Pixels {
         columns,
         channels,
-        wide,
+        is_16_bit,
         body,
     })
 }
 
-/// Channels, columns, rows and largest value of a PGM or PPM, and where its pixels begin.
+/// Channels, columns, rows and largest value of a PGM or PPM, and the offset of its pixels.
 fn netpbm(bytes: &[u8]) -> Option<([usize; 4], usize)> {
     let channels = match bytes.get(..2)? {
         b"P5" => 1,
@@ -237,7 +240,7 @@ fn netpbm(bytes: &[u8]) -> Option<([usize; 4], usize)> {
         at += digits;
     }
     let is_header = bytes.get(at)?.is_ascii_whitespace() && (1..=65535).contains(&header[3]);
-    // One byte ends a header; libfreenect's recorder writes a blank before it.
+    // One whitespace byte ends a header; libfreenect's recorder writes a blank before it.
     let end = 1 + usize::from(bytes[at..].starts_with(b" \n"));
     is_header.then_some((header, at + end))
 }

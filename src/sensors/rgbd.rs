@@ -3,46 +3,49 @@
 //! | file | holds |
 //! | --- | --- |
 //! | `depth.txt` | a line per depth picture: seconds, and its file; `#` begins a comment |
-//! | `rgb.txt` | the same of colour or infrared pictures; optional |
-//! | `camera.json` | size, focal lengths, centre and scale of both, and where one is from the other: [`calibration`] |
+//! | `rgb.txt` | the same for colour or infrared pictures; optional |
+//! | `camera.json` | size, focal lengths, centre and scale of both cameras, and the pose between them: [`calibration`] |
 //!
-//! Depth is 16 bit, 0 = none; pictures are grey of 8 or 16 bit or RGB of 8. Files are PGM or PPM, or PNG and JPEG where the program has
-//! decoders (`picture_file`). A depth picture goes with the other one nearest in time, at most half a period away; one without is
-//! a frame without a picture. Larger ones than [`WIDTH`] × [`HEIGHT`] are reduced by a whole number: depth is picked, so that no
-//! edge is smeared; brightness is averaged. A damaged frame is skipped with a warning and a count.
+//! Depth has 16 bits, 0 = none; pictures are grey of 8 or 16 bits or RGB of 8. Files are PGM or PPM, or with the feature `studio`
+//! PNG and JPEG (`picture_file`). A depth picture is paired with the other picture nearest in time, at most half a period away; a
+//! depth picture without one is a frame without colour. Pictures larger than [`WIDTH`] × [`HEIGHT`] are reduced by a whole factor:
+//! depth is subsampled, so that edges are not blurred; brightness is averaged. A damaged frame is skipped with a warning and a count.
 //!
-//! Memory: a file and a table of 131 kB; nothing is allocated per frame but by a PNG's decoder. Limitation: distortion of
-//! the depth camera's lens must have been taken out, as most cameras' software does.
+//! Memory: a file and a table of 131 kB; only PNG and JPEG decoders allocate per frame. Limitation: depth must be undistorted, as
+//! most cameras' software delivers it.
 
 mod calibration;
 
 use std::path::{Path, PathBuf};
 
-use super::camera::{Camera, Picture, Pinhole, RANGE_M};
+use super::camera::{Camera, ColourProjection, Pinhole, RANGE_M};
 use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
-use super::{Frame, NO_DEPTH};
-use calibration::{Calibration, View};
+use super::{Frame, NO_DEPTH, Sensor, SensorError, SensorState};
+use crate::kinect::frame::FrameSink;
+use calibration::{Calibration, Intrinsics};
 use mien_stages::base::bounded_read::{self, reason};
 use mien_stages::base::capacity::{HEIGHT, WIDTH};
 use mien_stages::base::time::Timestamp;
 
-/// Largest list of pictures and largest calibration, bytes.
-const LIST_MOST: usize = 1 << 26;
-const CALIBRATION_MOST: usize = 1 << 16;
+/// Largest list of pictures, bytes.
+const LIST_MAX: usize = 1 << 26;
+/// Largest calibration file, bytes.
+const CALIBRATION_MAX: usize = 1 << 16;
+/// Problem of a list's line without a usable time and file.
 const UNLISTED: Damage = Damage::Listed(
     "expected a time in seconds, later than in the line before, and a file in this folder",
 );
 
-/// One stream: its view as the frame has it, and what it takes to read a picture.
+/// One stream: size of its pictures, reduction, and file buffers.
 struct Stream {
     size: [usize; 2],
-    /// Pixels of the file to one of the frame.
+    /// File pixels per frame pixel, along each side.
     reduced: usize,
     file: PictureFile,
 }
 
 impl Stream {
-    fn new(view: &View) -> Self {
+    fn new(view: &Intrinsics) -> Self {
         let [columns, rows] = view.size();
         Self {
             size: view.size(),
@@ -52,12 +55,12 @@ impl Stream {
     }
 
     /// Columns and rows in the frame.
-    fn kept(&self) -> [usize; 2] {
+    fn frame_size(&self) -> [usize; 2] {
         self.size.map(|pixels| pixels / self.reduced)
     }
 
-    /// The view of the frame's picture; `within` a reduced pixel is what it stands for, pixels of the file.
-    fn pinhole(&self, view: &View, within: f32) -> Pinhole {
+    /// Pinhole of the reduced picture; `within`: position of a reduced pixel's centre in its block, file pixels.
+    fn pinhole(&self, view: &Intrinsics, within: f32) -> Pinhole {
         let (reduced, whole) = (self.reduced as f32, view.pinhole());
         Pinhole {
             focal: whole.focal.map(|focal| focal / reduced),
@@ -66,14 +69,14 @@ impl Stream {
     }
 }
 
-fn text(path: &Path, most: usize) -> Result<String, RecordingError> {
-    let bytes = bounded_read::regular(path, most).map_err(|problem| {
+fn read_text(path: &Path, most: usize) -> Result<String, RecordingError> {
+    let bytes = bounded_read::read_regular(path, most).map_err(|problem| {
         RecordingError(path.to_owned(), format!("cannot be read ({}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md", reason(problem)))
     })?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Raw depth by what a file says.
+/// Table of raw depth by file value.
 fn raw_values(camera: &Camera, metres_per_unit: f32) -> Box<[u16]> {
     let metres = (0..=u16::MAX).map(|value| f32::from(value) * metres_per_unit);
     let raw = metres.map(|z| match z {
@@ -83,7 +86,7 @@ fn raw_values(camera: &Camera, metres_per_unit: f32) -> Box<[u16]> {
     raw.collect()
 }
 
-/// A recording that is played.
+/// A recording being played.
 pub struct Rgbd {
     folder: PathBuf,
     index: Index,
@@ -93,19 +96,19 @@ pub struct Rgbd {
     pub camera: Camera,
     depth: Stream,
     picture: Stream,
-    /// Raw depth by what a file says.
+    /// Raw depth by file value.
     raw: Box<[u16]>,
     metres_per_unit: f32,
-    /// Whether that was looked at.
-    scaled: bool,
-    /// Value of a 16-bit picture that is shown as white.
+    /// Whether the scale has been checked on a picture.
+    scale_checked: bool,
+    /// Value of a 16-bit picture that becomes 255.
     white: u32,
     path: PathBuf,
 }
 
 impl Rgbd {
-    /// Whether `folder` is one.
-    pub fn is_in(folder: &Path) -> bool {
+    /// Whether `folder` has such a recording.
+    pub fn is_recording(folder: &Path) -> bool {
         folder.join("depth.txt").exists()
     }
 
@@ -114,20 +117,20 @@ impl Rgbd {
     /// # Errors
     /// If there is no list of depth pictures, or the calibration is missing or unusable.
     pub fn open(folder: &Path) -> Result<Self, RecordingError> {
-        let text = |name, most| text(&folder.join(name), most);
-        let calibration = Calibration::parse(&text("camera.json", CALIBRATION_MOST)?);
+        let text = |name, most| read_text(&folder.join(name), most);
+        let calibration = Calibration::parse(&text("camera.json", CALIBRATION_MAX)?);
         let calibration =
             calibration.map_err(|problem| RecordingError(folder.join("camera.json"), problem))?;
         let pictures = match folder.join("rgb.txt").try_exists() {
             Ok(false) => String::new(),
-            _ => text("rgb.txt", LIST_MOST)?,
+            _ => text("rgb.txt", LIST_MAX)?,
         };
-        let depths = text("depth.txt", LIST_MOST)?;
+        let depths = text("depth.txt", LIST_MAX)?;
         if let Some(problem) = misread_times(&depths) {
             return Err(RecordingError(folder.join("depth.txt"), problem));
         }
         let index = Index::parse(&depths, &pictures);
-        if let Some(problem) = index.apart() {
+        if let Some(problem) = index.pairing_problem() {
             tracing::warn!("{}: {problem}", folder.join("rgb.txt").display());
         }
         if index.depth.is_empty() {
@@ -139,57 +142,57 @@ impl Rgbd {
         }
         let (depth, picture) = (&calibration.depth, &calibration.colour);
         let streams = [depth, picture].map(Stream::new);
-        let [of_depth, of_picture] = &streams;
+        let [depth_stream, picture_stream] = &streams;
         let camera = Camera::metric(
-            of_depth.pinhole(depth, (of_depth.reduced / 2) as f32),
-            of_depth.kept(),
-            Picture::Pinhole {
+            depth_stream.pinhole(depth, (depth_stream.reduced / 2) as f32),
+            depth_stream.frame_size(),
+            ColourProjection::Pinhole {
                 distortion: picture.distortion,
-                view: of_picture.pinhole(picture, (of_picture.reduced - 1) as f32 * 0.5),
-                picture_from_sensor: calibration.colour_from_depth,
+                view: picture_stream.pinhole(picture, (picture_stream.reduced - 1) as f32 * 0.5),
+                colour_from_sensor: calibration.colour_from_depth,
             },
         );
         let raw = raw_values(&camera, depth.metres_per_unit);
         let metres_per_unit = depth.metres_per_unit;
-        let [depth, of_picture] = streams;
+        let [depth_stream, picture_stream] = streams;
         Ok(Self {
-            // Long enough for any name, so that no frame makes it grow.
+            // Capacity for usual file names, so that frames do not allocate.
             path: PathBuf::with_capacity(folder.as_os_str().len() + 256),
             folder: folder.to_owned(),
             index,
             next: 0,
             skipped: Skipped::default(),
             camera,
-            depth,
+            depth: depth_stream,
             white: picture.white,
-            picture: of_picture,
+            picture: picture_stream,
             raw,
             metres_per_unit,
-            scaled: false,
+            scale_checked: false,
         })
     }
 
-    /// Pixels of the files to one of the frames, along each side: of depth, and of pictures.
+    /// File pixels per frame pixel along each side: of depth, of pictures.
     pub fn reduced(&self) -> [usize; 2] {
         [self.depth.reduced, self.picture.reduced]
     }
 
-    /// Frames skipped so far because a file of theirs is damaged or missing.
+    /// Number of frames skipped so far because of a damaged or missing file.
     pub fn skipped(&self) -> u64 {
         self.skipped.0
     }
 
-    /// Depth pictures the list names, skipped ones included.
+    /// Number of depth pictures in the list, skipped ones included.
     pub fn frames(&self) -> usize {
         self.index.depth.len()
     }
 
-    /// Plays on from the depth picture of this number, as [`Frame::index`] counts.
-    pub fn go_to(&mut self, number: usize) {
+    /// Continues at the depth picture with this [`Frame::index`].
+    pub fn seek(&mut self, number: usize) {
         self.next = number.min(self.frames());
     }
 
-    /// Fills `frame` with the next whole frame; `false` at the end.
+    /// Fills `frame` with the next undamaged frame; `false` at the end.
     pub fn next_frame(&mut self, frame: &mut Frame) -> bool {
         while self.next < self.index.depth.len() {
             self.next += 1;
@@ -206,19 +209,19 @@ impl Rgbd {
             index, path, raw, ..
         } = self;
         let entry = &index.depth[at];
-        let place = |path: &mut PathBuf, name: &str| {
+        let set_path = |path: &mut PathBuf, name: &str| {
             path.clone_from(&self.folder);
             path.push(name);
         };
-        place(path, &entry.name);
+        set_path(path, &entry.name);
         let time_us = entry.time_us.ok_or(UNLISTED)?;
-        let ([columns, rows], reduced) = (self.depth.kept(), self.depth.reduced);
+        let ([columns, rows], reduced) = (self.depth.frame_size(), self.depth.reduced);
         let width = self.depth.size[0];
         let pixels = self.depth.file.read(path, self.depth.size)?;
-        if pixels.channels != 1 || !pixels.wide {
+        if pixels.channels != 1 || !pixels.is_16_bit {
             return Err(Damage::Kind("a 16-bit grey picture, as depth is"));
         }
-        if !std::mem::replace(&mut self.scaled, true)
+        if !std::mem::replace(&mut self.scale_checked, true)
             && let Some(problem) = misread_depth(&pixels, self.metres_per_unit)
         {
             let file = self.folder.join("camera.json");
@@ -229,35 +232,35 @@ impl Rgbd {
             let from = (row * reduced + reduced / 2) * width + reduced / 2;
             let out = &mut frame.depth[row * WIDTH..][..columns];
             for (col, out) in out.iter_mut().enumerate() {
-                *out = raw[usize::from(pixels.wide_at(from + col * reduced))];
+                *out = raw[usize::from(pixels.u16_at(from + col * reduced))];
             }
         }
         match entry.picture {
             Some(other) => {
-                place(path, &index.pictures[other].name);
-                let (kept, reduced) = (self.picture.kept(), self.picture.reduced);
+                set_path(path, &index.pictures[other].name);
+                let (frame_size, reduced) = (self.picture.frame_size(), self.picture.reduced);
                 let pixels = self.picture.file.read(path, self.picture.size)?;
-                pixels.brightness(reduced, kept, self.white, &mut frame.luma);
+                pixels.brightness(reduced, frame_size, self.white, &mut frame.luma);
                 frame.has_colour = true;
             }
             None => frame.drop_colour(),
         }
-        // Depth times rise from the first one, which is 0.
+        // Never negative: times start at 0 with the first depth picture and rise.
         (frame.index, frame.at) = (at as u64, Timestamp::from_us(time_us.unsigned_abs()));
         Ok(())
     }
 }
 
-/// Pictures are this far apart if there is only one, µs.
+/// Assumed period if there is only one picture, µs.
 const PERIOD_US: i64 = 33_333;
 
 /// A line of a list.
 #[derive(Clone, Debug, PartialEq)]
 struct Entry {
     name: String,
-    /// Since the first depth picture; `None` if the line has none or is not after the line before.
+    /// Time since the first depth picture, µs; `None` if it is missing or not later than the line before.
     time_us: Option<i64>,
-    /// The picture that goes with it, by its place in the other list.
+    /// Index of a depth picture's partner in the other list.
     picture: Option<usize>,
 }
 
@@ -265,32 +268,33 @@ struct Entry {
 struct Index {
     depth: Vec<Entry>,
     pictures: Vec<Entry>,
-    /// Time of the first picture, since the first depth picture.
+    /// Time of the first picture since the first depth picture, µs.
     picture_start: Option<i64>,
 }
 
-/// Time and name of every line that is no comment, as they stand.
-fn words(text: &str) -> impl Iterator<Item = (&str, &str)> {
+/// Time and file name of every line that is no comment, as text.
+fn fields(text: &str) -> impl Iterator<Item = (&str, &str)> {
     let lines = text.lines().map(str::trim);
     let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
     lines.map(|line| line.split_once(char::is_whitespace).unwrap_or(("", line)))
 }
 
-/// Units of time that lists are written in by mistake, and how many of them are a second.
+/// Units of time used by mistake in lists, and their number per second.
 const OTHER_UNITS: [(&str, f64); 3] = [
     ("nanoseconds", 1e9),
     ("microseconds", 1e6),
     ("milliseconds", 1e3),
 ];
-/// Pictures are never so far apart, seconds: nobody is followed from one to the next.
-const FARTHEST_S: f64 = 4.0;
-/// Share of the measured depth that must be in the range of depth cameras, and of the depth pictures that have another one.
-const IN_RANGE: f32 = 0.2;
-const PAIRED: f64 = 0.1;
+/// Largest plausible median period, seconds; larger ones indicate another unit of time.
+const PERIOD_MAX_S: f64 = 4.0;
+/// Smallest share of depth values that must be in the range of depth cameras.
+const IN_RANGE_SHARE: f32 = 0.2;
+/// Smallest share of depth pictures that must have a partner.
+const PAIRED_SHARE: f64 = 0.1;
 
-/// What times of a list are instead of seconds, if that can be told from them.
+/// The problem with the times of a list, if they are evidently not seconds.
 fn misread_times(text: &str) -> Option<String> {
-    if let Some((time, _)) = words(text).find(|(time, _)| {
+    if let Some((time, _)) = fields(text).find(|(time, _)| {
         let split = time.split_once(',');
         split.is_some_and(|(a, b)| a.parse::<u64>().is_ok() && b.parse::<u64>().is_ok())
     }) {
@@ -298,20 +302,20 @@ fn misread_times(text: &str) -> Option<String> {
             "expected seconds with a decimal point, found {time:?}; replace the commas"
         ));
     }
-    let times = words(text).filter_map(|(time, _)| time.parse::<f64>().ok());
+    let times = fields(text).filter_map(|(time, _)| time.parse::<f64>().ok());
     let times: Vec<f64> = times.filter(|time| time.is_finite()).collect();
-    let mut apart: Vec<f64> = times.windows(2).map(|two| two[1] - two[0]).collect();
-    apart.sort_unstable_by(f64::total_cmp);
-    let apart = *apart.get(apart.len() / 2)?;
+    let mut spacing: Vec<f64> = times.windows(2).map(|two| two[1] - two[0]).collect();
+    spacing.sort_unstable_by(f64::total_cmp);
+    let spacing = *spacing.get(spacing.len() / 2)?;
     let (unit, second) = OTHER_UNITS
         .into_iter()
-        .find(|(_, second)| apart / second >= 1e-3 && apart >= FARTHEST_S)?;
+        .find(|(_, second)| spacing / second >= 1e-3 && spacing >= PERIOD_MAX_S)?;
     Some(format!(
-        "expected seconds, found times {apart} apart, which look like {unit}; divide them by {second}"
+        "expected seconds, found times {spacing} apart, which look like {unit}; divide them by {second}"
     ))
 }
 
-/// What the scale of a depth picture is instead of its camera's, if that can be told from it.
+/// The problem with the scale of depth, if most values of a picture are out of range.
 fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
     let values = pixels
         .body
@@ -325,7 +329,7 @@ fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
         .iter()
         .filter(|&&value| (RANGE_M[0]..=RANGE_M[1]).contains(&metres(value)));
     let inside = inside.count() as f32 / values.len().max(1) as f32;
-    if inside >= IN_RANGE || values.is_empty() {
+    if inside >= IN_RANGE_SHARE || values.is_empty() {
         return None;
     }
     values.sort_unstable();
@@ -338,11 +342,10 @@ fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
     ))
 }
 
-/// Time in µs and name of every line that is no comment.
+/// Time (µs) and file name of every line that is no comment; no time if the file is outside of the folder.
 fn lines(text: &str) -> impl Iterator<Item = (Option<i64>, &str)> {
-    words(text).map(|(time, name)| {
+    fields(text).map(|(time, name)| {
         let seconds = time.parse().ok().filter(|s: &f64| s.abs() < 1e11);
-        // A recording names files of its own.
         let name = name.trim();
         let inside = !name.starts_with('/') && name.split(['/', '\\']).all(|part| part != "..");
         let seconds: Option<f64> = seconds.filter(|_| inside);
@@ -350,7 +353,7 @@ fn lines(text: &str) -> impl Iterator<Item = (Option<i64>, &str)> {
     })
 }
 
-/// The entries of a list, without partners; times are since `start`.
+/// The entries of a list, without partners; times are relative to `start`, µs.
 fn entries(text: &str, start: i64) -> Vec<Entry> {
     let mut last = None;
     let entries = lines(text).map(|(time, name)| {
@@ -366,10 +369,10 @@ fn entries(text: &str, start: i64) -> Vec<Entry> {
 }
 
 impl Index {
-    /// What keeps the two lists from going together, if hardly any depth picture has another one.
-    fn apart(&self) -> Option<String> {
+    /// The problem with pairing, if hardly any depth picture has a partner.
+    fn pairing_problem(&self) -> Option<String> {
         let paired = self.depth.iter().filter(|entry| entry.picture.is_some());
-        let enough = paired.count() as f64 >= PAIRED * self.depth.len() as f64;
+        let enough = paired.count() as f64 >= PAIRED_SHARE * self.depth.len() as f64;
         let seconds = self.picture_start? as f64 * 1e-6;
         (!enough).then(|| {
             format!("hardly any picture was taken at the time of one in depth.txt, and its times begin {seconds:.3} s later: are both from the same clock? Heads are tracked by depth alone")
@@ -383,21 +386,49 @@ impl Index {
         let mut periods: Vec<i64> = times.windows(2).map(|two| two[1] - two[0]).collect();
         periods.sort_unstable();
         let period = *periods.get(periods.len() / 2).unwrap_or(&PERIOD_US);
-        let others = pictures.iter().enumerate();
-        let others = others.filter_map(|(at, entry)| Some((entry.time_us?, at)));
-        let others: Vec<(i64, usize)> = others.collect();
+        let timed = pictures.iter().enumerate();
+        let timed = timed.filter_map(|(at, entry)| Some((entry.time_us?, at)));
+        let timed: Vec<(i64, usize)> = timed.collect();
         let partner = |time: i64| {
-            let (other, at) = others[nearest(&others, time, |other| other.0)?];
+            let (other, at) = timed[nearest(&timed, time, |other| other.0)?];
             ((other - time).abs() * 2 <= period).then_some(at)
         };
         for entry in &mut depth {
             entry.picture = entry.time_us.and_then(partner);
         }
         Self {
-            picture_start: others.first().map(|other| other.0),
+            picture_start: timed.first().map(|other| other.0),
             depth,
             pictures,
         }
+    }
+}
+
+impl Sensor for Rgbd {
+    fn next_frame(&mut self, into: &mut dyn FrameSink) -> Result<bool, SensorError> {
+        let (frame, original) = into.parts();
+        let more = Rgbd::next_frame(self, frame);
+        if let Some(original) = original {
+            original.set_grey(frame);
+        }
+        Ok(more)
+    }
+
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn state(&self) -> SensorState {
+        SensorState {
+            frames: self.frames(),
+            skipped: self.skipped(),
+            reduced: self.reduced(),
+            ..SensorState::default()
+        }
+    }
+
+    fn seek(&mut self, number: usize) {
+        Rgbd::seek(self, number);
     }
 }
 
@@ -424,31 +455,38 @@ mod tests {
         ];
         assert_eq!(known, expected);
         assert!(Index::parse("", "").depth.is_empty());
-        assert_eq!(index.apart(), None);
-        let told = Index::parse("10.0 d/0\n10.033 d/1\n", "900.5 r/0\n").apart();
-        assert!(told.expect("two clocks").contains("begin 890.500 s later"));
+        assert_eq!(index.pairing_problem(), None);
+        let problem = Index::parse("10.0 d/0\n10.033 d/1\n", "900.5 r/0\n").pairing_problem();
+        assert!(
+            problem
+                .expect("two clocks")
+                .contains("begin 890.500 s later")
+        );
     }
 
     #[test]
     fn times_that_are_no_seconds_are_named() {
-        let list = |first: f64, apart: f64| -> String {
+        let list = |first: f64, spacing: f64| -> String {
             (0..5)
-                .map(|k| format!("{} d/{k}\n", first + apart * f64::from(k)))
+                .map(|k| format!("{} d/{k}\n", first + spacing * f64::from(k)))
                 .collect()
         };
-        for (first, apart, unit) in [
+        for (first, spacing, unit) in [
             (0.0, 33.0, "milliseconds"),
             (1_763_720_000_000.0, 33.0, "milliseconds"),
             (0.0, 33_333.0, "microseconds"),
             (1.76e18, 33_333_333.0, "nanoseconds"),
         ] {
-            let told = misread_times(&list(first, apart)).expect(unit);
-            assert!(told.contains(unit), "{told}");
+            let problem = misread_times(&list(first, spacing)).expect(unit);
+            assert!(problem.contains(unit), "{problem}");
         }
-        let told = misread_times("10,033 d/0\n10,066 d/1\n").expect("commas");
-        assert!(told.contains("decimal point, found \"10,033\""), "{told}");
-        for (first, apart) in [(1_305_031_102.16, 0.033), (0.0, 1.0), (0.0, 0.004)] {
-            assert_eq!(misread_times(&list(first, apart)), None);
+        let problem = misread_times("10,033 d/0\n10,066 d/1\n").expect("commas");
+        assert!(
+            problem.contains("decimal point, found \"10,033\""),
+            "{problem}"
+        );
+        for (first, spacing) in [(1_305_031_102.16, 0.033), (0.0, 1.0), (0.0, 0.004)] {
+            assert_eq!(misread_times(&list(first, spacing)), None);
         }
     }
 }

@@ -1,32 +1,32 @@
-//! The simulated sensor as a source: the virtual Kinect in front of a simulated person. Its frames go through the packets and
-//! the driver of the real one, at 30 per second by the same counter, so that a run and the replay of its recording agree in
-//! every timestamp and pixel.
+//! The simulated sensor as a source: a virtual Kinect in front of simulated people. Frames pass through the real one's packets and
+//! driver, at 30 Hz by the same counter, so that a run and the replay of its recording agree in every time stamp and pixel.
 //!
-//! Cost of going through packets: about a millisecond per frame, a tenth of rendering it.
+//! Cost of the packets: about a millisecond per frame, a tenth of rendering.
 
-use super::virtual_head::{HeadAsset, Look, Scene, Simulator, Truth};
-use super::virtual_kinect::{STEP, View, VirtualKinect};
+use super::virtual_head::{Appearance, HeadAsset, Scene, Simulator, Truth};
+use super::virtual_kinect::{FrameSource, STEP, VirtualKinect};
 use mien_sensors::kinect::device::Model;
-use mien_sensors::kinect::driver::{Kinect, Settings, develop};
-use mien_sensors::kinect::frame::{Developed, KinectFrame};
+use mien_sensors::kinect::driver::{Kinect, Settings, unpack_into};
+use mien_sensors::kinect::frame::{FrameSink, KinectFrame};
 use mien_sensors::kinect::pairing::RawPair;
 use mien_sensors::kinect::picture_clock::{FRAME_TICKS, PictureClock, timestamp_from_ticks};
 use mien_sensors::kinect::registration::Registration;
+use mien_sensors::{Sensor, SensorError, SensorState};
 use mien_stages::base::nearest_word::hint;
 use mien_stages::camera::Camera;
 
-/// Seed of the scene's movements and noise: every run is the same.
+/// Seed of movements and noise; every run is the same.
 const SEED: u64 = 1;
-/// Serial number of the sensor that does not exist.
+/// Serial number of the virtual sensor.
 const SERIAL: &str = "simulated";
 
-/// What the virtual Kinect sees: the simulator's frames, stamped.
+/// Source of the virtual Kinect: the simulator's frames with time stamps.
 struct Drawn {
     simulator: Simulator,
     frames: u64,
 }
 
-impl View for Drawn {
+impl FrameSource for Drawn {
     fn draw(&mut self, frame: &mut KinectFrame) -> bool {
         let ticks = self.frames * FRAME_TICKS.cast_unsigned();
         let at = timestamp_from_ticks(ticks.cast_signed());
@@ -44,7 +44,7 @@ impl View for Drawn {
 #[error("expected one of the scenes {}, found {}{}", scene_names(), .0, hint(.0, Scene::NAMES.iter().map(|s| s.0)))]
 pub struct UnknownScene(pub String);
 
-/// A simulated sensor that is running. Never ends.
+/// A running simulated sensor; its frames never end.
 pub struct Simulated {
     kinect: Kinect<VirtualKinect<Drawn>>,
     pair: RawPair,
@@ -52,7 +52,7 @@ pub struct Simulated {
 }
 
 impl Simulated {
-    /// Starts a scene by its name; without one, [`Scene::Demo`].
+    /// Starts the scene of this name, by default [`Scene::Demo`].
     ///
     /// # Errors
     /// If there is no scene of that name.
@@ -60,13 +60,13 @@ impl Simulated {
         let scene = Self::scene(scene)?;
         let simulator = Simulator::new(HeadAsset::shipped(), scene, SEED);
         Ok(Self::from(if scene == Scene::Demo {
-            simulator.dressed([Look::demonstration()])
+            simulator.dressed([Appearance::demonstration()])
         } else {
             simulator
         }))
     }
 
-    /// The scene of a name; without one, [`Scene::Demo`].
+    /// The scene of this name, by default [`Scene::Demo`].
     ///
     /// # Errors
     /// If there is no scene of that name.
@@ -77,7 +77,7 @@ impl Simulated {
     }
 
     /// Fills `frame` with the next one.
-    pub fn next_frame(&mut self, frame: &mut impl Developed) {
+    pub fn next_frame(&mut self, frame: &mut impl FrameSink) {
         let Self {
             kinect,
             pair,
@@ -87,22 +87,22 @@ impl Simulated {
         while !filled {
             let polled = kinect.poll(STEP, |paired| {
                 paired.swap_into(pair);
-                develop(pair, clock, frame);
+                unpack_into(pair, clock, frame);
                 filled = true;
             });
             polled.expect("the virtual Kinect has no faults and its scene no end");
         }
     }
 
-    /// What the last frame shows; `None` if nobody is there.
+    /// Truth of the last frame's first person; `None` if nobody is there.
     pub fn truth(&self) -> Option<&Truth> {
         // The next frame is drawn only when its first packet is due.
         self.simulator().truths().flatten().next()
     }
 
-    /// What draws the frames.
+    /// The simulator that draws the frames.
     pub fn simulator(&self) -> &Simulator {
-        &self.kinect.source.player.view.simulator
+        &self.kinect.source.player.source.simulator
     }
 
     /// Geometry of the virtual Kinect.
@@ -116,8 +116,27 @@ impl Simulated {
     }
 }
 
+impl Sensor for Simulated {
+    fn next_frame(&mut self, mut into: &mut dyn FrameSink) -> Result<bool, SensorError> {
+        Simulated::next_frame(self, &mut into);
+        Ok(true)
+    }
+
+    fn camera(&self) -> &Camera {
+        Simulated::camera(self)
+    }
+
+    fn state(&self) -> SensorState {
+        SensorState::default()
+    }
+
+    fn registration(&self) -> Option<&Registration> {
+        Some(Simulated::registration(self))
+    }
+}
+
 impl From<Simulator> for Simulated {
-    /// Any head, scene and light.
+    /// A sensor with any head, scene and light.
     fn from(simulator: Simulator) -> Self {
         let drawn = Drawn {
             simulator,

@@ -1,14 +1,11 @@
-//! The device side: a Kinect that exists only as bytes.
+//! A virtual Kinect, for running the driver without a device.
 //!
-//! * [`VirtualCamera`]: answers commands from registers and calibration blocks, as the camera does (one empty reply before
-//!   each true one, so that polling is exercised).
-//! * [`Player`]: cuts the frames of a scene into packets and spreads them over the picture's time.
-//! * [`VirtualKinect`]: both as a [`PacketSource`] in this process, in virtual time: each poll lets one millisecond pass. The
-//!   whole driver runs on top of it unchanged.
+//! * [`VirtualCamera`]: answers commands from registers and calibration blocks like a camera, with an empty reply before each real
+//!   one, so that polling is exercised.
+//! * [`Player`]: cuts the frames of a [`FrameSource`] into packets and spreads them over the picture's time.
+//! * [`VirtualKinect`]: both as a [`PacketSource`] in virtual time: each poll takes one millisecond. The driver runs on it unchanged.
 //!
-//! What it sees is any [`View`]; it fills depth, Bayer and stamps, and returns false when it has ended (the device is then
-//! gone). Limitations: only the formats the driver uses; nothing is simulated below the packet (no bus errors:
-//! tests inject those).
+//! When the source ends, the device is gone. Limitations: only the formats of the driver; no bus errors (tests inject those).
 
 use core::time::Duration;
 
@@ -19,31 +16,31 @@ mod camera;
 mod player;
 
 pub use camera::VirtualCamera;
-pub use player::{Player, View};
+pub use player::{FrameSource, Player};
 
 /// A whole Kinect in this process, in virtual time.
 pub struct VirtualKinect<D> {
     /// Registers and motor.
     pub camera: VirtualCamera,
-    /// What is being sent.
+    /// The frames being sent.
     pub player: Player<D>,
     serial: String,
     now: Duration,
-    /// Transfers in flight, by stream.
+    /// Whether transfers are in flight, by stream.
     polled: [bool; 2],
 }
 
-/// What passes at each poll, at most.
+/// Longest virtual time that passes in a poll.
 pub const STEP: Duration = Duration::from_millis(1);
-/// 30 pictures a second.
+/// Time between pictures at 30 Hz.
 pub const PERIOD: Duration = Duration::from_nanos(33_333_333);
 
-impl<D: View> VirtualKinect<D> {
-    /// A `model` with the usual calibration that sees `view`.
-    pub fn new(model: Model, serial: &str, view: D) -> Self {
+impl<D: FrameSource> VirtualKinect<D> {
+    /// A `model` with the nominal calibration that sends the frames of `source`.
+    pub fn new(model: Model, serial: &str, source: D) -> Self {
         Self {
             camera: VirtualCamera::new(model, Registration::default()),
-            player: Player::new(view, PERIOD),
+            player: Player::new(source, PERIOD),
             serial: serial.to_owned(),
             now: Duration::ZERO,
             polled: [false; 2],
@@ -51,7 +48,7 @@ impl<D: View> VirtualKinect<D> {
     }
 }
 
-impl<D: View> PacketSource for VirtualKinect<D> {
+impl<D: FrameSource> PacketSource for VirtualKinect<D> {
     fn model(&self) -> Model {
         self.camera.model
     }
@@ -77,8 +74,8 @@ impl<D: View> PacketSource for VirtualKinect<D> {
             }
             Request::Audio(message) if !has_motor => camera.audio_write(message),
             Request::AudioAnswer(to) if !has_motor => {
-                let said = camera.audio.pop_front().ok_or(DeviceError::TimedOut)?;
-                return Ok(answer(said, to));
+                let message = camera.audio.pop_front().ok_or(DeviceError::TimedOut)?;
+                return Ok(answer(message, to));
             }
             _ => return Err(DeviceError::NoMotor),
         }

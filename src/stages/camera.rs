@@ -1,12 +1,12 @@
-//! Geometry of both cameras of a sensor: raw depth to metres, pixels to points, points to pixels of the grey picture.
+//! Geometry of both cameras of a sensor: raw depth to metres, pixels to points, points to pixels of the grey image.
 //!
-//! A sensor's own driver or file makes a [`Camera`] of what it knows: a table of distances, linear in 1/z, so that its steps
-//! are finest near the sensor; the depth camera's view; and how the grey picture is found from it ([`Picture`]): as another
-//! pinhole camera nearby, or by the polynomial that the device was calibrated with.
+//! A sensor's driver or calibration file builds a [`Camera`] from a table of distances (linear in 1/z, so steps are finest near
+//! the sensor), the depth camera's intrinsics, and the mapping to the grey image ([`ColourProjection`]): a second pinhole camera,
+//! or the polynomial from the device's calibration.
 //!
 //! Frames and units: sensor frame in metres ([`crate::base::geometry`]); pixel centres are integers. Memory: 8 kB on the heap,
-//! built once. Cost: `colour_pixel` about 40 multiplications. Degenerate: a raw value without a distance gives 0; a point at
-//! z ≤ 0 projects to nothing useful (the result may be infinite). Limitation: no lens distortion of the depth camera.
+//! built once. Cost: `colour_pixel` about 40 multiplications. Degenerate: a raw value without a distance gives 0; the projection
+//! of a point at z ≤ 0 is undefined (possibly infinite). Limitation: no lens distortion of the depth camera.
 
 use crate::base::capacity::RAW_DEPTH_VALUES;
 use crate::base::geometry::{Point, Rigid};
@@ -15,12 +15,12 @@ use crate::base::prelude::*;
 /// Nearest and farthest distance of [`Camera::metric`], metres.
 pub const RANGE_M: [f32; 2] = [0.3, 10.0];
 
-/// A view through a pinhole. Pixels.
+/// Pinhole intrinsics, pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pinhole {
     /// Focal lengths along column and row.
     pub focal: [f32; 2],
-    /// Column and row of the optical axis.
+    /// Principal point: column and row.
     pub centre: [f32; 2],
 }
 
@@ -31,13 +31,13 @@ impl Pinhole {
     }
 }
 
-/// A lens's radial and tangential distortion: k1, k2, p1, p2, k3 of Brown and Conrady, as OpenCV has them.
+/// Radial and tangential lens distortion (Brown–Conrady): k1, k2, p1, p2, k3 in OpenCV's order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Deserialize)]
 pub struct Distortion(pub [f32; 5]);
 
 impl Distortion {
-    /// Where the lens shows a point with z > 0, as one at z = 1.
-    pub fn bent(&self, p: &Point) -> Point {
+    /// Distorted normalised coordinates of a point with z > 0, at z = 1.
+    pub fn distorted(&self, p: &Point) -> Point {
         let [k1, k2, p1, p2, k3] = self.0;
         let (x, y) = (p.x / p.z, p.y / p.z);
         let r = x * x + y * y;
@@ -50,23 +50,23 @@ impl Distortion {
     }
 }
 
-/// Where the grey picture shows what the depth camera sees.
+/// Mapping from the depth camera to the grey image.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Picture {
-    /// A camera of its own.
+pub enum ColourProjection {
+    /// A second camera.
     Pinhole {
-        /// Its view.
+        /// Its intrinsics.
         view: Pinhole,
-        /// Its lens.
+        /// Its lens distortion.
         distortion: Distortion,
-        /// The sensor frame, which is the depth camera's, to its frame.
-        picture_from_sensor: Rigid,
+        /// From the sensor frame (the depth camera's) to its frame, metres.
+        colour_from_sensor: Rigid,
     },
-    /// A polynomial of the depth picture's pixels, and a shift along the row for the baseline.
+    /// A polynomial in depth pixels, and a shift along the row for the baseline.
     Polynomial {
-        /// Displacement of column and row.
+        /// Displacement of column and row, pixels.
         displacement: Box<[Cubic; 2]>,
-        /// Columns at infinity, and their change with 1/z.
+        /// Shift of the column at infinity, pixels, and its change with 1/z, pixel metres.
         shift: [f64; 2],
     },
 }
@@ -77,7 +77,7 @@ pub struct Cubic(pub [[f64; 4]; 4]);
 
 impl Cubic {
     /// Its value at a pixel.
-    pub fn at(&self, col: f64, row: f64) -> f64 {
+    pub fn value(&self, col: f64, row: f64) -> f64 {
         let [t0, t1, t2, t3] = &self.0;
         let n = row + 1.0;
         let c0 = ((t0[3] * n + t0[2]) * n + t0[1]) * n + t0[0];
@@ -87,26 +87,27 @@ impl Cubic {
     }
 }
 
-/// Geometry of both cameras in the form the stages use: continuous and differentiable.
+/// Geometry of both cameras; its maps are continuous and differentiable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     metres: Box<[f32; RAW_DEPTH_VALUES]>,
-    /// Raw depth at infinity, and its fall with 1/z.
+    /// `[far, near]` of `raw = far - near / z`; z in metres.
     raw: [f64; 2],
     depth: Pinhole,
-    /// Columns and rows of the depth picture.
+    /// Columns and rows of the depth image.
     size: [usize; 2],
-    picture: Picture,
+    colour: ColourProjection,
 }
 
 impl Camera {
-    /// Of a sensor whose raw depth is `far - near / z`, and who tells the metres of raw values: 0 = none.
+    /// For a sensor with raw depth `raw[0] - raw[1] / z`; `metres` gives the distance of a raw value, 0 for none. `size`: columns and
+    /// rows of the depth image.
     pub fn new(
         metres: impl Fn(f64) -> f64,
         raw: [f64; 2],
         depth: Pinhole,
         size: [usize; 2],
-        picture: Picture,
+        colour: ColourProjection,
     ) -> Self {
         let mut table = vec![0.0; RAW_DEPTH_VALUES];
         // The last value means "none" and keeps its zero.
@@ -114,21 +115,21 @@ impl Camera {
             *slot = metres(raw as f64) as f32;
         }
         Self {
-            metres: table.try_into().expect("a value each"),
+            metres: table.try_into().expect("RAW_DEPTH_VALUES long"),
             raw,
             depth,
             size,
-            picture,
+            colour,
         }
     }
 
-    /// Of a sensor that measures metres: raw values divide [`RANGE_M`] in equal steps of 1/z, 1.6 mm at 1 m.
-    pub fn metric(depth: Pinhole, size: [usize; 2], picture: Picture) -> Self {
+    /// For a sensor that measures metres: raw values divide [`RANGE_M`] in equal steps of 1/z (1.6 mm at 1 m).
+    pub fn metric(depth: Pinhole, size: [usize; 2], colour: ColourProjection) -> Self {
         let [near, far] = RANGE_M.map(|m| 1.0 / f64::from(m));
         let last = (RAW_DEPTH_VALUES - 2) as f64;
         let per = last / (near - far);
         let metres = |raw: f64| per / (near * per - raw);
-        Self::new(metres, [near * per, per], depth, size, picture)
+        Self::new(metres, [near * per, per], depth, size, colour)
     }
 
     /// Focal length of the depth camera, pixels.
@@ -136,7 +137,7 @@ impl Camera {
         self.depth.focal[0]
     }
 
-    /// Columns and rows of the depth picture.
+    /// Columns and rows of the depth image.
     pub fn depth_size(&self) -> [usize; 2] {
         self.size
     }
@@ -146,10 +147,10 @@ impl Camera {
         self.metres.get(usize::from(raw)).copied().unwrap_or(0.0)
     }
 
-    /// The raw value, not rounded, of a distance `z` > 0 in metres: the inverse of [`Self::depth_m`].
+    /// Unrounded raw value of a distance `z` > 0 in metres: the inverse of [`Self::depth_m`].
     ///
     /// ```
-    /// let camera = mien::sensor::kinect::geometry::nominal();
+    /// let camera = mien_sensors::kinect::geometry::nominal();
     /// assert!((camera.raw_from_m(camera.depth_m(700)) - 700.0).abs() < 0.01);
     /// ```
     pub fn raw_from_m(&self, z: f32) -> f32 {
@@ -157,42 +158,42 @@ impl Camera {
         (far - near / f64::from(z)) as f32
     }
 
-    /// Raw values that a difference in 1/z is worth, at least 1; `per_m` in 1/m.
+    /// Number of raw steps in a difference of 1/z, at least 1; `per_m` in 1/m.
     pub fn raw_steps(&self, per_m: f32) -> u16 {
         (self.raw[1] * f64::from(per_m)).round().max(1.0) as u16
     }
 
-    /// Depth pixels of a solid angle, steradians.
-    pub fn pixels_of(&self, solid_angle: f32) -> u32 {
+    /// Number of depth pixels in a solid angle (steradians).
+    pub fn pixels_in_solid_angle(&self, solid_angle: f32) -> u32 {
         (solid_angle * self.depth.focal[0] * self.depth.focal[1]).round() as u32
     }
 
-    /// The point seen by a depth pixel at distance `z` metres, sensor frame.
+    /// Back-projects a depth pixel at depth `z`: a point in the sensor frame, metres.
     pub fn point(&self, col: f32, row: f32, z: f32) -> Point {
         let Pinhole { focal, centre, .. } = &self.depth;
         let (x, y) = (z / focal[0], z / focal[1]);
         Point::new((col - centre[0]) * x, (row - centre[1]) * y, z)
     }
 
-    /// Depth pixel (column, row) of a point of the sensor frame with z > 0.
+    /// Depth pixel (column, row) of a point with z > 0, sensor frame, metres.
     pub fn depth_pixel(&self, p: &Point) -> [f32; 2] {
         self.depth.pixel(p)
     }
 
-    /// Pixel (column, row) of the grey picture of a point of the sensor frame with z > 0. Smooth.
+    /// Grey pixel (column, row) of a point with z > 0, sensor frame, metres.
     pub fn colour_pixel(&self, p: &Point) -> [f32; 2] {
-        match &self.picture {
-            Picture::Pinhole {
+        match &self.colour {
+            ColourProjection::Pinhole {
                 view,
                 distortion,
-                picture_from_sensor,
-            } => view.pixel(&distortion.bent(&(picture_from_sensor * p))),
-            Picture::Polynomial {
+                colour_from_sensor,
+            } => view.pixel(&distortion.distorted(&(colour_from_sensor * p))),
+            ColourProjection::Polynomial {
                 displacement,
                 shift: [far, near],
             } => {
                 let [col, row] = self.depth_pixel(p).map(f64::from);
-                let [dx, dy] = [0, 1].map(|axis| displacement[axis].at(col, row));
+                let [dx, dy] = [0, 1].map(|axis| displacement[axis].value(col, row));
                 let shift = far + near / f64::from(p.z);
                 [(col + dx + 1.0 + shift) as f32, (row + dy + 1.0) as f32]
             }
@@ -206,27 +207,27 @@ mod tests {
     use crate::base::capacity::{HEIGHT, WIDTH};
 
     impl Default for Camera {
-        /// A depth camera 58° wide whose grey picture is the same view.
+        /// A depth camera 58° wide whose grey image is the same view.
         fn default() -> Self {
             let view = Pinhole {
                 focal: [576.0; 2],
                 centre: [320.0, 240.0],
             };
-            let picture_from_sensor = Rigid::identity();
+            let colour_from_sensor = Rigid::identity();
             Self::metric(
                 view,
                 [WIDTH, HEIGHT],
-                Picture::Pinhole {
+                ColourProjection::Pinhole {
                     view,
                     distortion: Distortion::default(),
-                    picture_from_sensor,
+                    colour_from_sensor,
                 },
             )
         }
     }
 
     #[test]
-    fn metric_depth_is_finer_than_a_head_moves_and_comes_back() {
+    fn metric_depth_round_trips_with_small_steps() {
         let camera = Camera::default();
         assert_eq!(camera.depth_m(0), RANGE_M[0]);
         for raw in 1..RAW_DEPTH_VALUES as u16 - 1 {
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_is_a_point_and_back_in_both_pictures() {
+    fn pixels_and_points_round_trip_in_both_images() {
         let depth = Pinhole {
             focal: [365.0, 366.0],
             centre: [256.0, 212.0],
@@ -248,14 +249,14 @@ mod tests {
             focal: [600.0, 601.0],
             ..depth
         };
-        let picture_from_sensor = Rigid::translation(-0.052, 0.0, 0.0);
+        let colour_from_sensor = Rigid::translation(-0.052, 0.0, 0.0);
         let camera = Camera::metric(
             depth,
             [512, 424],
-            Picture::Pinhole {
+            ColourProjection::Pinhole {
                 view,
                 distortion: Distortion::default(),
-                picture_from_sensor,
+                colour_from_sensor,
             },
         );
         let p = camera.point(100.0, 50.0, 0.8);
@@ -270,10 +271,10 @@ mod tests {
     }
 
     #[test]
-    fn a_lens_bends_as_opencv_says() {
+    fn distortion_equals_opencv() {
         // cv2.projectPoints, fx = fy = 600, cx = 320, cy = 240.
         let lens = Distortion([-0.2, 0.1, 0.001, -0.002, 0.05]);
-        let p = lens.bent(&Point::new(0.2, -0.1, 0.8));
+        let p = lens.distorted(&Point::new(0.2, -0.1, 0.8));
         let (col, row) = (320.0 + 600.0 * p.x, 240.0 + 600.0 * p.y);
         assert!((col - 467.4701).abs() < 1e-3 && (row - 166.2649).abs() < 1e-3);
     }

@@ -1,4 +1,4 @@
-//! What every sensor gives: one depth image and the intensity image that goes with it.
+//! One frame of a sensor: a depth image and the intensity image paired with it.
 
 use crate::base::capacity::PIXELS;
 use crate::base::prelude::*;
@@ -7,30 +7,31 @@ use crate::base::time::Timestamp;
 /// Raw depth of a pixel without a measurement.
 pub const NO_DEPTH: u16 = 2047;
 
-/// Grey levels that a picture of nothing may differ by.
+/// Largest difference of grey levels in a blank image (covered lens).
 const BLANK_LEVELS: u8 = 4;
 
-/// One depth picture and the grey picture that goes with it, if any, as the cameras deliver them: registered to nothing.
-/// Both stand in the upper left corner of a rectangle of [`PIXELS`]; beyond a smaller one there is no depth, and its border is
-/// repeated. Big (0.9 MB): owned once, handed by reference.
+/// One depth image and the grey image paired with it, if any, unregistered.
+///
+/// Both are row-major with a stride of [`crate::base::capacity::WIDTH`] pixels. A smaller image fills the upper left corner;
+/// beyond it depth is [`NO_DEPTH`] and the grey image repeats its border. Large (0.9 MB): owned once, passed by reference.
 #[derive(Clone)]
 pub struct Frame {
-    /// Number of the depth picture, from 0: in a recording among all its entries, live among all whole ones since the start.
+    /// Number of the depth image, from 0: its entry in a recording, or the complete images since the start when live.
     pub index: u64,
-    /// Capture time of the depth picture, counted from the first one of the stream.
+    /// Capture time of the depth image, from the first one of the stream.
     pub at: Timestamp,
-    /// Whether a grey picture goes with it; without, `luma` is black.
+    /// Whether there is a grey image; if not, `luma` is 0 everywhere.
     pub has_colour: bool,
-    /// Raw depth, row by row: grows with the distance, which [`crate::camera::Camera::depth_m`] tells; [`NO_DEPTH`] = none.
+    /// Raw depth, increasing with distance; [`crate::camera::Camera::depth_m`] converts it to metres. [`NO_DEPTH`] = no measurement.
     pub depth: Box<[u16; PIXELS]>,
-    /// Brightness of the colour or infrared picture.
+    /// Intensity of the colour or infrared image, 0 to 255.
     pub luma: Box<[u8; PIXELS]>,
 }
 
 impl Frame {
-    /// Whether there is a picture that could show a face, and not one grey all over as of a covered lens.
-    pub fn has_picture(&self) -> bool {
-        // A few hundred pixels all over it.
+    /// Whether there is a grey image with contrast; false for a covered lens.
+    pub fn has_image(&self) -> bool {
+        // 331 pixels spread over the image.
         let (mut least, mut most) = (u8::MAX, 0);
         for &luma in self.luma.iter().step_by(PIXELS / 331) {
             (least, most) = (least.min(luma), most.max(luma));
@@ -38,7 +39,7 @@ impl Frame {
         self.has_colour && most.saturating_sub(least) > BLANK_LEVELS
     }
 
-    /// Takes the grey picture away.
+    /// Removes the grey image.
     pub fn drop_colour(&mut self) {
         if core::mem::take(&mut self.has_colour) {
             self.luma.fill(0);

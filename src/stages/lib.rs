@@ -1,4 +1,4 @@
-//! The stages: from a [`frame::Frame`] to heads, poses, landmarks, measures, ranges and weights, and to who they are of.
+//! The stages: from a [`frame::Frame`] to head clouds, poses, landmarks, measures, ranges, unit weights and user identity.
 //!
 //! ```text
 //!  frame, camera ─► segment ─► pose ─► landmarks ─► expression ─► users

@@ -10,11 +10,11 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::register_font;
 
-/// One curve; a gap where there is no value.
+/// One curve, with gaps where values are missing.
 pub struct Curve {
     /// Legend.
     pub name: String,
-    /// One value per place on the plot's x axis.
+    /// One value per x coordinate of the plot.
     pub values: Vec<Option<f64>>,
 }
 
@@ -22,7 +22,7 @@ pub struct Curve {
 pub struct Plot {
     /// Heading; not drawn.
     pub title: String,
-    /// Places on the x axis, ascending.
+    /// X coordinates, ascending.
     pub x: Vec<f64>,
     /// Name and unit of the x axis.
     pub x_name: String,
@@ -32,7 +32,7 @@ pub struct Plot {
     pub at_least: Option<(f64, f64)>,
 }
 
-/// Colours of curves, told apart also by the colour-blind (Okabe & Ito 2008).
+/// Colours of curves, distinguishable by the colour-blind (Okabe & Ito 2008).
 const CURVES: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -45,12 +45,12 @@ const CURVES: [RGBColor; 7] = [
 
 /// Size of a plot, pixels.
 const PLOT: (u32, u32) = (900, 190);
-/// Places on the x axis that a plot resolves; longer curves are drawn by their extremes.
-const MOST_PLACES: usize = 1600;
-/// An SVG is drawn this much larger, because its backend rounds to whole pixels.
+/// Most points that a plot resolves; longer curves are drawn by their extremes.
+const MAX_POINTS: usize = 1600;
+/// Oversampling of an SVG, whose backend rounds to whole pixels.
 const FINER: u32 = 4;
 
-/// Letters of a height in pixels.
+/// A text style of a height in pixels.
 fn letters(size: u32, colour: RGBColor) -> TextStyle<'static> {
     static FONT: Once = Once::new();
     FONT.call_once(|| {
@@ -76,7 +76,7 @@ pub fn text_width(size: u32, words: &str) -> u32 {
     measured.expect("the font is compiled in").0
 }
 
-/// Lowest and highest of finite values.
+/// Smallest and largest of finite values.
 fn extremes(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     let values = values.into_iter().filter(|v| v.is_finite());
     values
@@ -84,7 +84,7 @@ fn extremes(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
         .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
-/// Ends of an axis that shows these values, never equal.
+/// Limits of an axis that shows these values, never equal.
 pub(crate) fn span(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     match extremes(values) {
         Some((low, high)) if low < high => (low, high),
@@ -96,13 +96,13 @@ pub(crate) fn span(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
 impl Plot {
     /// Runs of connected points of a curve.
     fn runs(&self, curve: &Curve) -> Vec<Vec<(f64, f64)>> {
-        let bucket = self.x.len().div_ceil(MOST_PLACES).max(1);
+        let bucket = self.x.len().div_ceil(MAX_POINTS).max(1);
         let mut runs = vec![Vec::new()];
         for (xs, values) in self.x.chunks(bucket).zip(curve.values.chunks(bucket)) {
             let whole = values.iter().flatten().all(|v| v.is_finite());
             let known = extremes(values.iter().copied().flatten());
             match known.filter(|_| whole && values.iter().all(Option::is_some)) {
-                // Both, so that a blink of one frame is seen in an hour's curve.
+                // Both extremes, so that a blink of one frame remains visible in an hour's curve.
                 Some((low, high)) => {
                     let run = runs.last_mut().expect("never empty");
                     run.push((xs[0], low));

@@ -1,4 +1,4 @@
-//! The command line of the workstation: words to calls. Help, manual page and completions come from what is declared here.
+//! The command line of `mien-studio`. Help, manual page and completions are generated from the declarations here.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -222,12 +222,12 @@ fn service_fault(failure: service::Failure) -> Fault {
     Fault::with_code(failure.to_string(), failure.exit_code())
 }
 
-/// Wrong words.
+/// An error: wrong arguments.
 fn misused(text: String) -> Fault {
     Fault::with_code(text, USAGE)
 }
 
-/// A sentence of what is wrong with the words.
+/// The error as one sentence.
 fn sentence(error: &clap::Error) -> String {
     let text = error.to_string();
     let about = text.split("\n\n").next().unwrap_or_default();
@@ -244,7 +244,7 @@ fn sentence(error: &clap::Error) -> String {
     )
 }
 
-/// The words, understood; `None` if they asked for help, which is printed.
+/// Parses the arguments; `None` after printing requested help.
 fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<Option<Line>, Fault> {
     let words = std::iter::once("mien-studio".into()).chain(words);
     Line::try_parse_from(words)
@@ -260,10 +260,10 @@ fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<Option<Line>, Fau
         })
 }
 
-/// Runs one invocation; the words after the program's name.
+/// Runs one invocation with the arguments after the program's name.
 ///
 /// # Errors
-/// On wrong words, with [`USAGE`], and what the command says.
+/// On wrong arguments, with [`USAGE`], and those of the command.
 pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     let Some(line) = parsed(words)? else {
         return Ok(());
@@ -271,22 +271,22 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     match line.command {
         Command::Train(args) => {
             stopped::report_what_is_kept(Some(args.out.clone()));
-            train::run(&args, &mut say)
+            train::run(&args, &mut print_line)
         }
         Command::Fit(args) => {
             stopped::report_what_is_kept(Some(args.out.clone()));
-            fit::fit(&args, &mut say)
+            fit::fit(&args, &mut print_line)
         }
         Command::Inspect(Inspect { path, out, setup }) => {
             let (model, settings) = setup.read()?;
             let out = inspect(&path, out.as_deref(), &model, &settings)?;
-            say(&format!("wrote {}", out.display()));
+            print_line(&format!("wrote {}", out.display()));
             Ok(())
         }
         Command::SimulatedHead { out, data } => {
-            let trains = |person| Split::of(person) == Split::Train;
+            let trains = |person| Split::from_index(person) == Split::Train;
             let bytes = make_simulated_head(&data.data, &out, trains)?;
-            say(&format!("wrote {}: {bytes} bytes", out.display()));
+            print_line(&format!("wrote {}: {bytes} bytes", out.display()));
             Ok(())
         }
         Command::Record(words) => run_record(&words),
@@ -297,7 +297,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
             nrsfm::run(&args)
         }
         Command::Bake(request) => bake::command::run(&request).map(drop),
-        Command::Place(args) => place::run(args, &mut say),
+        Command::Place(args) => place::run(args, &mut print_line),
         Command::Head {
             out,
             make,
@@ -306,25 +306,25 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         } => {
             if let Some(out) = make {
                 let bytes = hero::make::make(&data.data, &out)?;
-                say(&format!("wrote {}: {bytes} bytes", out.display()));
+                print_line(&format!("wrote {}: {bytes} bytes", out.display()));
             } else if let Some(out) = out {
-                say(&default_head::write_to(&out, force)?);
+                print_line(&default_head::write_to(&out, force)?);
             }
             Ok(())
         }
-        Command::Preview(args) => preview::run(&args, &mut say),
+        Command::Preview(args) => preview::run(&args, &mut print_line),
         Command::Skin { out, data } => bake::command::skin(&data.data, &out),
         Command::Animate(args) => animate::animate(&args),
         Command::Completions { out } => completions::write(Line::command(), &out),
     }
 }
 
-fn say(line: &str) {
+fn print_line(line: &str) {
     println!("{line}");
 }
 
 fn run_record(args: &record::Args) -> Result<(), Fault> {
-    let mut source = source::open(
+    let (mut source, _) = source::open(
         &args.source,
         args.source != source::AUTO,
         Default::default(),
@@ -334,8 +334,8 @@ fn run_record(args: &record::Args) -> Result<(), Fault> {
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());
     let stop = stopped::flag_on_signals();
-    let done = record::record(&mut source, &args.out, args.seconds, now, &stop)?;
-    say(&format!("{} frames in {}", done.frames, args.out.display()));
+    let done = record::record(&mut *source, &args.out, args.seconds, now, &stop)?;
+    print_line(&format!("{} frames in {}", done.frames, args.out.display()));
     eprintln!("{done}");
     Ok(())
 }
@@ -345,7 +345,7 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     stopped::report_what_is_kept(None);
     let all = usize::MAX;
     let (people, seconds) = if words.landmarks {
-        // Five seconds show every condition.
+        // Five seconds contain every condition.
         (all, 5.0)
     } else if words.paper {
         (1, 20.0)
@@ -368,10 +368,10 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
         },
     };
     if words.landmarks {
-        return landmark_accuracy::measure(&trial, &mut say);
+        return landmark_accuracy::measure(&trial, &mut print_line);
     }
     if words.paper {
-        return paper::play(&trial, rows(&words.rows, &paper::ROWS)?, &mut say);
+        return paper::play(&trial, rows(&words.rows, &paper::ROWS)?, &mut print_line);
     }
     if words.heads {
         let rows = rows(&words.rows, &head_scenes::ROWS)?;
@@ -387,7 +387,7 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The rows asked for, if all of them are among these.
+/// The requested rows, if all of them are among `names`.
 fn rows<'a>(rows: &'a [String], names: &[&str]) -> Result<&'a [String], Fault> {
     match rows.iter().find(|row| !names.contains(&row.as_str())) {
         Some(unknown) => Err(misused(format!(

@@ -1,4 +1,4 @@
-//! The manual page and the shells' completions of `mien-studio`, made from its grammar, as a package installs them.
+//! The manual page and shell completions of `mien-studio`, generated from its grammar, in the layout of a package.
 
 use std::io;
 use std::path::Path;
@@ -10,7 +10,7 @@ use clap_mangen::Man;
 use mien_workbench::atomic_write::write_out;
 use mien_workbench::fault::Fault;
 
-/// Writes them below `share`, the folder that is `/usr/share` in a package.
+/// Writes them below `share`, which corresponds to `/usr/share`.
 ///
 /// # Errors
 /// If a file cannot be written.

@@ -1,12 +1,12 @@
 //! The commands of `mien-studio`.
 //!
 //! ```text
-//! cli            the command line: words to the commands below, and to those of `mien-baking` and `mien-training`
-//! record         a recording from the sensor or the simulator
-//! inspect        any of our files as a page or a sheet of pictures; chart: curves and words in them
-//! preview        a page that shows live what is received
-//! place          a page to put the 68 points on a head
-//! animate        the weights of a run move a baked head
+//! cli            the command line, for commands here and in `mien-baking` and `mien-training`
+//! record         recording from the sensor or the simulator
+//! inspect        files as a page or a sheet of images; chart: curves and text in them
+//! preview        a live page of received data
+//! place          a page for placing the 68 points on a head
+//! animate        a recorded run's weights as animation of a baked head
 //! ```
 
 #[macro_use(print, println, eprintln)]

@@ -4,7 +4,7 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use mien_appliance::source::Source;
+use mien_sensors::Sensor;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::recording::Recorder;
 use mien_workbench::fault::Fault;
@@ -28,19 +28,19 @@ pub struct Args {
     pub source: String,
 }
 
-/// Frames between two looks at the disk.
-const LOOKED_EVERY: u64 = 15;
+/// Frames between checks of the disk.
+const DISK_CHECK_EVERY: u64 = 15;
 
-/// What a recording came to.
+/// Result of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Recorded {
-    /// Frames.
+    /// Number of frames.
     pub frames: u64,
-    /// Time from the first frame to the last, seconds of the sensor.
+    /// Time from the first frame to the last, sensor time in seconds.
     pub seconds: f64,
-    /// Bytes of its files.
+    /// Size of its files.
     pub bytes: u64,
-    /// Whether it was stopped before its time.
+    /// Whether it was stopped early.
     pub stopped: bool,
 }
 
@@ -79,7 +79,7 @@ impl Display for Recorded {
 /// # Errors
 /// If the directory cannot be written or the source fails.
 pub fn record(
-    source: &mut Source,
+    source: &mut dyn Sensor,
     out: &Path,
     seconds: f64,
     started_unix_s: f64,
@@ -100,7 +100,7 @@ pub fn record(
         let at = frame.at.as_us() as f64 * 1e-6;
         done.frames = recorder.frames();
         done.seconds = at - *first.get_or_insert(at);
-        if done.frames % LOOKED_EVERY == 0 {
+        if done.frames % DISK_CHECK_EVERY == 0 {
             done.bytes = size(out);
         }
         progress.step_with(|| {
@@ -109,13 +109,13 @@ pub fn record(
         });
     }
     done.stopped = stop.load(Ordering::Relaxed);
-    // What is still buffered is written now, and counts.
+    // Flushed here, so that it counts.
     drop(recorder);
     done.bytes = size(out);
     Ok(done)
 }
 
-/// Bytes of the files of a folder.
+/// Size of the files of a folder, bytes.
 fn size(folder: &Path) -> u64 {
     let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
     files
@@ -128,17 +128,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_stopped_is_kept_and_told_as_it_is() {
+    fn a_stopped_recording_is_kept_and_reported_as_stopped() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("session");
-        let mut source = Source::simulated(None).unwrap();
-        let whole = record(&mut source, &out, 0.2, 1.7e9, &AtomicBool::new(false)).unwrap();
+        let mut source = mien_appliance::source::simulated(None).unwrap();
+        let whole = record(&mut *source, &out, 0.2, 1.7e9, &AtomicBool::new(false)).unwrap();
         assert!(whole.frames >= 5 && !whole.stopped, "{whole:?}");
         assert_eq!(whole.bytes, size(&out));
         assert!(whole.bytes > whole.frames * 300_000, "{whole:?}");
         assert!((whole.rate_hz() - 30.0).abs() < 1.0, "{whole:?}");
         let stopped = record(
-            &mut source,
+            &mut *source,
             &folder.path().join("b"),
             9.0,
             1.7e9,

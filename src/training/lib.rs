@@ -1,7 +1,7 @@
-//! Training of the face model, and figures against truth.
+//! Training of the face model, and evaluation against truth.
 //!
 //! ```text
-//! train      the face model; units: what is known of units before anybody is seen
+//! train      the face model; units: readings and priors of units
 //! fit        landmarks of still images
 //! evaluate   figures against truth
 //! nrsfm      3D shapes from 2D tracks

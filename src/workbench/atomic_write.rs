@@ -1,4 +1,4 @@
-//! Files written whole or not at all, and none that a person made replaced.
+//! Atomic file writes, and names that do not overwrite existing files.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -7,18 +7,18 @@ use crate::fault::Fault;
 use mien_stages::base::atomic_write::AtomicFile;
 use mien_stages::base::bounded_read;
 
-/// Writes a file whole or not at all ([`mien_stages::base::atomic_write`]). What a link names is written; a stream, such as
-/// `/dev/stdout`, is written to directly.
+/// Writes a file atomically ([`mien_stages::base::atomic_write`]), following links; a stream, such as `/dev/stdout`,
+/// is written directly.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the system.
 pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
     let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     if path.exists() && !path.is_file() {
         let mut stream = std::fs::File::options().write(true).open(path)?;
         return stream.write_all(bytes.as_ref());
     }
-    let file = AtomicFile::at(&path, None, true);
+    let file = AtomicFile::new(&path, None, true);
     file.write(bytes.as_ref()).map(drop)
 }
 
@@ -36,18 +36,18 @@ fn numbered(path: &Path, number: usize) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Whether nothing stands there, or exactly these bytes.
+/// Whether no file exists there, or one with exactly these bytes.
 pub fn is_free(path: &Path, bytes: &[u8]) -> bool {
     match std::fs::symlink_metadata(path) {
         Ok(about) => {
             about.is_file()
-                && bounded_read::regular(path, bytes.len()).is_ok_and(|old| old == bytes)
+                && bounded_read::read_regular(path, bytes.len()).is_ok_and(|old| old == bytes)
         }
         Err(_) => true,
     }
 }
 
-/// The first of `path`, `NAME-2.EXT`, `NAME-3.EXT`, … that nothing stands at.
+/// The first of `path`, `NAME-2.EXT`, `NAME-3.EXT`, … that does not exist.
 pub fn unused(path: &Path) -> PathBuf {
     spare(path, |path| std::fs::symlink_metadata(path).is_err())
 }
@@ -60,8 +60,8 @@ fn spare(path: &Path, fits: impl Fn(&Path) -> bool) -> PathBuf {
         .unwrap_or_default()
 }
 
-/// Writes what goes beside a result, which the caller did not name as `--out`. A file of other contents that stands there stays, and
-/// the bytes go to [`numbered`] instead, unless `force`. Returns where they went, for the caller to say.
+/// Writes a file beside a result, which the caller did not name as `--out`. An existing file of other contents is
+/// kept, and the bytes go to a numbered name instead, unless `force`. Returns the path for the caller to print.
 ///
 /// # Errors
 /// As [`write()`], in a sentence.
@@ -71,7 +71,7 @@ pub fn write_beside(path: &Path, bytes: &[u8], force: bool) -> Result<PathBuf, F
     Ok(path)
 }
 
-/// Writes what a command was asked for.
+/// Writes the requested output of a command.
 ///
 /// # Errors
 /// As [`write()`], in a sentence.
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_beside_a_result_stays() {
+    fn existing_files_beside_a_result_are_kept() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         let beside = |bytes, force| write_beside(&at("h.txt"), bytes, force).unwrap();

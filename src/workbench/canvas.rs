@@ -9,7 +9,7 @@ use mien_stages::base::capacity::LANDMARKS;
 /// A colour.
 pub type Colour = [u8; 3];
 
-/// Dark blue (0) over purple and orange to light yellow (1), ever lighter; outside is cut.
+/// Dark blue (0) over purple and orange to light yellow (1), with ascending lightness; `share` is clamped.
 pub fn false_colour(share: f32) -> Colour {
     let t = share.clamp(0.0, 1.0) * (DEPTHS.len() - 1) as f32;
     let k = (t as usize).min(DEPTHS.len() - 2);
@@ -18,7 +18,7 @@ pub fn false_colour(share: f32) -> Colour {
     std::array::from_fn(|c| (f32::from(from[c]) * (1.0 - along) + f32::from(to[c]) * along) as u8)
 }
 
-/// Colours from far to near, evenly apart in lightness.
+/// Colours from far to near, with equal steps of lightness.
 pub const DEPTHS: [Colour; 7] = [
     [26, 20, 84],
     [84, 26, 134],

@@ -1,6 +1,6 @@
-//! How far two series go together.
+//! Correlation of two series.
 
-/// Pearson's correlation of pairs, −1 to 1; 0 of nothing and of a series that does not vary.
+/// Pearson's correlation of pairs, −1 to 1; 0 without pairs or variance.
 pub fn correlation<N: Into<f64>>(pairs: impl IntoIterator<Item = [N; 2]>) -> f64 {
     let pairs: Vec<[f64; 2]> = pairs.into_iter().map(|pair| pair.map(Into::into)).collect();
     let n = pairs.len().max(1) as f64;
@@ -21,7 +21,7 @@ mod tests {
     use super::correlation;
 
     #[test]
-    fn what_goes_together_is_one_what_goes_apart_is_minus_one_and_what_stands_is_nothing() {
+    fn correlation_is_one_minus_one_and_zero_for_equal_opposite_and_constant_series() {
         let line = |slope: f64| (0..9).map(move |k| [f64::from(k), 3.0 + slope * f64::from(k)]);
         assert!((correlation(line(0.1)) - 1.0).abs() < 1e-12);
         assert!((correlation(line(-7.0)) + 1.0).abs() < 1e-12);

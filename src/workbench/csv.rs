@@ -1,7 +1,7 @@
-//! Tables as comma-separated text: columns are found by name, cells are trimmed, lines with nothing in them are passed over.
+//! Comma-separated tables: columns are found by name, cells are trimmed, blank lines skipped.
 //!
-//! No quotes: none of the tables has commas or line ends in a cell. What a missing column or a damaged cell means is for
-//! the reader of each table to say.
+//! No quotes: no table has commas or line ends in a cell. Each table's reader decides on missing columns and damaged
+//! cells.
 
 use mien_stages::base::capacity::LANDMARKS;
 
@@ -21,16 +21,16 @@ pub struct Table<'a> {
 
 /// A line of a table below its header.
 pub struct Row<'a> {
-    /// Counted from 1 with the header.
+    /// Line number, from 1 with the header.
     pub line: usize,
-    /// As it stands.
+    /// The unchanged text.
     pub text: &'a str,
-    /// One per comma, and one more; as many as there are, whatever the header has.
+    /// The cells, however many the header has.
     pub cells: Vec<&'a str>,
 }
 
 impl<'a> Table<'a> {
-    /// A table with the first line of a text as its header; of no text, one without columns or rows.
+    /// Reads a table whose header is the text's first line; empty without text.
     pub fn new(text: &'a str) -> Self {
         let mut lines = text.lines();
         let header = lines.next().unwrap_or_default();
@@ -41,12 +41,12 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Where a column stands in a row.
+    /// Index of a column, if it exists.
     pub fn find(&self, column: &str) -> Option<usize> {
         self.columns.iter().position(|name| *name == column)
     }
 
-    /// Where several columns stand in a row, if all of them are there.
+    /// Indices of several columns, if all exist.
     pub fn find_all<N: AsRef<str>>(
         &self,
         columns: impl IntoIterator<Item = N>,
@@ -55,12 +55,12 @@ impl<'a> Table<'a> {
         found.collect()
     }
 
-    /// Where x and y of the 68 points stand in a row, if all of them are there.
+    /// Indices of x and y of the 68 points, if all exist.
     pub fn find_points(&self) -> Option<Vec<usize>> {
         self.find_all((0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]))
     }
 
-    /// Columns whose names begin so: the rest of the name, and where they stand.
+    /// Columns whose names begin with a prefix: the rest of the name, and the index.
     pub fn beginning_with(&self, prefix: &str) -> Vec<(&'a str, usize)> {
         let columns = self.columns.iter().zip(0..);
         columns
@@ -68,7 +68,7 @@ impl<'a> Table<'a> {
             .collect()
     }
 
-    /// The lines below the header.
+    /// The rows below the header.
     pub fn rows(&self) -> impl Iterator<Item = Row<'a>> + use<'a> {
         let numbered = self.lines.clone().zip(2..);
         numbered

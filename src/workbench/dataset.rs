@@ -11,17 +11,17 @@ use image::imageops::{FilterType, resize};
 
 use crate::csv;
 use crate::fault::Fault;
-use crate::text_files::{self, listed, name_of};
+use crate::text_files::{self, display_name, listed};
 use mien_stages::base::bounded_read;
 use mien_stages::base::capacity::LANDMARKS;
-use mien_stages::landmarks::window::Picture;
+use mien_stages::landmarks::window::LumaImage;
 
 fn unreadable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
     let expected = "; expected a folder of pictures with landmarks68.csv or .pts files, or a table";
     Fault::cannot("read", path, expected)
 }
 
-/// A line of a table, counted from 1, that says something else.
+/// An error in a line of a table, counted from 1.
 pub fn malformed(path: &Path, line: usize, expected: &str, found: &str) -> Fault {
     let path = path.display();
     Fault::new(format!(
@@ -29,7 +29,7 @@ pub fn malformed(path: &Path, line: usize, expected: &str, found: &str) -> Fault
     ))
 }
 
-/// Less to learn from than is needed.
+/// An error: too few annotated pictures.
 pub fn too_few(expected: usize, found: usize) -> Fault {
     Fault::new(format!(
         "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"
@@ -40,21 +40,21 @@ pub fn too_few(expected: usize, found: usize) -> Fault {
 pub struct Entry {
     /// File name as in the table.
     pub file: String,
-    /// Where the picture is.
+    /// Path of the picture.
     pub path: PathBuf,
-    /// Data set within the table, or empty.
+    /// Data set within the table; may be empty.
     pub set: String,
-    /// Who it is, or the file name.
+    /// Name of the person; the file name if unknown.
     pub person: String,
-    /// `neutral`, `smile`, …, or empty.
+    /// `neutral`, `smile`, …; may be empty.
     pub expression: String,
     /// The 68 points in pixels, if annotated.
     pub points: Option<[[f32; 2]; LANDMARKS]>,
 }
 
-/// A loaded picture, to sample from.
-pub fn picture(grey: &GrayImage) -> Picture<'_> {
-    Picture {
+/// A view of a loaded picture for sampling.
+pub fn picture(grey: &GrayImage) -> LumaImage<'_> {
+    LumaImage {
         luma: grey,
         width: grey.width() as usize,
         height: grey.height() as usize,
@@ -67,7 +67,8 @@ pub fn picture(grey: &GrayImage) -> Picture<'_> {
 /// If it does not decode.
 pub fn load_grey(path: &Path, scale: f32) -> Result<GrayImage, Fault> {
     let refuse = Fault::cannot("decode", path, "; expected a PNG, JPEG or PGM picture");
-    let bytes = bounded_read::regular(path, text_files::MOST).map_err(unreadable(path))?;
+    let bytes =
+        bounded_read::read_regular(path, text_files::MAX_BYTES).map_err(unreadable(path))?;
     let mut grey = image::load_from_memory(&bytes).map_err(refuse)?.to_luma8();
     let (width, height) = grey.dimensions();
     if width.min(height) < 2 {
@@ -83,10 +84,10 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GrayImage, Fault> {
     Ok(grey)
 }
 
-/// Points are never farther from a picture's corner, pixels.
-const FARTHEST_PX: f32 = 65_536.0;
+/// Largest distance of points from a picture's corner, pixels.
+const MAX_COORDINATE_PX: f32 = 65_536.0;
 
-/// The text of a table.
+/// Reads the text of a table.
 pub fn read(path: &Path) -> Result<String, Fault> {
     text_files::read(path).map_err(unreadable(path))
 }
@@ -133,7 +134,7 @@ fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, Fault> {
     Ok(entries)
 }
 
-/// The points of a row, none if all of its cells are empty; the first cell that is no number instead.
+/// The points of a row, `None` if all of its cells are empty; the error is the first cell that is no number.
 fn points_in<'a>(
     cells: impl Iterator<Item = &'a str> + Clone,
 ) -> Result<Option<[[f32; 2]; LANDMARKS]>, &'a str> {
@@ -142,7 +143,10 @@ fn points_in<'a>(
     }
     let mut points = [[0.0; 2]; LANDMARKS];
     for (slot, cell) in points.as_flattened_mut().iter_mut().zip(cells) {
-        let number = cell.parse().ok().filter(|v: &f32| v.abs() <= FARTHEST_PX);
+        let number = cell
+            .parse()
+            .ok()
+            .filter(|v: &f32| v.abs() <= MAX_COORDINATE_PX);
         *slot = number.ok_or(cell)?;
     }
     Ok(Some(points))
@@ -155,7 +159,10 @@ fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     let inside = inside.map_or(&*text, |(inside, _)| inside);
     let words = inside.split_ascii_whitespace();
     let numbers: Vec<f32> = words.filter_map(|w| w.parse().ok()).collect();
-    if let Some(odd) = numbers.iter().find(|v| v.is_nan() || v.abs() > FARTHEST_PX) {
+    if let Some(odd) = numbers
+        .iter()
+        .find(|v| v.is_nan() || v.abs() > MAX_COORDINATE_PX)
+    {
         return Err(malformed(path, 1, "pixels of a picture", &odd.to_string()));
     }
     if numbers.len() != 2 * LANDMARKS {
@@ -167,7 +174,7 @@ fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     Ok(std::array::from_fn(|i| points[i]))
 }
 
-/// All pictures of a folder, with their points where there are any; sorted as in the table, else by name.
+/// All pictures of a folder, with their points if annotated; in the order of the table, else sorted by name.
 ///
 /// # Errors
 /// If the folder or its table is not readable or it holds no picture.
@@ -188,7 +195,7 @@ pub fn read_folder(folder: &Path) -> Result<Vec<Entry>, Fault> {
         ));
     }
     let entry = |path: PathBuf| {
-        let file = name_of(&path);
+        let file = display_name(&path);
         let pts = path.with_extension("pts");
         Ok(Entry {
             points: pts.exists().then(|| read_pts(&pts)).transpose()?,

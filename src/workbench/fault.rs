@@ -1,6 +1,6 @@
-//! Why a command of the workstation failed: one sentence for whoever typed it.
+//! Errors of the workstation's commands: one sentence for the user.
 //!
-//! Nothing here acts on the kind of a failure, so it is put into words where it is met.
+//! No caller distinguishes kinds of errors, so they are put into words where they occur.
 
 use std::error::Error;
 use std::fmt::{self, Display};
@@ -8,7 +8,7 @@ use std::path::Path;
 
 use mien_stages::base::bounded_read::reason;
 
-/// Exit code of wrong words on the command line.
+/// Exit code for wrong command-line arguments.
 pub const USAGE: u8 = 64;
 
 /// Why a command failed.
@@ -21,20 +21,20 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// With this sentence.
+    /// An error with this sentence.
     pub fn new(text: impl Into<String>) -> Self {
         Self::with_code(text, 1)
     }
 
-    /// The same, with an exit code of its own.
+    /// An error with its own exit code.
     pub fn with_code(text: impl Into<String>, code: u8) -> Self {
         let text = text.into();
         Self { text, code }
     }
 
-    /// What the system said of a file that cannot be read or written; `advice` follows it.
+    /// Wraps a system error about a file; `advice` follows it.
     pub fn cannot<E: Display>(what: &str, path: &Path, advice: &str) -> impl Fn(E) -> Self {
-        let published = match data_set_of(path).filter(|_| !path.exists()) {
+        let published = match data_set_name(path).filter(|_| !path.exists()) {
             Some(set) => {
                 format!("; docs/data.md says what the data set {set} is and how to get it")
             }
@@ -49,12 +49,12 @@ impl Fault {
         }
     }
 
-    /// What is wrong with the contents of a file.
+    /// Wraps an error about the contents of a file.
     pub fn within<E: Display>(path: &(impl AsRef<Path> + ?Sized)) -> impl Fn(E) -> Self {
         move |error| Self::new(format!("{}: {error}", path.as_ref().display()))
     }
 
-    /// What is wrong with a line of a file, counted from 1; of what it holds the beginning is shown.
+    /// An error in a line of a file, counted from 1; the beginning of `found` is shown.
     pub fn at_line(path: &Path, line: usize, expected: &str, found: &str) -> Self {
         let found: String = found.chars().take(60).collect();
         let text = format!("line {line}: expected {expected}, found {found:?}");
@@ -62,8 +62,8 @@ impl Fault {
     }
 }
 
-/// The published data set (`docs/data.md`) that a path lies in, by the name of a folder on it.
-fn data_set_of(path: &Path) -> Option<&'static str> {
+/// The published data set (`docs/data.md`) that a path belongs to, by the name of a folder in it.
+fn data_set_name(path: &Path) -> Option<&'static str> {
     const SETS: [&str; 9] = [
         "faces_frl189",
         "faces_ytfaces68",

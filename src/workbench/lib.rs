@@ -1,14 +1,14 @@
-//! What all commands of the workstation share.
+//! Code shared by all commands of the workstation.
 //!
 //! ```text
-//! progress, stopped, streams   how far long work is, what Ctrl-C leaves of it, what is printed; fault: why it failed
-//! people_split   the data sets, and who of them is trained on; dataset: annotated images
+//! progress, stopped, streams   progress of long work, interruption, output; fault: errors
+//! people_split   the data sets and their split by person; dataset: annotated images
 //! text_files, csv, atomic_write, picture_files   texts, tables and images in, files out
-//! still          landmarks of a still image; canvas: landmarks drawn into it
-//! correlation, similarity, srgb, strongest, thin_plate   numerics that several of them use
+//! still          landmarks of a still image; canvas: drawing them
+//! correlation, similarity, srgb, strongest, thin_plate   shared numerics
 //! ```
 
-/// As the standard library's, which panic where a stream takes no more.
+/// As the standard library's, which panics on a full or closed stream.
 #[macro_export]
 macro_rules! print {
     ($($words:tt)*) => { $crate::streams::print(format_args!($($words)*)) };

@@ -1,4 +1,4 @@
-//! The data sets, and who of them is trained on and who is not: a fixed split of the portraits by person.
+//! The data sets, and a fixed split of the portraits by person.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ pub struct Data {
     pub data: PathBuf,
 }
 
-/// What a person's pictures may be used for.
+/// Allowed use of a person's pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Split {
     /// Training.
@@ -27,8 +27,8 @@ pub enum Split {
 }
 
 impl Split {
-    /// Split of the person at this place of the list sorted by (set, person).
-    pub fn of(index: usize) -> Self {
+    /// Split of the person at this index of the list sorted by (set, person).
+    pub fn from_index(index: usize) -> Self {
         match index % 5 {
             0 => Self::Test,
             1 => Self::Dev,
@@ -37,12 +37,15 @@ impl Split {
     }
 
     /// Split of each (set, person), in the order given; equal entries get the same one.
-    pub fn of_persons(persons: &[(&str, &str)]) -> Vec<Self> {
-        numbered(persons).into_iter().map(Self::of).collect()
+    pub fn from_persons(persons: &[(&str, &str)]) -> Vec<Self> {
+        numbered(persons)
+            .into_iter()
+            .map(Self::from_index)
+            .collect()
     }
 }
 
-/// Place of each (set, person) in the sorted list of all.
+/// Index of each (set, person) in the sorted list of all.
 pub fn numbered(persons: &[(&str, &str)]) -> Vec<usize> {
     let mut sorted = persons.to_vec();
     sorted.sort_unstable();
@@ -58,7 +61,7 @@ mod tests {
     #[test]
     fn a_person_stays_on_one_side() {
         let persons = [("b", "1"), ("a", "2"), ("a", "1"), ("b", "1"), ("c", "0")];
-        let splits = Split::of_persons(&persons);
+        let splits = Split::from_persons(&persons);
         assert_eq!(
             splits,
             [

@@ -1,11 +1,11 @@
-//! Pictures as files in memory. Memory takes all, and pictures are below 65,536 pixels a side: writing them cannot fail.
+//! Encoded images in memory. Writing cannot fail: images are below 65,536 pixels a side.
 
 use std::io::Cursor;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ImageFormat, RgbImage};
 
-/// The bytes of the file; `quality` from 1 to 100.
+/// The bytes of a JPEG; `quality` from 1 to 100.
 pub fn jpeg(picture: &RgbImage, quality: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, quality)
@@ -14,7 +14,7 @@ pub fn jpeg(picture: &RgbImage, quality: u8) -> Vec<u8> {
     bytes
 }
 
-/// As PNG, without loss.
+/// The bytes of a PNG.
 pub fn png(picture: &RgbImage) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let written = picture.write_to(&mut bytes, ImageFormat::Png);

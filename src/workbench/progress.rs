@@ -1,7 +1,7 @@
-//! Progress of long work: a bar with the time left on a terminal (indicatif), a line now and then where standard error is a file or
-//! a pipe. Short work shows neither.
+//! Progress of long work: a bar with the remaining time on a terminal (indicatif), otherwise a line every few seconds
+//! on standard error. Short work shows neither.
 //!
-//! Standard output is the command's own. Steps may come from several threads.
+//! Steps may come from several threads.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
@@ -10,18 +10,18 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
 
-/// Between two lines where there is no terminal, and before the first.
-const TOLD_EVERY: Duration = Duration::from_secs(5);
-/// Drawings a second on a terminal.
+/// Interval of lines without a terminal, and time to the first.
+const LINE_EVERY: Duration = Duration::from_secs(5);
+/// Updates a second on a terminal.
 const DRAWN_HZ: u8 = 10;
-/// indicatif cuts what does not fit the terminal's width.
+/// indicatif cuts it to the terminal's width.
 const BAR: &str = "{prefix} {bar:24} {pos}/{len}, {eta} left{wide_msg}";
 
-/// How far one piece of work is.
+/// Progress of one piece of work.
 pub struct Progress {
     what: String,
     bar: ProgressBar,
-    /// When the next line is due; none on a terminal.
+    /// Due time of the next line; `None` on a terminal.
     next: Option<Mutex<Instant>>,
 }
 
@@ -32,7 +32,7 @@ impl Progress {
         let (target, next) = if std::io::stderr().is_terminal() {
             (ProgressDrawTarget::stderr_with_hz(DRAWN_HZ), None)
         } else {
-            let first = Instant::now() + TOLD_EVERY;
+            let first = Instant::now() + LINE_EVERY;
             (ProgressDrawTarget::hidden(), Some(Mutex::new(first)))
         };
         let style = ProgressStyle::with_template(BAR).expect("the template is a valid one");
@@ -46,7 +46,7 @@ impl Progress {
         }
     }
 
-    /// Works on every item, a step each, on all threads.
+    /// Processes every item, one step each, on all threads.
     pub fn each<T: Send, R: Send>(
         what: &str,
         items: Vec<T>,
@@ -57,12 +57,12 @@ impl Progress {
         items.inspect(|_| progress.step()).collect()
     }
 
-    /// One more step is done.
+    /// Reports one finished step.
     pub fn step(&self) {
         self.step_with(String::new);
     }
 
-    /// The same, with more to show.
+    /// Reports one finished step with additional text.
     pub fn step_with(&self, more: impl FnOnce() -> String) {
         self.bar.inc(1);
         let Some(next) = &self.next else {
@@ -73,17 +73,17 @@ impl Progress {
             return;
         };
         let now = Instant::now();
-        // A thread that finds another at it goes on working.
+        // A line is already being written by another thread.
         let Ok(mut next) = next.try_lock() else {
             return;
         };
         if now < *next {
             return;
         }
-        *next = now + TOLD_EVERY;
+        *next = now + LINE_EVERY;
         let steps = [self.bar.position(), self.bar.length().unwrap_or_default()];
         let line = line(&self.what, steps, self.bar.eta(), &more());
-        // That nobody reads it must not end the work.
+        // A closed standard error must not end the work.
         let _ = std::io::stderr().write_all(line.as_bytes());
     }
 }
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_piped_is_a_plain_line() {
+    fn piped_progress_is_plain_lines() {
         let said = |left| line("fit", [10, 40], Duration::from_secs(left), "");
         assert_eq!(said(180), "fit: 10 of 40, 3 min 00 s left\n");
         assert_eq!(said(3720), "fit: 10 of 40, 1 h 02 min left\n");

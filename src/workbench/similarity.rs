@@ -9,14 +9,14 @@ use nalgebra::{Matrix3, Rotation3};
 pub struct Similarity {
     /// Size ratio.
     pub scale: f32,
-    /// Turn.
+    /// Rotation.
     pub rotation: Rotation3<f32>,
-    /// Shift, metres.
+    /// Translation, metres.
     pub translation: Vector,
 }
 
 impl Similarity {
-    /// The similarity that lays the stable points of `from` best on those of `to`.
+    /// The similarity that best maps the stable points of `from` to those of `to`, least squares.
     pub fn between(from: &[Point; LANDMARKS], to: &[Point; LANDMARKS]) -> Self {
         let mean = |f: &[Point; LANDMARKS]| {
             let stable = scheme::STABLE.iter();
@@ -43,7 +43,7 @@ impl Similarity {
         }
     }
 
-    /// The point moved.
+    /// The transformed point.
     pub fn applied(&self, p: &Point) -> Point {
         Point::from(self.rotation * p.coords * self.scale + self.translation)
     }

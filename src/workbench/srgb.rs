@@ -1,6 +1,6 @@
-//! Colours from sRGB to linear light (IEC 61966-2-1), as glTF wants them, and back.
+//! Conversion between sRGB and linear light (IEC 61966-2-1), which glTF uses.
 
-/// One channel, 0 to 1.
+/// Linear light of one sRGB channel, both 0 to 1.
 pub fn linear(value: f64) -> f64 {
     if value <= 0.04045 {
         value / 12.92
@@ -9,7 +9,7 @@ pub fn linear(value: f64) -> f64 {
     }
 }
 
-/// One channel the other way round.
+/// The sRGB channel of linear light, both 0 to 1.
 pub fn coded(light: f64) -> f64 {
     if light <= 0.003_130_8 {
         light * 12.92

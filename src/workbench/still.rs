@@ -1,7 +1,7 @@
-//! One face in a still picture: a box takes the depth pose's place.
+//! Fits one face in a still image, with a box in place of the depth pose.
 //!
-//! The mean face fills the box, upright, at five guesses of yaw and pitch; each runs the cold and the warm stages, the most
-//! believed end is fitted once more in a window cut where it lies, and the better of the two is kept.
+//! The mean face fills the box, upright, at five combinations of yaw and pitch; each runs the cold and the warm
+//! stages. The most confident fit is repeated in a window cut at its result, and the better of the two is kept.
 
 use std::path::Path;
 
@@ -13,14 +13,14 @@ use mien_stages::face_model::{FaceModel, MAX_MODES};
 use mien_stages::landmarks::cascade::{FaceFit, Solver, logistic};
 use mien_stages::landmarks::features::OrientationMaps;
 use mien_stages::landmarks::view::View;
-use mien_stages::landmarks::window::{Picture, Placement, Region, WINDOW};
+use mien_stages::landmarks::window::{LumaImage, Placement, Region, WINDOW};
 
 /// Inverse distance of a studio camera, 1/m: portraits are taken from about a metre and a half.
 pub const STUDIO_INVERSE_DISTANCE: f32 = 0.7;
 
-/// Pictures are shrunk until a face is at most this many pixels wide: the window is 100.
-const MOST_FACE_PX: f32 = 150.0;
-/// Guesses of yaw and pitch, degrees.
+/// Largest width of a face in a shrunk picture, pixels: the window is 100.
+const MAX_FACE_PX: f32 = 150.0;
+/// Initial yaw and pitch, degrees.
 const GUESSES_DEG: [[i8; 2]; 5] = [[0, 0], [22, 0], [-22, 0], [0, 14], [0, -14]];
 
 /// A box about the 68 points: left, top, width, height, pixels.
@@ -47,14 +47,14 @@ impl FaceBox {
         }
     }
 
-    /// The box of points.
+    /// The bounding box of points.
     pub fn around(points: &[[f32; 2]; LANDMARKS]) -> Self {
         let [[left, top], [right, bottom]] = ends(*points);
         Self::new(left, top, right - left, bottom - top)
     }
 }
 
-/// Least and greatest coordinates of points.
+/// Smallest and largest coordinates of points.
 fn ends(points: impl IntoIterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
     let all = [[f32::MAX; 2], [f32::MIN; 2]];
     points.into_iter().fold(all, |[low, high], p| {
@@ -65,7 +65,8 @@ fn ends(points: impl IntoIterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
     })
 }
 
-/// Box of points, disturbed by ±10 % of the width in place and ±7 % in size; and a roll within ±8°.
+/// Bounding box of points, disturbed by ±10 % of the width in position and ±7 % in size, and a roll within ±8°,
+/// radians.
 pub fn disturbed_box(points: &[[f32; 2]; LANDMARKS], seed: u64) -> (FaceBox, f32) {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut about = |size: f32| size * (2.0 * random.f32() - 1.0);
@@ -84,9 +85,9 @@ pub struct FittedFace {
     pub points: [[f32; 2]; LANDMARKS],
     /// The 68 points in the head frame at the model's size, metres.
     pub head: [Point; LANDMARKS],
-    /// 0…1.
+    /// Confidence, 0…1.
     pub confidence: f32,
-    /// View in picture pixels (of the picture as it was fitted).
+    /// View in pixels of the fitted picture.
     pub view: View,
 }
 
@@ -99,7 +100,7 @@ pub struct StillFitter<'a> {
 }
 
 impl<'a> StillFitter<'a> {
-    /// A fitter.
+    /// A fitter for one model.
     pub fn new(model: &'a FaceModel) -> Self {
         Self {
             model,
@@ -109,7 +110,7 @@ impl<'a> StillFitter<'a> {
         }
     }
 
-    /// The view in which the mean face fills a box, turned by yaw, pitch and roll (radians).
+    /// The view in which the mean face fills a box, rotated by yaw, pitch and roll (radians).
     fn view_in_box(&self, face_box: &FaceBox, yaw: f32, pitch: f32, roll: f32) -> View {
         let mut view = View {
             log_scale: 0.0,
@@ -131,9 +132,9 @@ impl<'a> StillFitter<'a> {
         view
     }
 
-    /// Cold and warm stages in a window cut where the view says; log odds, fit in the window, placement.
-    fn run(&mut self, picture: &Picture, view: &View) -> (f32, FaceFit, Placement) {
-        let placement = Placement::of_view(view);
+    /// Cold and warm stages in a window cut at `view`; log odds, fit in the window, placement of the window.
+    fn run(&mut self, picture: &LumaImage, view: &View) -> (f32, FaceFit, Placement) {
+        let placement = Placement::from_view(view);
         placement.resample(picture, &Region::WHOLE, &mut self.window);
         self.maps.compute(&self.window, &Region::WHOLE);
         let shape = &self.model.shape;
@@ -144,7 +145,7 @@ impl<'a> StillFitter<'a> {
         };
         let cold = solver.run(&self.model.cold, shape, maps, &start, &start.view);
         let fit = solver.run(&self.model.warm, shape, maps, &cold, &start.view);
-        let belief = solver.belief(&self.model.confidence, shape, maps, &fit);
+        let belief = solver.confidence(&self.model.confidence, shape, maps, &fit);
         (belief.log_odds, fit, placement)
     }
 
@@ -152,26 +153,26 @@ impl<'a> StillFitter<'a> {
         let mut head = [Point::origin(); LANDMARKS];
         self.model.shape.shape(&fit.shape, &mut head);
         FittedFace {
-            points: head.map(|p| placement.picture_pixel(fit.view.project(&p))),
+            points: head.map(|p| placement.image_pixel(fit.view.project(&p))),
             head,
             confidence: logistic(log_odds),
-            view: placement.picture_view(&fit.view),
+            view: placement.image_view(&fit.view),
         }
     }
 
-    /// Fits the next picture of a video from where the face was in the last one ([`FittedFace::view`]).
-    pub fn follow(&mut self, picture: &Picture, last: &View) -> FittedFace {
+    /// Fits the next picture of a video from the last one's [`FittedFace::view`].
+    pub fn follow(&mut self, picture: &LumaImage, last: &View) -> FittedFace {
         let (log_odds, fit, placement) = self.run(picture, last);
         self.face(log_odds, &fit, &placement)
     }
 
-    /// A short look at a box: one guess, upright and from in front, in a sixth of the time of [`Self::fit`].
-    pub fn glance(&mut self, picture: &Picture, face_box: &FaceBox) -> FittedFace {
+    /// Fits the face in a box once, from a frontal and upright start, in a sixth of the time of [`Self::fit`].
+    pub fn fit_frontal(&mut self, picture: &LumaImage, face_box: &FaceBox) -> FittedFace {
         self.follow(picture, &self.view_in_box(face_box, 0.0, 0.0, 0.0))
     }
 
     /// Fits the face in a box; `roll` in radians, clockwise in the picture.
-    pub fn fit(&mut self, picture: &Picture, face_box: &FaceBox, roll: f32) -> FittedFace {
+    pub fn fit(&mut self, picture: &LumaImage, face_box: &FaceBox, roll: f32) -> FittedFace {
         let mut best: Option<(f32, FaceFit, Placement)> = None;
         for guess in GUESSES_DEG {
             let [yaw, pitch] = guess.map(|degrees| f32::from(degrees).to_radians());
@@ -182,8 +183,8 @@ impl<'a> StillFitter<'a> {
             }
         }
         let (mut log_odds, mut fit, mut placement) = best.expect("there are guesses");
-        // Once more where it lies: the second window is centred and upright.
-        let again = placement.picture_view(&fit.view);
+        // Repeated at the result: the second window is centred and upright.
+        let again = placement.image_view(&fit.view);
         let second = self.run(picture, &again);
         if second.0 > log_odds {
             (log_odds, fit, placement) = second;
@@ -201,7 +202,7 @@ impl<'a> StillFitter<'a> {
         face_box: &FaceBox,
         roll: f32,
     ) -> Result<FittedFace, Fault> {
-        let scale = (MOST_FACE_PX / face_box.width.max(face_box.height * 0.9)).min(1.0);
+        let scale = (MAX_FACE_PX / face_box.width.max(face_box.height * 0.9)).min(1.0);
         let grey = load_grey(path, scale)?;
         let [x, y] = [face_box.x, face_box.y].map(|at| (at + 0.5) * scale - 0.5);
         let [width, height] = [face_box.width, face_box.height].map(|side| side * scale);

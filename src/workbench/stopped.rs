@@ -1,4 +1,4 @@
-//! What Ctrl-C leaves of long work: one sentence on standard error, then the end that the signal always brings.
+//! Reaction to Ctrl-C: one sentence on standard error, then the usual end by the signal.
 
 use std::fs::metadata;
 use std::io::{IsTerminal, Write};
@@ -13,7 +13,7 @@ use signal_hook::flag;
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::emulate_default_handler;
 
-/// A file's number and its last change: another after it was replaced.
+/// Inode and modification time of a file.
 type Version = Option<(u64, SystemTime)>;
 
 fn version(path: &Path) -> Version {
@@ -21,7 +21,7 @@ fn version(path: &Path) -> Version {
     Some((file.ino(), file.modified().ok()?))
 }
 
-/// What is kept of a file now that was of this version when the work began.
+/// A sentence on a file that had this version when the work began.
 fn kept(path: &Path, before: Version) -> String {
     let what = match before {
         _ if version(path) != before => "was written, but the remaining steps were not run",
@@ -31,10 +31,10 @@ fn kept(path: &Path, before: Version) -> String {
     format!("{} {what}", path.display())
 }
 
-/// From now on Ctrl-C and SIGTERM print what is kept of the result and end the program. `result` is the file, which is written
-/// whole or not at all; `None` means standard output.
+/// From now on Ctrl-C and SIGTERM print the state of the result and end the program. `result` is the file, which is
+/// written atomically; `None` means standard output.
 pub fn report_what_is_kept(result: Option<PathBuf>) {
-    // Without it a signal ends the program as well, only in silence.
+    // Without the handler a signal ends the program silently.
     let _ = listen(result);
 }
 
@@ -46,7 +46,7 @@ fn listen(result: Option<PathBuf>) -> std::io::Result<()> {
             return;
         };
         let mut stderr = std::io::stderr();
-        // A bar may stand in the line.
+        // A progress bar may be in the line.
         let begin = if stderr.is_terminal() { "\n" } else { "" };
         let kept = result.map(|(before, path)| kept(&path, before));
         let kept = kept.unwrap_or_else(|| "nothing was written".into());
@@ -60,11 +60,11 @@ fn listen(result: Option<PathBuf>) -> std::io::Result<()> {
     Ok(())
 }
 
-/// What the first Ctrl-C sets; the second ends the program at once.
+/// A flag that the first Ctrl-C or SIGTERM sets; the second ends the program at once.
 pub fn flag_on_signals() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
-        // Without them a signal ends the program at once, as it does elsewhere.
+        // Without the handlers a signal ends the program at once.
         let _ = flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop));
         let _ = flag::register(signal, Arc::clone(&stop));
     }
@@ -77,7 +77,7 @@ mod tests {
     use crate::atomic_write;
 
     #[test]
-    fn what_is_kept_is_what_changed_since_the_work_began() {
+    fn a_result_is_reported_as_written_if_it_changed_since_the_start() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("face.model");
         let none = version(&path);

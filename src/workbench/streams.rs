@@ -1,4 +1,5 @@
-//! What commands print, to streams that may be full or closed: work goes on, and the program says so once, at its end.
+//! Output of commands to streams that may be full or closed: work continues, and the program reports it once, at its
+//! end.
 
 use std::fmt::Arguments;
 use std::io::{self, Write};
@@ -10,17 +11,17 @@ static FAILED: OnceLock<io::Error> = OnceLock::new();
 pub fn print(words: Arguments<'_>) {
     let mut out = io::stdout().lock();
     if let Err(error) = out.write_fmt(words).and_then(|()| out.flush()) {
-        // The first one is told.
+        // The first error is reported.
         let _ = FAILED.set(error);
     }
 }
 
-/// Prints a line to standard error; where that takes none, nobody is told.
+/// Prints a line to standard error, ignoring errors.
 pub fn print_error(words: Arguments<'_>) {
     let _ = writeln!(io::stderr(), "{words}");
 }
 
-/// Why standard output did not take everything.
+/// The first error of standard output.
 pub fn failure() -> Option<&'static io::Error> {
     FAILED.get()
 }

@@ -1,8 +1,8 @@
-//! Eigenvectors by what they count.
+//! Leading eigenvectors.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// The largest eigenvalues of a symmetric matrix, falling, and their vectors by column.
+/// The `most` largest eigenvalues of a symmetric matrix, descending, and their vectors by column.
 pub fn strongest(symmetric: DMatrix<f64>, most: usize) -> (Vec<f64>, DMatrix<f64>) {
     let eigen = SymmetricEigen::new(symmetric);
     let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();

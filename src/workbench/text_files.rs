@@ -1,16 +1,16 @@
-//! Texts from other programs: with a mark before them, in UTF-8 or, as some of Windows write, UTF-16.
+//! Texts from other programs: with or without a byte order mark, in UTF-8 or, as from some Windows programs, UTF-16.
 //!
-//! Ends of lines are left to [`str::lines`], which takes both kinds. What is no character is replaced.
+//! Line ends are left to [`str::lines`], which accepts both kinds. Invalid characters are replaced.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use mien_stages::base::bounded_read;
 
-/// Bytes of the largest file that is read whole.
-pub const MOST: usize = 1 << 30;
+/// Largest file that is read whole, bytes.
+pub const MAX_BYTES: usize = 1 << 30;
 
-/// The text of some bytes, without a byte order mark.
+/// Decodes text, without a byte order mark.
 pub fn decoded(bytes: &[u8]) -> String {
     let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let units = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
@@ -26,13 +26,13 @@ pub fn decoded(bytes: &[u8]) -> String {
     }
 }
 
-/// Last part of a path, to be read.
-pub fn name_of(path: &Path) -> String {
+/// Last component of a path, for messages.
+pub fn display_name(path: &Path) -> String {
     let name = path.file_name().unwrap_or(path.as_os_str());
     name.to_string_lossy().into_owned()
 }
 
-/// What is in a folder, in the order of the names.
+/// Entries of a folder, sorted by name.
 ///
 /// # Errors
 /// If it cannot be read.
@@ -43,12 +43,12 @@ pub fn listed(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// The text of a file.
+/// Reads a text file.
 ///
 /// # Errors
-/// If it cannot be read, or is larger than any of its kind.
+/// If it cannot be read or exceeds [`MAX_BYTES`].
 pub fn read(path: &Path) -> io::Result<String> {
-    Ok(decoded(&bounded_read::read(path, MOST)?))
+    Ok(decoded(&bounded_read::read(path, MAX_BYTES)?))
 }
 
 #[cfg(test)]
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_text_whatever_way_it_is_written() {
+    fn all_encodings_give_one_text() {
         let text = "v 0 0 0\r\n# Kopf \u{e4} \u{1f642}\r\n";
         let mark = format!("\u{feff}{text}");
         let little: Vec<u8> = mark.encode_utf16().flat_map(u16::to_le_bytes).collect();

@@ -1,4 +1,4 @@
-//! Thin-plate spline that carries points onto given targets and bends as little as possible between.
+//! Thin-plate spline: maps points to given targets with the least bending.
 //!
 //! Bookstein, "Principal warps" (IEEE PAMI 1989): f(p) = a + A p + Σ w_i U(|p − p_i|), with U(r) = r² ln r² in the plane and
 //! U(r) = −r in space. One (n + D + 1)² solve at construction, n kernels per point moved.
@@ -12,7 +12,7 @@ pub struct ThinPlate<const D: usize> {
     weights: DMatrix<f64>,
 }
 
-/// U by the square of the distance.
+/// U as a function of the squared distance.
 fn kernel<const D: usize>(r2: f64) -> f64 {
     match D {
         2 if r2 > 1e-12 => r2 * r2.ln(),
@@ -22,8 +22,8 @@ fn kernel<const D: usize>(r2: f64) -> f64 {
 }
 
 impl<const D: usize> ThinPlate<D> {
-    /// The warp that carries each `from` to its `to`, missed by more the larger `gives` is: a share of the mean kernel in the
-    /// plane, a length in space. `None` if the points do not span the plane or space.
+    /// The warp from `from` to `to`, with smoothing `gives`: a share of the mean kernel in the plane, a length in
+    /// space. `None` if the points do not span the plane or space.
     pub fn new(from: &[SVector<f64, D>], to: &[SVector<f64, D>], gives: f64) -> Option<Self> {
         let n = from.len();
         let bends = DMatrix::from_fn(n, n, |r, c| kernel::<D>((from[r] - from[c]).norm_squared()));
@@ -51,7 +51,7 @@ impl<const D: usize> ThinPlate<D> {
         })
     }
 
-    /// Where a point goes.
+    /// The warped point.
     pub fn warp(&self, p: &SVector<f64, D>) -> SVector<f64, D> {
         let n = self.from.len();
         let row = |r: usize| SVector::<f64, D>::from_fn(|k, _| self.weights[(r, k)]);

@@ -1,11 +1,11 @@
-//! Pictures and figures as lines that [`hold`] and [`hold_every`] compare with a table in `tests/golden`.
+//! Pictures and figures as lines that [`compare_with_golden`] and [`equals_golden`] compare with a table in `tests/golden`.
 
 use std::fmt::Write as _;
 
 use image::RgbImage;
 
 #[allow(unused_imports, reason = "some crates use one of them")]
-pub(crate) use super::hold::{hold, hold_every};
+pub(crate) use super::hold::{compare_with_golden, equals_golden};
 
 /// Means of the cells of a grid, in rows.
 pub(crate) fn cells<const COLUMNS: usize, const ROWS: usize>(

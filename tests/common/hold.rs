@@ -1,4 +1,4 @@
-//! [`hold`] and [`hold_every`] compare lines with a table in `tests/golden`.
+//! [`compare_with_golden`] and [`equals_golden`] compare lines with a table in `tests/golden`.
 
 use std::fmt::Write as _;
 
@@ -8,13 +8,13 @@ const WITHIN: f64 = 1.0;
 const ONE_IN: usize = 25;
 
 /// Compares lines with the table of this name, or writes it.
-pub(crate) fn hold(name: &str, lines: &[String]) {
+pub(crate) fn compare_with_golden(name: &str, lines: &[String]) {
     compare(name, lines, lines.len() / ONE_IN);
 }
 
 /// The same, and no line may differ.
 #[allow(dead_code, reason = "some crates use one of them")]
-pub(crate) fn hold_every(name: &str, lines: &[String]) {
+pub(crate) fn equals_golden(name: &str, lines: &[String]) {
     compare(name, lines, 0);
 }
 

@@ -6,14 +6,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::recording::Recorder;
 use serialport::{SerialPort, TTYPort};
 
 /// Some seconds of people who come and go, as a recording.
 pub fn record(folder: &Path, scene: &str, frames: u64) {
-    let mut source = Source::simulated(Some(scene)).unwrap();
+    let mut source = source::simulated(Some(scene)).unwrap();
     let mut recorder =
         Recorder::create(folder, source.registration().expect("a Kinect"), 1.0e9).unwrap();
     let mut frame = KinectFrame::default();

@@ -24,12 +24,12 @@ use mien_sensors::kinect::device::{Model, Stream};
 use mien_sensors::kinect::stream::Assembler;
 use mien_appliance::pipeline::Pipeline;
 use mien_sensors::Frame;
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_appliance::settings::Settings;
 use mien_baking::bake::glb::Glb;
 use mien_baking::bake::looks::Looks;
 use mien_baking::bake::{self, obj};
-use mien_baking::bake::patch::Foreign;
+use mien_baking::bake::patch::ImportedGltf;
 use mien_baking::bake::recipe::Recipe;
 use mien_training::nrsfm::{Shapes, Tracks};
 use mien_studio::preview::hub::Hub;
@@ -190,8 +190,8 @@ fuzz_target!(init: {
         "mtl" => black_box(Looks::default()).add(&words(), &FOLDER),
         "glb" => {
             if let Ok(glb) = Glb::parse(bytes) {
-                if let Ok((mesh, foreign)) = Foreign::read(glb) {
-                    let out = foreign.patched(&mesh, &[], false).emit();
+                if let Ok((mesh, imported)) = ImportedGltf::read(glb) {
+                    let out = imported.patched(&mesh, &[], false).emit();
                     assert!(Glb::parse(&out).is_ok(), "what is written is accepted");
                 }
             }
@@ -226,7 +226,7 @@ fn camera(bytes: &[u8]) {
         std::fs::write(folder.join(name), text).expect("a file");
     }
     std::fs::write(folder.join(names[usize::from(which % 3)]), rest).expect("a file");
-    if let Ok(mut source) = Source::recording(&folder) {
+    if let Ok(mut source) = source::recording(&folder) {
         drop(source.next_frame(&mut Frame::default()));
     }
 }
@@ -250,7 +250,7 @@ fn recording(bytes: &[u8]) {
     };
     let _ = std::fs::remove_file(folder.join("device.json"));
     std::fs::write(folder.join(name), rest).expect("a file");
-    if let Ok(mut source) = Source::recording(folder) {
+    if let Ok(mut source) = source::recording(folder) {
         let mut frame = Frame::default();
         for _ in 0..8 {
             if !matches!(source.next_frame(&mut frame), Ok(true)) {

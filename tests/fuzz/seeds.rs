@@ -18,7 +18,7 @@ use mien_sensors::kinect::packet::LONGEST;
 use mien_sensors::kinect::recording::Recorder;
 use mien_sensors::kinect::stream::Cutter;
 use mien_sensors::kinect::frame::KinectFrame;
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_appliance::settings::Settings;
 use mien_baking::bake::mesh::{Corner, Mesh, Vec3};
 use mien_baking::bake::shape::Shape;
@@ -157,7 +157,7 @@ pub fn write(folder: &Path) {
 
 fn recording(corpus: &Corpus) {
     let folder = std::env::temp_dir().join(format!("mien-seeds-{}", std::process::id()));
-    let mut source = Source::simulated(None).expect("the simulated sensor");
+    let mut source = source::simulated(None).expect("the simulated sensor");
     let mut recorder =
         Recorder::create(&folder, source.registration().expect("a Kinect"), 1.0e9).expect("a recording");
     let mut frame = KinectFrame::default();
@@ -218,7 +218,7 @@ fn wires(corpus: &Corpus) {
     let kept = Arc::new(Mutex::new(Vec::new()));
     let targets = vec![Box::new(Kept(Arc::clone(&kept))) as Box<dyn Datagrams>];
     let settings = osc::Settings { ranges: true, ..osc::Settings::default() };
-    let mut osc = Osc::over(targets.into(), settings, &UNITS).expect("an output");
+    let mut osc = Osc::with_targets(targets.into(), settings, &UNITS).expect("an output");
     for ms in [0, 33, 2000] {
         osc.send(&report(ms)).expect("sent");
     }

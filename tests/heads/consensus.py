@@ -31,7 +31,7 @@ from mesh import Head, polygons, positions, unit
 SIDE = re.compile(r"_(L|R)(?=$|_|\d)")
 STILL, LEFT_OVER, DOUBT = 0.006, 0.015, 0.15
 SOURCE = pathlib.Path(__file__).parents[2]
-NAMES = re.search(r'POINTS: &str = "([^"]*)"', (SOURCE / "src/studio/bake/names.rs").read_text())[1].split()
+NAMES = re.search(r'POINTS: &str = "([^"]*)"', (SOURCE / "src/baking/bake/names.rs").read_text())[1].split()
 OTHER = {"L": "R", "R": "L"}
 MIRROR = [NAMES.index(SIDE.sub(lambda m: "_" + OTHER[m[1]], name, count=1)) for name in NAMES]
 OUTWARDS = np.array([-1.0 if (m := SIDE.search(name)) and m[1] == "R" else 1.0 for name in NAMES])

@@ -3,7 +3,7 @@
 python verdict.py DATA WORK                  artists' shapes: the calibration; WORK as judge.py left it
 python verdict.py FOLDER...       heads baked with `--landmarks auto --out FOLDER/h.glb --obj FOLDER/obj`; --shapes says each shape's
 
-The product's report has the same definitions (src/studio/bake/verdict.rs) in its own code; neither uses what the solver looks for.
+The product's report has the same definitions (src/baking/bake/verdict.rs) in its own code; neither uses what the solver looks for.
 Lengths are in distances w between the inner eye corners, along the face's axes. "Visible" is a vertex of the skin that one of the
 views in VIEWS sees in the neutral (orthographic, depth buffer of cells of 0.02 w, nothing before it by more than 0.06 w).
 

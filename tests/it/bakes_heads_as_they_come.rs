@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use mien_baking::bake::command::{Request, run};
 use mien_baking::bake::glb::Glb;
 use mien_baking::bake::mesh::{Mesh, Vec3};
-use mien_baking::bake::patch::Foreign;
+use mien_baking::bake::patch::ImportedGltf;
 use mien_baking::bake::recipe::SHIPPED;
 use mien_baking::bake::shape::Shape;
 use mien_baking::bake::{morphs, obj};
@@ -211,7 +211,7 @@ fn a_glb_that_is_split_reversed_or_mirrored_by_its_node_gets_the_shapes_of_the_o
         let numbers = rows(&glb, &stored, &landmarks);
         let file = glb.emit();
         let shapes = baked(folder.path(), "head.glb", &file, &numbers);
-        let (read, _) = Foreign::read(Glb::parse(&file).unwrap()).unwrap();
+        let (read, _) = ImportedGltf::read(Glb::parse(&file).unwrap()).unwrap();
         let bits = |p: &Vec3| [p.x, p.y, p.z].map(|x| (x as f32 + 0.0).to_bits());
         let mut there: HashMap<[u32; 3], Vec<usize>> = HashMap::new();
         for (v, p) in read.positions.iter().enumerate() {

@@ -9,7 +9,7 @@ use mien_baking::bake::mesh::Vec3;
 use mien_baking::bake::obj;
 use mien_baking::bake::order::Ordered;
 use mien_baking::bake::shape::Shape;
-use mien_baking::bake::verdict::{faults, verdict};
+use mien_baking::bake::verdict::{defects, verdict};
 use mien_baking::heads::default_head;
 use mien_stages::face_model::FaceModel;
 
@@ -61,7 +61,7 @@ fn the_verdict_passes_what_an_artist_sculpted_and_no_crumpled_jaw() {
     };
     let mut shapes = sculpted(Set::HeadFacecap, &head, &vertex);
     assert_eq!(shapes.len(), 51);
-    let found = faults(&head, &shapes);
+    let found = defects(&head, &shapes);
     let said = verdict(&shapes, &found);
     assert!(said.starts_with("51 of 51 shapes pass"), "{said}");
     // The chin pushed back further than down folds the throat.
@@ -74,7 +74,7 @@ fn the_verdict_passes_what_an_artist_sculpted_and_no_crumpled_jaw() {
         }
     }
     let k = shapes.iter().position(|s| s.name == "jawOpen").unwrap();
-    let found = &faults(&head, &shapes)[k];
+    let found = &defects(&head, &shapes)[k];
     for measure in ["length of folds", "chin back"] {
         assert!(found.iter().any(|f| f.starts_with(measure)), "{found:?}");
     }
@@ -93,7 +93,7 @@ fn jaws_open_as_artists_have_it() {
             return;
         };
         let shapes = default_head::shapes(&head).unwrap();
-        let found = faults(&head, &shapes);
+        let found = defects(&head, &shapes);
         println!("{name}: {}", verdict(&shapes, &found));
         let k = shapes.iter().position(|s| s.name == "jawOpen").unwrap();
         assert!(found[k].is_empty(), "{name}: {:?}", found[k]);

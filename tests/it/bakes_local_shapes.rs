@@ -10,13 +10,13 @@ use mien_baking::bake::head::Head;
 use mien_baking::bake::influence::{self, Field};
 use mien_baking::bake::laplacian::Operator;
 use mien_baking::bake::learn::{Lesson, Truth};
-use mien_baking::bake::locate::{LOW, Located, guess};
+use mien_baking::bake::locate::{LOW_CONFIDENCE, Located, guess};
 use mien_baking::bake::looks::Looks;
 use mien_baking::bake::mesh::{Corner, Mesh, Vec3};
 use mien_baking::bake::morphs;
 use mien_baking::bake::obj;
 use mien_baking::bake::order::Ordered;
-use mien_baking::bake::patch::Foreign;
+use mien_baking::bake::patch::ImportedGltf;
 use mien_baking::bake::prior::Prior;
 use mien_baking::bake::recipe::{Recipe, SHIPPED};
 use mien_baking::bake::render::Outside;
@@ -78,7 +78,7 @@ fn judged(head: &Head, shapes: &[Shape]) -> usize {
 
 /// Prints the product's own verdict and returns how many shapes fail it.
 fn failing(head: &Head, shapes: &[Shape]) -> usize {
-    let faults = verdict::faults(head, shapes);
+    let faults = verdict::defects(head, shapes);
     println!("{}", verdict::verdict(shapes, &faults));
     faults.iter().filter(|words| !words.is_empty()).count()
 }
@@ -494,11 +494,11 @@ fn correctives_mend_what_two_shapes_do_at_once() {
     // Each is judged upon its two shapes; those of a smile show 0.02 of the skin's back, a third more than they may.
     assert!(judged(&head, &shapes) <= 2);
     for corrective in &shapes[67..] {
-        let beneath: Vec<&Shape> = corrective.beneath(&shapes).collect();
-        assert_eq!(beneath.len(), 2);
+        let bases: Vec<&Shape> = corrective.bases(&shapes).collect();
+        assert_eq!(bases.len(), 2);
         let longest = |s: &Shape| s.displacement.iter().map(Vec3::norm).fold(0.0, f64::max);
         // It mends, it does not make.
-        let (mends, made) = (longest(corrective), longest(beneath[1]));
+        let (mends, made) = (longest(corrective), longest(bases[1]));
         println!(
             "{}: {:.1} mm of {:.1}",
             corrective.name,
@@ -553,7 +553,8 @@ fn landmarks_are_found_on_a_picture_of_the_mesh() {
                 mean(60..68)
             );
             let mut by_confidence: Vec<usize> = (0..68).collect();
-            by_confidence.sort_by(|&a, &b| found.of_points[a].total_cmp(&found.of_points[b]));
+            by_confidence
+                .sort_by(|&a, &b| found.point_confidence[a].total_cmp(&found.point_confidence[b]));
             let quarters: Vec<f64> = by_confidence
                 .chunks(17)
                 .map(|part| part.iter().map(|&k| miss(k)).sum::<f64>() / 17.0)
@@ -564,8 +565,12 @@ fn landmarks_are_found_on_a_picture_of_the_mesh() {
             assert!(quarters[0] > quarters[3], "{quarters:?}");
             assert!(mean(27..60) < 0.12 && mean(60..68) < 0.2 && mean(17..27) < 0.12);
             for k in (0..68).filter(|&k| miss(k) > 0.3) {
-                let sure = found.of_points[k];
-                assert!(sure < LOW, "{k} is {:.2} off with {sure:.2}", miss(k));
+                let sure = found.point_confidence[k];
+                assert!(
+                    sure < LOW_CONFIDENCE,
+                    "{k} is {:.2} off with {sure:.2}",
+                    miss(k)
+                );
             }
             Head::new(mesh.clone(), &found.vertices).unwrap();
         }
@@ -615,7 +620,7 @@ fn a_head_bakes_from_glb_as_it_does_from_obj() {
         let (_, _, shapes) = baked_in_order(&source, &landmarks);
         for &metres in units {
             let file = morphs::build(&source, &[], metres, false, None).emit();
-            let (mesh, _) = Foreign::read(glb::Glb::parse(&file).unwrap()).unwrap();
+            let (mesh, _) = ImportedGltf::read(glb::Glb::parse(&file).unwrap()).unwrap();
             let places = by_place(&mesh.positions);
             let copies = |v: usize| {
                 let there = places.get(&bits(&(source.positions[v] * metres)));

@@ -33,7 +33,7 @@ fn hot_plugged(frames: u32) -> (LiveKinect, Arc<AtomicU32>) {
         let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
         Ok(Paced::new(source, 1))
     };
-    (LiveKinect::over(open, Settings::default()), attempts)
+    (LiveKinect::with_source(open, Settings::default()), attempts)
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use mien_sensors::kinect::command::{Command, image_sensor, register};
 use mien_sensors::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
-use mien_sensors::kinect::driver::{Kinect, KinectError, Settings, develop};
+use mien_sensors::kinect::driver::{Kinect, KinectError, Settings, unpack_into};
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::motor::Light;
 use mien_sensors::kinect::pairing::{Paired, RawPair};
@@ -285,7 +285,7 @@ fn delivered<S: PacketSource>(kinect: &mut Kinect<S>, milliseconds: u64) -> Vec<
     for millisecond in 0..milliseconds {
         let each = |paired: Paired<'_>| {
             paired.swap_into(&mut pair);
-            develop(&mut pair, &mut clock, &mut frame);
+            unpack_into(&mut pair, &mut clock, &mut frame);
             assert!(last.replace(frame.index) < Some(frame.index));
             if !frame.has_colour {
                 assert!(
@@ -349,7 +349,7 @@ fn a_dead_colour_stream_leaves_depth() {
     );
     assert!(dead.len() > 39 * 30 - 40, "{}", dead.len());
     assert_eq!(kinect.health().restarts, 5);
-    assert_eq!(kinect.health().alone, dead.len() as u64);
+    assert_eq!(kinect.health().depth_only, dead.len() as u64);
     // It comes back.
     kinect.source.colourless = false;
     let back = delivered(&mut kinect, 3000);

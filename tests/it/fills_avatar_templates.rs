@@ -52,7 +52,7 @@ fn run(still: bool) -> (usize, Vec<Heard>) {
     let units: Vec<&str> = units.iter().map(|unit| unit.as_str()).collect();
     let received = Received::default();
     let targets: Targets = Box::new([Box::new(received.clone())]);
-    let mut vrchat = VrChat::over(targets, Settings::default(), &units).unwrap();
+    let mut vrchat = VrChat::with_targets(targets, Settings::default(), &units).unwrap();
     let mut random = fastrand::Rng::with_seed(7);
     let mut heard = Vec::new();
     let mut count = 0;

@@ -27,7 +27,9 @@ fn firmware() -> impl Iterator<Item = (Module, String)> {
     files
         .filter(|(module, _)| {
             let workstation = ["workbench", "baking", "training", "studio"];
-            module.first().is_none_or(|name| !workstation.contains(&name.as_str()))
+            module
+                .first()
+                .is_none_or(|name| !workstation.contains(&name.as_str()))
         })
         .map(|(module, text)| (module, without_tests(&text).to_owned()))
 }

@@ -42,7 +42,7 @@ impl Session {
         self.jitter.add(&mut head);
         let landmarks = Landmarks::certain(head);
         let at = Timestamp::from_us((from_frame + self.frame) * 33_333);
-        let facing = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.8));
+        let facing = SensorFromFace::assume_frames(Rigid::translation(0.0, 0.0, 0.8));
         expression.observe(&landmarks, &facing, at);
         self.frame += 1;
         truth

@@ -11,7 +11,7 @@ use mien_baking::bake::glb::Glb;
 use mien_baking::bake::head::Head;
 use mien_baking::bake::mesh::{Corner, Mesh, Vec3};
 use mien_baking::bake::obj;
-use mien_baking::bake::patch::Foreign;
+use mien_baking::bake::patch::ImportedGltf;
 use mien_baking::bake::shape::Shape;
 use mien_baking::heads::hero::Hero;
 
@@ -238,7 +238,7 @@ fn joined_lips_are_kept_when_asked_for_and_refused_where_they_cannot_be_cut() {
     assert!(missed[0].starts_with("part lip_upper_inner"), "{missed:?}");
     // The same head as glTF.
     let glb = Glb::parse(&std::fs::read(&baked).unwrap()).unwrap();
-    let (of_glb, foreign) = Foreign::read(glb).unwrap();
+    let (of_glb, imported) = ImportedGltf::read(glb).unwrap();
     let (_, points) = joined();
     let nearest = |v: &u64| {
         let p = before.positions[*v as usize];
@@ -248,7 +248,7 @@ fn joined_lips_are_kept_when_asked_for_and_refused_where_they_cannot_be_cut() {
             .unwrap() as u64
     };
     let points: Vec<u64> = points.iter().map(nearest).collect();
-    std::fs::write(&landmarks, lines(&foreign.rows(&points))).unwrap();
+    std::fs::write(&landmarks, lines(&imported.rows(&points))).unwrap();
     let out = folder.path().join("again.glb");
     let of_glb = |lips| Request {
         mesh: baked.clone(),

@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 
 use mien_baking::bake::mesh::{Mesh, Vec3};
 use mien_baking::bake::order::Ordered;
-use mien_baking::bake::{glb::Glb, obj, patch::Foreign, source};
+use mien_baking::bake::{glb::Glb, obj, patch::ImportedGltf, source};
 use mien_baking::heads::default_head;
 use mien_studio::place::surface::{Ray, Surface};
 use serde_json::Value;
@@ -165,8 +165,8 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
         let read = source::landmarks(&text, &out).unwrap();
         let bytes = std::fs::read(&mesh).unwrap();
         let (head, read) = if ending == "glb" {
-            let (head, foreign) = Foreign::read(Glb::parse(&bytes).unwrap()).unwrap();
-            (head, foreign.landmarks(&read))
+            let (head, imported) = ImportedGltf::read(Glb::parse(&bytes).unwrap()).unwrap();
+            (head, imported.landmarks(&read))
         } else {
             (
                 obj::parse(&String::from_utf8(bytes).unwrap()).unwrap(),

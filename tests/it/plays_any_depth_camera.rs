@@ -7,7 +7,7 @@ use std::process::Command;
 
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_sensors::{Frame, NO_DEPTH};
 use mien_stages::base::capacity::WIDTH;
 use mien_stages::base::geometry::Point;
@@ -48,7 +48,7 @@ fn folder() -> TempDir {
 #[test]
 fn depth_and_picture_come_at_their_own_size_and_calibration() {
     let folder = folder();
-    let mut source = Source::recording(folder.path()).unwrap();
+    let mut source = source::recording(folder.path()).unwrap();
     let camera = source.camera().clone();
     assert_eq!(camera.depth_size(), [512, 424]);
     let mut frame = Frame::default();
@@ -64,7 +64,7 @@ fn depth_and_picture_come_at_their_own_size_and_calibration() {
         assert_eq!(frame.depth[hole], NO_DEPTH);
     }
     // Two by two pixels to one: column 200 was 400 and 401.
-    assert!(frame.has_colour && frame.has_picture());
+    assert!(frame.has_colour && frame.has_image());
     assert_eq!(
         frame.luma[100 * WIDTH + 200],
         (400 * 50 * 255 / 65535) as u8
@@ -84,7 +84,7 @@ fn depth_and_picture_come_at_their_own_size_and_calibration() {
     assert_eq!((frame.index, frame.at.as_us()), (1, 50_000));
     assert!(!frame.has_colour && frame.luma.iter().all(|&luma| luma == 0));
     assert!(!source.next_frame(&mut frame).unwrap());
-    assert_eq!(source.skipped(), 0);
+    assert_eq!(source.state().skipped, 0);
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn depth_larger_than_a_frame_is_picked_and_not_smeared() {
     fs::write(at("depth.txt"), "0 d.pgm\n").unwrap();
     let camera = r#"{"depth": {"width": 1280, "height": 960, "fx": 1000, "fy": 1000, "cx": 641, "cy": 481, "metres_per_unit": 0.001}}"#;
     fs::write(at("camera.json"), camera).unwrap();
-    let mut source = Source::recording(folder.path()).unwrap();
+    let mut source = source::recording(folder.path()).unwrap();
     let mut frame = Frame::default();
     assert!(source.next_frame(&mut frame).unwrap());
     let camera = source.camera();
@@ -122,7 +122,7 @@ fn a_broken_one_gets_a_sentence() {
     let with = |name: &str, text: &str| {
         let folder = folder();
         fs::write(folder.path().join(name), text).unwrap();
-        Source::recording(folder.path())
+        source::recording(folder.path())
             .err()
             .map(|problem| problem.to_string())
     };
@@ -160,7 +160,7 @@ fn a_broken_one_gets_a_sentence() {
     }
     let folder = folder();
     fs::remove_file(folder.path().join("camera.json")).unwrap();
-    let said = Source::recording(folder.path()).err().unwrap().to_string();
+    let said = source::recording(folder.path()).err().unwrap().to_string();
     assert!(
         said.contains("camera.json") && said.contains("docs/recordings.md"),
         "{said}"
@@ -186,10 +186,10 @@ fn a_damaged_frame_is_skipped_and_counted() {
     let lines = names.iter().enumerate();
     let lines: Vec<String> = lines.map(|(k, name)| format!("{k} {name}")).collect();
     fs::write(at("depth.txt"), lines.join("\n")).unwrap();
-    let mut source = Source::recording(folder.path()).unwrap();
+    let mut source = source::recording(folder.path()).unwrap();
     let mut frame = Frame::default();
     assert!(source.next_frame(&mut frame).unwrap());
-    assert_eq!((frame.index, source.skipped()), (5, 5));
+    assert_eq!((frame.index, source.state().skipped), (5, 5));
     assert!(!source.next_frame(&mut frame).unwrap());
 }
 
@@ -218,7 +218,7 @@ fn a_kinect_v2_is_followed_at_its_own_size() {
     if !python.output().is_ok_and(|done| done.status.success()) {
         return common::data::leave_out("python3 with numpy and OpenCV");
     }
-    let mut source = Source::recording(folder.path()).unwrap();
+    let mut source = source::recording(folder.path()).unwrap();
     let model = FaceModel::shipped();
     let mut pipeline = Pipeline::new(&Settings::default().stages, source.camera(), &model).unwrap();
     let (mut frame, mut faces) = (Frame::default(), 0);
@@ -237,6 +237,6 @@ fn a_kinect_v2_is_followed_at_its_own_size() {
         );
         assert!((180.0..340.0).contains(&right[0]) && (120.0..240.0).contains(&right[1]));
     }
-    assert_eq!(source.skipped(), 0);
+    assert_eq!(source.state().skipped, 0);
     assert!(faces >= 45, "a face in {faces} of 50 frames");
 }

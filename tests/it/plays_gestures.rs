@@ -157,7 +157,12 @@ fn eyes_that_turn_are_read_where_they_look() {
     let Some(data) = common::data::only([Set::FacesFrl189, Set::IctFacekit]) else {
         return;
     };
-    let heads = textured_heads(data.path(), |person| Split::of(person) == Split::Test, 2).unwrap();
+    let heads = textured_heads(
+        data.path(),
+        |person| Split::from_index(person) == Split::Test,
+        2,
+    )
+    .unwrap();
     let model = FaceModel::shipped();
     const LOOKS: [(&str, [&str; 2]); 4] = [
         ("AU61", ["eyeLookOut_L", "eyeLookIn_R"]),
@@ -215,7 +220,8 @@ fn people_act_gestures() {
     let tunes = std::env::var("SPLIT").is_ok_and(|split| split == "dev");
     let split = if tunes { Split::Dev } else { Split::Test };
     let model = FaceModel::shipped();
-    let heads = textured_heads(data.path(), |person| Split::of(person) == split, 6).unwrap();
+    let heads =
+        textured_heads(data.path(), |person| Split::from_index(person) == split, 6).unwrap();
     let all: Vec<Gesture> = PRESETS
         .iter()
         .map(|preset| Gesture::named(preset.0))
@@ -236,7 +242,7 @@ fn people_act_gestures() {
             ambient: 0.55 + 0.05 * number as f32,
             ..Light::default()
         };
-        let mut simulator = Simulator::new(head.asset, Scene::Still, seed).lit(light, 0.9);
+        let mut simulator = Simulator::new(head.asset, Scene::Still, seed).with_light(light, 0.9);
         let mut pipeline = Pipeline::new(&Settings::default(), simulator.camera(), &model).unwrap();
         let mut gestures = Gestures::new(&all, &pipeline.unit_names());
         let file =

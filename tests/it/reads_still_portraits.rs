@@ -68,7 +68,7 @@ fn strangers_points_are_found_within_four_per_cent() {
     let portraits = read_folder(&portraits).expect("the portraits");
     let persons: Vec<_> = portraits.iter().map(|e| (&*e.set, &*e.person)).collect();
     let mut errors = Errors::default();
-    for (entry, split) in portraits.iter().zip(Split::of_persons(&persons)) {
+    for (entry, split) in portraits.iter().zip(Split::from_persons(&persons)) {
         if let (Some(points), Split::Test) = (&entry.points, split) {
             let face = fitted(&mut fitter, entry, &disturbed(points, &mut random));
             errors.add(&differences(&face.points, points));
@@ -104,7 +104,7 @@ fn a_smile_widens_the_mouth_and_raises_its_corners() {
     let portraits = read_folder(&portraits).expect("the portraits");
     let persons: Vec<_> = portraits.iter().map(|e| (&*e.set, &*e.person)).collect();
     let mut pairs: BTreeMap<&str, (Split, Option<&Entry>, Option<&Entry>)> = BTreeMap::new();
-    for (entry, split) in portraits.iter().zip(Split::of_persons(&persons)) {
+    for (entry, split) in portraits.iter().zip(Split::from_persons(&persons)) {
         let pair = pairs.entry(&entry.person).or_insert((split, None, None));
         match entry.expression.as_str() {
             "neutral" => pair.1 = Some(entry),

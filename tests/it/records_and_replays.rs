@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::recording::{Recorder, Recording};
 use mien_sensors::kinect::registration::Registration;
@@ -30,7 +30,7 @@ fn record(directory: &Path, count: u64) -> Vec<String> {
 /// Numbers and times (µs) of the frames that play, and how many were skipped. Each must be the one recorded, or that without
 /// colour.
 fn replay(directory: &Path) -> (Vec<(u64, u64)>, u64) {
-    let mut source = Source::recording(directory).unwrap();
+    let mut source = source::recording(directory).unwrap();
     let mut frame = KinectFrame::default();
     let mut played = Vec::new();
     while source.next_frame(&mut frame).unwrap() {
@@ -60,7 +60,7 @@ fn replay(directory: &Path) -> (Vec<(u64, u64)>, u64) {
         );
         played.push((frame.index, frame.at.as_us()));
     }
-    (played, source.skipped())
+    (played, source.state().skipped)
 }
 
 #[test]
@@ -78,7 +78,7 @@ fn a_recording_replays_bit_for_bit() {
 #[test]
 fn a_simulated_run_and_its_replay_agree_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
-    let mut source = Source::simulated(Some("acted")).unwrap();
+    let mut source = source::simulated(Some("acted")).unwrap();
     let mut recorder =
         Recorder::create(directory.path(), source.registration().unwrap(), 1.7e9).unwrap();
     let mut originals = vec![KinectFrame::default(); 5];
@@ -86,7 +86,7 @@ fn a_simulated_run_and_its_replay_agree_bit_for_bit() {
         assert!(source.next_frame(frame).unwrap());
         recorder.write(frame).unwrap();
     }
-    let mut replay = Source::recording(directory.path()).unwrap();
+    let mut replay = source::recording(directory.path()).unwrap();
     assert_eq!(replay.registration(), source.registration());
     let mut frame = KinectFrame::default();
     for original in &originals {
@@ -102,7 +102,7 @@ fn a_simulated_run_and_its_replay_agree_bit_for_bit() {
         );
     }
     assert!(!replay.next_frame(&mut frame).unwrap());
-    let refused = Source::simulated(Some("opera")).err().unwrap().to_string();
+    let refused = source::simulated(Some("opera")).err().unwrap().to_string();
     assert!(
         refused.starts_with("expected one of the scenes acted, ")
             && refused.ends_with(", found opera"),

@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_sensors::Frame;
 use mien_stages::base::time::Timestamp;
 use mien_stages::expression::Measure;
@@ -18,7 +18,7 @@ use crate::common::program;
 
 /// The built-in person before the simulated sensor, for so many frames.
 fn play(pipeline: &mut Pipeline, frames: usize) {
-    let mut source = Source::simulated(Some("acted")).expect("built in");
+    let mut source = source::simulated(Some("acted")).expect("built in");
     let mut frame = Frame::default();
     for _ in 0..frames {
         assert!(source.next_frame(&mut frame).expect("endless"));
@@ -27,7 +27,7 @@ fn play(pipeline: &mut Pipeline, frames: usize) {
 }
 
 fn pipeline() -> Pipeline {
-    let source = Source::simulated(Some("acted")).expect("built in");
+    let source = source::simulated(Some("acted")).expect("built in");
     let model = FaceModel::shipped();
     Pipeline::new(&Settings::default().stages, source.camera(), &model).expect("built in")
 }
@@ -49,14 +49,14 @@ fn who_was_there_is_known_after_a_restart() {
 
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("people.ranges");
-    let mut file = People::at(&path);
+    let mut file = People::new(&path);
     assert!(file.load().is_empty(), "no file, nobody");
     file.save(people.iter().cloned(), before.at());
     let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
     assert_eq!(names.len(), 1, "nothing is left beside it");
 
     let mut after = pipeline();
-    after.recall(People::at(&path).load());
+    after.recall(People::new(&path).load());
     play(&mut after, 30);
     let mut fresh = pipeline();
     play(&mut fresh, 30);
@@ -127,7 +127,7 @@ fn a_damaged_file_is_refused_and_set_aside() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("people.ranges");
     std::fs::write(&path, &text[..text.len() / 2]).expect("writable");
-    assert!(People::at(&path).load().is_empty());
+    assert!(People::new(&path).load().is_empty());
     assert!(!path.exists() && folder.path().join("people.ranges.damaged").exists());
 }
 

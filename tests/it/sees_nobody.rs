@@ -3,7 +3,7 @@
 
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_sensors::Frame;
 use mien_stages::face_model::FaceModel;
 
@@ -22,7 +22,7 @@ fn people_from_behind_and_a_desk_have_no_face() {
         10,
         folder.path(),
     );
-    let mut source = Source::recording(folder.path()).expect("a recording");
+    let mut source = source::recording(folder.path()).expect("a recording");
     let model = FaceModel::shipped();
     let mut pipeline =
         Pipeline::new(&Settings::default().stages, source.camera(), &model).expect("stages");

@@ -81,18 +81,20 @@ fn what_security_md_counts_is_so() {
     );
     // What goes out without being asked for.
     let defaults = Settings::default();
-    assert_eq!(defaults.osc.targets, ["127.0.0.1:9130"]);
-    assert!(defaults.osc.listen.starts_with("127.0.0.1:"));
-    assert!(!defaults.osc.levels && !defaults.osc.ranges && !defaults.status_ranges);
+    assert_eq!(defaults.outputs.osc.targets, ["127.0.0.1:9130"]);
+    assert!(defaults.outputs.osc.listen.starts_with("127.0.0.1:"));
+    assert!(
+        !defaults.outputs.osc.levels && !defaults.outputs.osc.ranges && !defaults.status_ranges
+    );
     let others = [
-        defaults.vmc.enabled,
-        defaults.vrchat.enabled,
-        defaults.faceosc.enabled,
-        defaults.live_link.enabled,
-        defaults.websocket.enabled,
-        defaults.page.enabled,
-        defaults.mqtt.enabled,
-        !defaults.serial.port.is_empty(),
+        defaults.outputs.vmc.enabled,
+        defaults.outputs.vrchat.enabled,
+        defaults.outputs.faceosc.enabled,
+        defaults.outputs.live_link.enabled,
+        defaults.outputs.websocket.enabled,
+        defaults.outputs.page.enabled,
+        defaults.outputs.mqtt.enabled,
+        !defaults.outputs.serial.port.is_empty(),
     ];
     assert_eq!(others, [false; 8]);
     // The package changes nothing of that.

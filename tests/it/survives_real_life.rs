@@ -125,7 +125,7 @@ impl Scene {
         let at = Timestamp::from_us((self.time_s * 1e6) as u64);
         let pose = Rigid::translation(0.0, 0.0, 0.8);
         self.expression
-            .observe(landmarks, &SensorFromFace::of(pose), at);
+            .observe(landmarks, &SensorFromFace::assume_frames(pose), at);
         if !self.expression.weights().warming && self.ready_s.is_none() {
             self.ready_s = Some(self.time_s);
             self.figures.ready_s = self.time_s;

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_outputs::csv::Rows;
 use mien_outputs::osc::{self, Datagrams, Osc, Targets, faceosc, vmc, vrchat};
 use mien_outputs::serial::{self, Encoder};
@@ -102,10 +102,13 @@ impl Wires {
         };
         Self {
             osc: vec![
-                Box::new(Osc::over(to(), native, units).unwrap()),
-                Box::new(vmc::Vmc::over(to(), vmc, units)),
-                Box::new(vrchat::VrChat::over(to(), vrchat, units).unwrap()),
-                Box::new(faceosc::FaceOsc::over(to(), faceosc::Settings::default())),
+                Box::new(Osc::with_targets(to(), native, units).unwrap()),
+                Box::new(vmc::Vmc::with_targets(to(), vmc, units)),
+                Box::new(vrchat::VrChat::with_targets(to(), vrchat, units).unwrap()),
+                Box::new(faceosc::FaceOsc::with_targets(
+                    to(),
+                    faceosc::Settings::default(),
+                )),
             ],
             lines: [
                 serial::Style::Text,
@@ -347,8 +350,11 @@ fn a_week_of_visitors() {
                         seat.expression.restore(&gone.learned);
                     }
                 }
-                seat.expression
-                    .observe(&seat.landmarks, &SensorFromFace::of(sensor_from_head), at);
+                seat.expression.observe(
+                    &seat.landmarks,
+                    &SensorFromFace::assume_frames(sensor_from_head),
+                    at,
+                );
                 let ready = !seat.expression.weights().warming;
                 seat.state = seat.presence.seen(at, ready);
                 let weights = seat.expression.weights().units();
@@ -409,7 +415,7 @@ fn a_week_of_visitors() {
             wires.send(&Report {
                 frame,
                 at,
-                alone: true,
+                none_left: true,
                 ..Report::default()
             });
         }
@@ -465,7 +471,7 @@ fn a_sensor_that_fails() {
     let frames = of_environment("MIEN_FRAMES", 20_000);
     let started = Instant::now();
     // Ten seconds of people who come and go, played to and fro.
-    let mut simulated = Source::simulated(Some("four")).unwrap();
+    let mut simulated = source::simulated(Some("four")).unwrap();
     let mut drawn = KinectFrame::default();
     let scene: Arc<[(Box<_>, Box<_>)]> = (0..300)
         .map(|_| {
@@ -508,7 +514,7 @@ fn a_sensor_that_fails() {
         let device = VirtualKinect::new(Model::Xbox1414, "A", view);
         Ok(Paced::new(Faulty::new(device, rates, attempt), SPEED))
     };
-    let mut live = LiveKinect::over(open, mien_sensors::kinect::driver::Settings::default());
+    let mut live = LiveKinect::with_source(open, mien_sensors::kinect::driver::Settings::default());
     let units = Expression::new(Learning::default(), Units::shipped().by_measure());
     let names = units.unit_names().to_vec();
     let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();

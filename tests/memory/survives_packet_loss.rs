@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use mien_sensors::kinect::device::{Model, Stream};
-use mien_sensors::kinect::driver::{Kinect, Settings, develop};
+use mien_sensors::kinect::driver::{Kinect, Settings, unpack_into};
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::pairing::RawPair;
 use mien_sensors::kinect::picture_clock::PictureClock;
@@ -77,7 +77,7 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
         kinect
             .poll(Duration::from_millis(1), |paired| {
                 paired.swap_into(&mut pair);
-                develop(&mut pair, &mut clock, &mut frame);
+                unpack_into(&mut pair, &mut clock, &mut frame);
                 // The first frame may be lost: the stamp says which one this is, the number in the pixels must agree.
                 let expected = stamped(frame.original.ticks);
                 let drawn = &variants[expected as usize];

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
-use mien_appliance::source::Source;
+use mien_appliance::source::{self, Source};
 use mien_outputs::Output;
 use mien_outputs::csv::Csv;
 use mien_sensors::Frame;
@@ -134,7 +134,7 @@ struct Scene {
 impl Scene {
     fn new() -> Result<Self> {
         Ok(Self {
-            source: Source::simulated(None)?,
+            source: source::simulated(None)?,
             frames: VecDeque::new(),
             first: 0,
         })

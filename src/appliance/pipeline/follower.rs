@@ -12,9 +12,9 @@ use mien_stages::camera::Camera;
 use mien_stages::expression::{Expression, UnitRange};
 use mien_stages::landmarks::{LandmarkStage, Landmarks};
 use mien_stages::pose::{Evidence, HeadPose, PoseTracker, guess};
-use mien_stages::segment::{HeadCloud, PixelRect, around};
+use mien_stages::segment::{HeadCloud, PixelRect, gather_at_pose};
 use mien_stages::users::likeness::{FaceLengths, Likeness};
-use mien_stages::users::matching::Place;
+use mien_stages::users::matching::LastSeen;
 use mien_stages::users::memory::Gone;
 use mien_stages::users::{Presence, TrackingState};
 
@@ -57,7 +57,7 @@ pub(crate) struct Person {
     /// The head's box in this frame's depth picture, if there is one.
     pub(crate) rect: Option<PixelRect>,
     /// Expected position.
-    pub(crate) place: Option<Place>,
+    pub(crate) place: Option<LastSeen>,
     /// When they came.
     pub(crate) since: Timestamp,
     /// When the head was last tracked, with its face or by depth alone.
@@ -142,7 +142,7 @@ impl Follower {
         self.person.rect = None;
         let at = now.frame.at;
         let (place, scale) = self.pose.expected(at, middle)?;
-        if !around(&now.frame.depth, now.camera, &place, scale, cloud) {
+        if !gather_at_pose(&now.frame.depth, now.camera, &place, scale, cloud) {
             return None;
         }
         let pose = self.pose.follow(cloud, at);
@@ -176,7 +176,7 @@ impl Follower {
         self.expression
             .observe(&landmarks, &sensor_from_face, now.frame.at);
         self.ranges = self.expression.unit_ranges();
-        self.person.face.see(&landmarks.head);
+        self.person.face.add(&landmarks.head);
         self.show(now, landmarks, sensor_from_face, cloud);
         true
     }
@@ -184,7 +184,7 @@ impl Follower {
     /// The landmarks at a pose, if the frame has a picture and there is a face.
     fn fit(&mut self, now: &mut Now<'_>, pose: &HeadPose) -> Option<Landmarks> {
         let frame = now.frame;
-        if !frame.has_picture() {
+        if !frame.has_image() {
             return None;
         }
         self.person.posed = 0;
@@ -209,7 +209,7 @@ impl Follower {
     ) -> SensorFromHead {
         let sure = confidence >= FUSED_CONFIDENCE;
         let image_residual = self.landmarks.image_residual().filter(|_| sure);
-        let by_picture =
+        let image_pose =
             image_residual.map(|image_residual| pose.sensor_from_head * image_residual);
         // The face knows better than hair where the head is.
         let head_from_face = (self.person.frames < CORRECTED_FRAMES)
@@ -217,7 +217,7 @@ impl Follower {
             .flatten();
         let corrected = self.pose.update(Evidence::Face {
             cloud,
-            by_picture,
+            image_pose,
             head_from_face,
         });
         corrected.unwrap_or(pose.sensor_from_head)
@@ -235,7 +235,7 @@ impl Follower {
             self.pose.update(Evidence::Nothing);
             return false;
         }
-        if !now.frame.has_picture() {
+        if !now.frame.has_image() {
             // Until somebody is known to be there, only what is surely a head counts.
             let is_one = is_sure || (self.is_known() && !self.person.missed);
             if is_one {
@@ -282,7 +282,7 @@ impl Follower {
 
     /// Searches the colour picture for a face that depth does not show: one place per frame.
     fn search_face(&mut self, now: &mut Now<'_>, cloud: &HeadCloud) {
-        if !now.frame.has_picture() {
+        if !now.frame.has_image() {
             return;
         }
         let guesses = guess::guesses(&cloud.points, self.guesses);
@@ -302,8 +302,8 @@ impl Follower {
     fn find(&mut self, sensor_from_face: SensorFromFace, cloud: &HeadCloud, at: Timestamp) {
         let origin = sensor_from_face.translation.vector;
         match &mut self.person.place {
-            Some(place) => place.see(cloud.centre, origin, at),
-            None => self.person.place = Some(Place::new(cloud.centre, origin, at)),
+            Some(place) => place.update(cloud.centre, origin, at),
+            None => self.person.place = Some(LastSeen::new(cloud.centre, origin, at)),
         }
         if self.person.head.is_none() {
             self.person.since = at;
@@ -334,7 +334,7 @@ impl Follower {
             self.person.points = None;
         }
         match &mut self.person.points {
-            Some(points) => points.move_to(&sensor_from_face, now.camera),
+            Some(points) => points.reproject(&sensor_from_face, now.camera),
             None => self.person.confidence = pose.confidence,
         }
     }
@@ -355,7 +355,7 @@ impl Follower {
             return None;
         }
         let mut landmarks = last.clone();
-        landmarks.move_to(pose, camera);
+        landmarks.reproject(pose, camera);
         landmarks.confidence = landmarks.confidence.min(AWAY_CONFIDENCE);
         for confidence in &mut landmarks.point_confidence {
             *confidence = confidence.min(AWAY_CONFIDENCE);
@@ -487,7 +487,7 @@ mod tests {
 
     fn pose(sensor_from_head: Rigid) -> HeadPose {
         HeadPose {
-            sensor_from_head: SensorFromHead::of(sensor_from_head),
+            sensor_from_head: SensorFromHead::assume_frames(sensor_from_head),
             confidence: 0.9,
             coverage: 0.9,
             proven: true,
@@ -582,7 +582,7 @@ mod tests {
             let frames = after.person.frames;
             look(&mut after, (frame, camera), cloud, &pose(truth));
             if after.person.frames > frames {
-                face.see(&after.person.points.as_ref().expect("a face").head);
+                face.add(&after.person.points.as_ref().expect("a face").head);
             }
             at = frame.at;
         });

@@ -27,7 +27,7 @@ use mien_stages::pose::{PoseError, PoseTracker};
 use mien_stages::segment::{HeadCloud, Segmenter};
 use mien_stages::users::choice::{Candidate, Choice};
 use mien_stages::users::likeness::Likeness;
-use mien_stages::users::matching::Place;
+use mien_stages::users::matching::LastSeen;
 use mien_stages::users::memory::Memory;
 use mien_stages::users::{self, Presence, TrackingState, matching};
 
@@ -129,7 +129,7 @@ impl People {
             let (expression, presence) = learning(settings, &units);
             let landmarks = LandmarkStage::new(settings.landmarks, model)?;
             Ok(Follower::new(
-                pose.another(),
+                pose.for_another_head(),
                 landmarks,
                 expression,
                 presence,
@@ -332,7 +332,7 @@ impl People {
         if !candidate.follow_in(now, &heads[head]) {
             if candidate.pose.is_searching() {
                 let centre = heads[head].centre;
-                candidate.person.place = Some(Place::new(centre, centre.coords, now.frame.at));
+                candidate.person.place = Some(LastSeen::new(centre, centre.coords, now.frame.at));
                 return;
             }
             candidate.forget();
@@ -462,7 +462,7 @@ impl People {
     /// How far apart two people are; `None` when too little was seen to tell.
     pub(super) fn apart(&self, one: &Likeness, other: &Likeness) -> Option<f32> {
         let pose = &self.followers[CANDIDATE].pose;
-        Some(one.apart(other, pose.differ(&one.head, &other.head)?))
+        Some(one.distance(other, pose.difference(&one.head, &other.head)?))
     }
 
     /// The user that single-person outputs show.

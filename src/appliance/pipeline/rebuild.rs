@@ -39,7 +39,7 @@ impl People {
             if let Some(pose) = &pose {
                 // It fails for the first one or for none.
                 follower.landmarks = LandmarkStage::new(settings.landmarks, model)?;
-                follower.pose = pose.another();
+                follower.pose = pose.for_another_head();
             }
             let (expression, presence) = learning(settings, &units);
             follower.learn_with(expression, presence);

@@ -19,6 +19,6 @@ defaults! {
         /// Which people are tracked, and what happens when a face is lost.
         pub users: users::Settings = users::Settings::default(),
         /// Whether two threads share the people between them, with the same results: if this process has a second core.
-        pub second_core: bool = SecondCore::is_there(),
+        pub second_core: bool = SecondCore::is_available(),
     }
 }

@@ -95,7 +95,7 @@ impl Pipeline {
         }
         if !users.iter().any(Follower::is_taken) {
             match reports.first_mut() {
-                Some(gone) => gone.alone = true,
+                Some(gone) => gone.none_left = true,
                 None => {
                     let _ = reports.push(nobody);
                 }

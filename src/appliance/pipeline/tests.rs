@@ -6,13 +6,13 @@
 
 use std::fmt::Write;
 
-use crate::hold::hold;
+use crate::hold::compare_with_golden;
 use crate::pipeline::Pipeline;
 use crate::pipeline::Settings;
 use crate::toy_face::toy_face;
 use mien_outputs::Command;
 use mien_sensors::{Frame, NO_DEPTH};
-use mien_simulator::virtual_head::{HeadAsset, Look, Scene, Simulator};
+use mien_simulator::virtual_head::{Appearance, HeadAsset, Scene, Simulator};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::frames::SensorFromFace;
 use mien_stages::base::geometry::{
@@ -87,7 +87,7 @@ fn learned(name: &str, settings: ExpressionSettings, units: Units) {
         let at = Timestamp::from_us(n * 33_333);
         let pose = Rigid::from_parts(place, turn);
         let weights = expression
-            .observe(&face, &SensorFromFace::of(pose), at)
+            .observe(&face, &SensorFromFace::assume_frames(pose), at)
             .clone();
         match n {
             1000 => expression.freeze(true),
@@ -119,7 +119,7 @@ fn learned(name: &str, settings: ExpressionSettings, units: Units) {
         }
         lines.push(plain(&line));
     }
-    hold(&format!("stages/{name}"), &lines);
+    compare_with_golden(&format!("stages/{name}"), &lines);
 }
 
 #[test]
@@ -167,12 +167,12 @@ fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &m
     let mut heads = heads.collect::<Vec<_>>().into_iter();
     let first = heads.next().expect("one");
     let looks = if scene == Scene::Demo {
-        vec![Look::demonstration()]
+        vec![Appearance::demonstration()]
     } else {
         Vec::new()
     };
     let mut simulator = Simulator::new(first, scene, 5)
-        .joined_by(heads)
+        .with_others(heads)
         .dressed(looks);
     let mut frame = Frame::default();
     for (k, tick) in seconds
@@ -232,7 +232,7 @@ fn pipeline() -> Pipeline {
 fn followed(scene: Scene, seconds: &[[u64; 2]]) {
     let mut lines = Vec::new();
     follow(&mut pipeline(), scene, seconds, &mut lines);
-    hold(&format!("stages/followed_{scene:?}").to_lowercase(), &lines);
+    compare_with_golden(&format!("stages/followed_{scene:?}").to_lowercase(), &lines);
 }
 
 #[test]
@@ -267,5 +267,5 @@ fn who_is_followed_far_round_and_forgotten() {
     pipeline.obey(Command::Neutral(0));
     pipeline.obey(Command::Forget(0));
     follow(&mut pipeline, Scene::Wide, &[[10, 11]], &mut lines);
-    hold("stages/followed_wide", &lines);
+    compare_with_golden("stages/followed_wide", &lines);
 }

@@ -11,7 +11,7 @@ type Refusal = (String, String);
 
 /// Begins with what is known of a gesture of that name.
 pub(super) fn begin(table: &DeTable<'_>, settings: &mut Settings) -> Result<(), Refusal> {
-    let all = &mut settings.gestures;
+    let all = &mut settings.outputs.gestures;
     if all.len() == GESTURES {
         return Err((format!("at most {GESTURES} gestures"), "more".to_owned()));
     }
@@ -27,7 +27,7 @@ pub(super) fn begin(table: &DeTable<'_>, settings: &mut Settings) -> Result<(), 
 pub(super) fn end(settings: &Settings) -> Result<(), Refusal> {
     let Some(Gesture {
         name, of, on, off, ..
-    }) = settings.gestures.last()
+    }) = settings.outputs.gestures.last()
     else {
         return Ok(());
     };

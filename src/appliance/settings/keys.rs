@@ -1,7 +1,7 @@
 //! Every key of the configuration: section, name, meaning, unit, range, and where it is stored.
 //!
-//! Outputs, the sensor, the users and the saved state bring theirs along ([`Keys`]); the other stages and the box itself have theirs
-//! in the table here. A row is
+//! Outputs bring their sections along; the sensor, the users and the saved state bring their keys ([`Keys`]); the other stages and the
+//! box itself have theirs in the tables here. A row is
 //! `name: meaning => kind of value;`. Printing, reading and `config/mien.toml` follow the order of the table.
 
 use tracing::Level;
@@ -18,10 +18,18 @@ pub(super) const UNITS: &str = "units";
 pub(super) const GESTURE: &str = "gesture";
 
 /// A section, with a sentence about it.
+#[derive(Clone, Copy)]
 pub(super) struct Section {
     pub(super) name: &'static str,
     pub(super) about: &'static str,
-    pub(super) keys: fn(&mut Settings) -> Vec<Key<'_>>,
+    source: Source,
+}
+
+/// Whose settings have the keys.
+#[derive(Clone, Copy)]
+enum Source {
+    All(fn(&mut Settings) -> Vec<Key<'_>>),
+    Outputs(fn(&mut mien_outputs::Settings) -> Vec<Key<'_>>),
 }
 
 impl Section {
@@ -31,25 +39,42 @@ impl Section {
             name => format!("[{name}]"),
         }
     }
+
+    pub(super) fn keys<'a>(&self, settings: &'a mut Settings) -> Vec<Key<'a>> {
+        match self.source {
+            Source::All(keys) => keys(settings),
+            Source::Outputs(keys) => keys(&mut settings.outputs),
+        }
+    }
+}
+
+/// Every section, in the order printed.
+pub(super) fn sections() -> impl Iterator<Item = Section> {
+    let outputs = mien_outputs::SECTIONS.iter().map(|section| Section {
+        name: section.name,
+        about: section.about,
+        source: Source::Outputs(section.keys),
+    });
+    let before = STAGES.iter().copied();
+    before.chain(outputs).chain(BOX.iter().copied())
 }
 
 /// Sections of keys; `..settings` stands for the keys that settings bring along.
 macro_rules! sections {
-    ($s:ident $($section:ident: $of:literal { $($name:ident: $about:expr => $kind:expr;)* $(..$more:expr)? })*) => {
-        /// Every section, in the order printed.
-        pub(super) const SECTIONS: &[Section] = &[$(Section {
+    ($list:ident: $s:ident $($section:ident: $of:literal { $($name:ident: $about:expr => $kind:expr;)* $(..$more:expr)? })*) => {
+        const $list: &[Section] = &[$(Section {
             name: stringify!($section),
             about: $of,
-            keys: |$s| {
+            source: Source::All(|$s| {
                 let _ = &$s;
                 let keys = vec![$(Key { name: stringify!($name), about: $about, kind: $kind }),*];
                 keys.into_iter()$(.chain($more.keys()))?.collect()
-            },
+            }),
         }),*];
     };
 }
 
-sections! { s
+sections! { STAGES: s
     sensor: "The source of frames." { ..s.sensor }
     segment: "Head segmentation in the depth picture." {
         max_distance_m: "Maximum distance at which heads are detected." =>
@@ -110,23 +135,9 @@ sections! { s
     }
     users: "Which people are tracked, and what happens when a face is lost." { ..s.stages.users }
     units: "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }" {}
-    osc: "OSC over UDP, the native schema." { ..s.osc }
-    vmc: "OSC for avatar programs: the VMC protocol." { ..s.vmc }
-    vrchat: "OSC for VRChat: Unified Expressions." { ..s.vrchat }
-    faceosc: "OSC in FaceOSC's format." { ..s.faceosc }
-    serial: "Serial output." { ..s.serial }
-    network: "How the outputs below identify the box. They are optional build features, included in the package." {
-        name: "Name of the box on the network; empty = the host name." =>
-            Kind::Text(&mut s.name, "at most 63 letters, digits and -, or empty", is_host);
-    }
-    live_link: "Unreal's Live Link, in the format of the Live Link Face app." { ..s.live_link }
-    websocket: "JSON over WebSocket, for web pages." { ..s.websocket }
-    page: "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget." { ..s.page }
-    mqtt: "MQTT: presence, state, health, weights, and Home Assistant." { ..s.mqtt }
-    keys: "Keys that gestures press." {
-        device: "The device that presses them: uinput, or the node of a USB HID gadget." =>
-            Kind::Text(&mut s.keys_device, "the path of a device", |text| !text.is_empty());
-    }
+}
+
+sections! { BOX: s
     state: "What is kept across restarts about people tracked with a Kinect." { ..s.state }
     status: "Status files." {
         path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>
@@ -139,8 +150,4 @@ sections! { s
             Kind::choice(&mut s.log_level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
     }
     gesture: "Expressions that switch something, see docs/gestures.md. At most 16; smile, brows, mouth_open, wink_left,\n# wink_right, blink_long, look_left, look_right, look_up and kiss need only their name." { ..s.gesture() }
-}
-
-fn is_host(name: &str) -> bool {
-    name.len() <= 63 && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
 }

@@ -19,7 +19,7 @@ use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
 
-use keys::{GESTURE, SECTIONS, Section, UNITS};
+use keys::{GESTURE, Section, UNITS, sections};
 use toml_words::describe;
 
 use mien_outputs::gesture::{Gesture, PRESETS};
@@ -104,7 +104,7 @@ impl Settings {
     /// Parses the text of a file; `path` is for messages only. Keys that are absent keep their defaults.
     ///
     /// ```
-    /// use mien::appliance::settings::Settings;
+    /// use mien_appliance::settings::Settings;
     /// let error = Settings::parse("[users]\nhold_s = 99", "my.toml".as_ref()).unwrap_err();
     /// assert_eq!(error.to_string(), "my.toml:2:10: expected users.hold_s from 0 to 10 s, found 99");
     /// ```
@@ -137,8 +137,8 @@ impl Settings {
         for (section, value) in document.get_ref() {
             let name: &str = section.get_ref();
             let start = section.span().start;
-            let Some(known) = SECTIONS.iter().find(|known| known.name == name) else {
-                let names: Vec<&str> = SECTIONS.iter().map(|known| known.name).collect();
+            let Some(known) = sections().find(|known| known.name == name) else {
+                let names: Vec<&str> = sections().map(|known| known.name).collect();
                 let expected = format!("one of the sections {}", names.join(", "));
                 let found = format!("{name}{}", hint(name, names));
                 return Err(wrong(start, expected, found));
@@ -155,10 +155,10 @@ impl Settings {
                 return Err(wrong(start, expected, describe(value.get_ref())));
             };
             for table in tables {
-                settings.table(known, table, start, &wrong)?;
+                settings.table(&known, table, start, &wrong)?;
             }
         }
-        settings.hand_on_units();
+        settings.outputs.copy_units();
         match refused(&settings) {
             Some(refused) => {
                 let (line, column) = line_and_column(text, offset_of(document.get_ref(), &refused));
@@ -184,14 +184,14 @@ impl Settings {
         }
         for (key, value) in table {
             if name == UNITS {
-                units::assign(key.get_ref(), value, &mut self.units).map_err(
+                units::assign(key.get_ref(), value, &mut self.outputs.units).map_err(
                     |(span, expected, found)| {
                         wrong(span.unwrap_or(key.span()).start, expected, found)
                     },
                 )?;
                 continue;
             }
-            let mut rows = (known.keys)(self);
+            let mut rows = known.keys(self);
             let Some(at) = rows.iter().position(|row| row.name == key.get_ref()) else {
                 let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
                 let expected =
@@ -217,24 +217,28 @@ impl Settings {
              # `mien check-config FILE` checks a copy; omitted keys keep the value shown by `mien print-config`.\n",
         );
         // Without any gesture, one that is commented out.
-        let is_example = self.gestures.is_empty();
+        let is_example = self.outputs.gestures.is_empty();
         if is_example {
-            self.gestures.push(Gesture::named(PRESETS[0].0));
+            self.outputs.gestures.push(Gesture::named(PRESETS[0].0));
         }
-        for section in SECTIONS {
+        for section in sections() {
             let _ = write!(text, "\n# {}\n", section.about);
             let is_gesture = section.name == GESTURE;
             let mark = if is_gesture && is_example { "# " } else { "" };
-            for _ in 0..if is_gesture { self.gestures.len() } else { 1 } {
+            for _ in 0..if is_gesture {
+                self.outputs.gestures.len()
+            } else {
+                1
+            } {
                 // Keys are of the last gesture: each has its turn there.
                 if is_gesture {
-                    self.gestures.rotate_left(1);
+                    self.outputs.gestures.rotate_left(1);
                 }
                 let _ = writeln!(text, "{mark}{}", section.header());
                 if section.name == UNITS {
-                    units::print(&self.units, &mut text);
+                    units::print(&self.outputs.units, &mut text);
                 }
-                for Key { name, about, kind } in (section.keys)(&mut self) {
+                for Key { name, about, kind } in section.keys(&mut self) {
                     let (allowed, value) = as_toml(&kind);
                     let _ = write!(text, "# {about} ({allowed})\n{mark}{name} = {value}\n");
                 }
@@ -305,8 +309,8 @@ mod tests {
         let text = "[[gesture]]\nname = \"smile\"\nkey = \"space\"\nperson = \"any\"\n\
             [[gesture]]\nname = \"frown\"\nof = \"AU4L + AU4R - AU1L\"\non = 1\noff = 0.5\npress = \"hold\"\n";
         let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
-        let [smile, frown] = &settings.gestures[..] else {
-            panic!("{:?}", settings.gestures)
+        let [smile, frown] = &settings.outputs.gestures[..] else {
+            panic!("{:?}", settings.outputs.gestures)
         };
         let preset = Gesture::named("smile");
         assert_eq!((smile.on, &*smile.key), (preset.on, "space"));
@@ -371,6 +375,7 @@ mod tests {
         let text = text.replace("AU23", "AU2L");
         let settings = Settings::parse(&text, Path::new("a.toml")).unwrap();
         let units: Vec<_> = settings
+            .outputs
             .units
             .iter()
             .map(|view| (view.unit.as_str(), view.name.as_str(), view.gain))
@@ -408,8 +413,8 @@ mod tests {
     fn targets_are_one_or_several() {
         let text = "[osc]\ntarget = [\"a:1\", \"239.0.0.1:2\"]\n[vmc]\ntarget = \"b:3\"\n";
         let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
-        assert_eq!(settings.osc.targets, ["a:1", "239.0.0.1:2"]);
-        assert_eq!(settings.vmc.targets, ["b:3"]);
+        assert_eq!(settings.outputs.osc.targets, ["a:1", "239.0.0.1:2"]);
+        assert_eq!(settings.outputs.vmc.targets, ["b:3"]);
         assert_eq!(
             Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
             Ok(settings)

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use crate::pipeline;
 use crate::source;
-use mien_outputs::features::{LiveLinkSettings, MqttSettings, PageSettings, WebSocketSettings};
 use mien_stages::base::defaults;
 use mien_stages::base::settings::keyed;
 
@@ -19,32 +18,8 @@ defaults! {
         pub sensor: SensorSettings = SensorSettings::default(),
         /// The stages.
         pub stages: pipeline::Settings = pipeline::Settings::default(),
-        /// Names and gains of units, for every output.
-        pub units: Vec<mien_outputs::UnitView> = Vec::new(),
-        /// OSC over UDP.
-        pub osc: mien_outputs::osc::Settings = mien_outputs::osc::Settings::default(),
-        /// OSC for avatar programs, VMC protocol.
-        pub vmc: mien_outputs::osc::vmc::Settings = mien_outputs::osc::vmc::Settings::default(),
-        /// OSC for VRChat.
-        pub vrchat: mien_outputs::osc::vrchat::Settings = mien_outputs::osc::vrchat::Settings::default(),
-        /// OSC as FaceOSC sends it.
-        pub faceosc: mien_outputs::osc::faceosc::Settings = mien_outputs::osc::faceosc::Settings::default(),
-        /// The serial line.
-        pub serial: mien_outputs::serial::Settings = mien_outputs::serial::Settings::default(),
-        /// Gestures, and the device that presses their keys.
-        pub gestures: Vec<mien_outputs::gesture::Gesture> = Vec::new(),
-        /// Path of `uinput` or of a USB HID gadget, which presses keys.
-        pub keys_device: String = "/dev/uinput".into(),
-        /// Name of the box; empty = the host name.
-        pub name: String = String::new(),
-        /// Unreal's Live Link.
-        pub live_link: LiveLinkSettings = LiveLinkSettings::default(),
-        /// JSON for pages.
-        pub websocket: WebSocketSettings = WebSocketSettings::default(),
-        /// The page of the box.
-        pub page: PageSettings = PageSettings::default(),
-        /// MQTT.
-        pub mqtt: MqttSettings = MqttSettings::default(),
+        /// The outputs.
+        pub outputs: mien_outputs::Settings = mien_outputs::Settings::default(),
         /// State kept across restarts.
         pub state: StateSettings = StateSettings::default(),
         /// Path of the status file; empty = none.
@@ -88,28 +63,7 @@ impl SensorSettings {
 impl Settings {
     /// The gesture that is being read or printed.
     pub(super) fn gesture(&mut self) -> &mut mien_outputs::gesture::Gesture {
-        let last = self.gestures.last_mut();
+        let last = self.outputs.gestures.last_mut();
         last.expect("keys of gestures are asked for only while there is one")
-    }
-
-    /// Every output reads the names and gains of its units in its own view.
-    pub(super) fn hand_on_units(&mut self) {
-        for view in [
-            &mut self.osc.view,
-            &mut self.vmc.view,
-            &mut self.vrchat.view,
-            &mut self.serial.view,
-            &mut self.live_link.view,
-            &mut self.websocket.view,
-            &mut self.mqtt.view,
-        ] {
-            view.units.clone_from(&self.units);
-        }
-    }
-
-    /// Names of the gestures, in their order.
-    pub fn gesture_names(&self) -> Vec<&str> {
-        let names = self.gestures.iter().map(|gesture| gesture.name.as_str());
-        names.collect()
     }
 }

@@ -67,7 +67,7 @@ pub(super) fn print(views: &[UnitView], text: &mut String) {
     let known = all_units();
     text.push_str("# Codes and movements; L and R are the subject's own left and right.\n");
     for words in &unit_words::ALL {
-        let is_it = |unit: &&str| unit_words::of(unit).is_some_and(|(found, _)| found == words);
+        let is_it = |unit: &&str| unit_words::find(unit).is_some_and(|(found, _)| found == words);
         let codes: Vec<&str> = known.iter().map(String::as_str).filter(is_it).collect();
         if !codes.is_empty() {
             let _ = writeln!(text, "#   {:<16} {}", codes.join(", "), words.does);

@@ -1,11 +1,11 @@
-//! Where brows and jaw of a neutral head are, judged by its eyes, nose and lips.
+//! Places brows and jaw of a neutral head from its eyes, nose and lips.
 //!
-//! Plaster has no brows, and a jaw has no mark of its own: the face model knows both from photographs, by hair and shade. The
-//! shape model knows where people have them: it is laid on the other points in space, in turns a similarity (Umeyama 1991)
-//! and its modes by ridge regression, each held by its standard deviation over people.
+//! Plaster has no brows and a jaw no edge, whereas the face model learned both from hair and shade in photographs.
+//! The shape model gives their usual place: it is fitted to the other points in 3D, alternating a similarity (Umeyama
+//! 1991) and ridge regression of its modes, regularised by their standard deviations over people.
 //!
-//! Frames: (right, up, towards the viewer) outside, the model's head frame inside. Units: the mesh's. Cost: below a
-//! millisecond. Limits: a head unlike people's, a cartoon, has its jaw where people would have it.
+//! Frames: (right, up, towards the viewer) outside, the model's head frame inside. Units: the mesh's. Cost: below
+//! a millisecond. Limits: a cartoon's jaw is put where people's is.
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
@@ -13,11 +13,11 @@ use super::mesh::Vec3;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::ShapeModel;
 
-/// Turns of placing and shaping.
+/// Alternations of similarity and modes.
 const ROUNDS: usize = 8;
 /// Expected error of the found points, in inner-eye-corner distances: sets how strongly the modes are regularised.
 const NOISE: f64 = 0.06;
-/// Eyes, nose and lips: what a picture shows of any head.
+/// Eyes, nose and lips, which a rendering of any head shows.
 const KNOWN: std::ops::Range<usize> = 27..LANDMARKS;
 
 /// Head frame (x to the subject's left, y down, z away from the viewer) to (right, up, towards the viewer).
@@ -42,11 +42,14 @@ fn similarity(from: &[Vec3], to: &[Vec3]) -> Option<(f64, Matrix3<f64>, Vec3)> {
     Some((scale, turn, b - turn * a * scale))
 }
 
-/// All 68 points by the shape laid on what is found of eyes, nose and lips; `None` if those points are no face.
-pub(super) fn laid(shape: &ShapeModel, found: &[Vec3; LANDMARKS]) -> Option<[Vec3; LANDMARKS]> {
+/// All 68 points of the shape fitted to the eyes, nose and lips of `found`; `None` if those are degenerate.
+pub(super) fn completed(
+    shape: &ShapeModel,
+    found: &[Vec3; LANDMARKS],
+) -> Option<[Vec3; LANDMARKS]> {
     let mean = shape.mean.iter().map(|p| upright((*p).into()));
     let mean: Vec<Vec3> = mean.collect();
-    // One column a mode, of one standard deviation.
+    // One column per mode, one standard deviation long.
     let mode = |(mode, deviation): (&[f32; 3 * LANDMARKS], &f32)| {
         let along = mode.as_chunks().0.iter();
         along.map(|&v| upright(v) * f64::from(*deviation)).collect()
@@ -62,7 +65,7 @@ pub(super) fn laid(shape: &ShapeModel, found: &[Vec3; LANDMARKS]) -> Option<[Vec
         if !(scale.is_finite() && scale > 0.0) {
             return None;
         }
-        // What is found, in the model's frame and size.
+        // Found points in the model's frame and scale.
         let miss = KNOWN.flat_map(|k| {
             let there = turn.transpose() * (found[k] - shift) / scale - mean[k];
             [there.x, there.y, there.z]
@@ -113,12 +116,12 @@ mod tests {
             for p in &mut found[..KNOWN.start] {
                 *p = Vec3::repeat(1e3);
             }
-            let laid = laid(&shape, &found).unwrap();
+            let completed = completed(&shape, &found).unwrap();
             let w = (truth[39] - truth[42]).norm();
             let mean: Vec<Vec3> = shape.mean.iter().map(head).collect();
             for k in 0..KNOWN.start {
                 by_mean += (mean[k] - truth[k]).norm() / w;
-                by_shape += (laid[k] - truth[k]).norm() / w;
+                by_shape += (completed[k] - truth[k]).norm() / w;
             }
         }
         let count = 20.0 * KNOWN.start as f64;

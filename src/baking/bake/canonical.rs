@@ -1,9 +1,9 @@
-//! The learned face laid onto a head: which place of one is which of the other.
+//! Maps the learned face onto a head: which learned place corresponds to which vertex.
 //!
-//! A thin-plate warp takes the head's 68 landmarks onto those of the face that was learned from (both in the face's frame,
-//! unit one eye distance); every skin vertex then takes from the places nearest to it, by position and normal. Away from
-//! any place the learned part fades out. A face whose landmarks do not go onto the learned ones by anything like a linear
-//! map is not told how to move: [`Canonical::new`] is `None` and the solve stands alone.
+//! A thin-plate warp takes the head's 68 landmarks onto those of the learned face (the face's frame, unit one eye
+//! distance). Every skin vertex then averages the learned places nearest by position and normal. Away from all places
+//! the learned part fades out. If the landmarks do not match the learned ones after a linear map, [`Canonical::new`]
+//! is `None` and the solve stands alone.
 //!
 //! Units: eye distances; displacements in and out in the mesh's. Cost: a few k-d tree queries a vertex.
 
@@ -16,28 +16,29 @@ use rayon::prelude::*;
 
 use super::head::{Head, LANDMARKS};
 use super::mesh::Vec3;
-use super::prior::{Place, Prior};
+use super::prior::{Prior, SkinPoint};
 use mien_workbench::thin_plate::ThinPlate;
 
-/// Landmarks may miss the learned ones by this much (RMS) after a linear map.
-const FITS: f64 = 0.25;
-/// The warp may miss landmarks a little: two that touch here may be apart there.
-const GIVES: f64 = 0.02;
-/// Places that a vertex takes from.
+/// Largest RMS distance of the landmarks from the learned ones after a linear map, eye distances.
+const MAX_LANDMARK_RMS: f64 = 0.25;
+/// Smoothing of the warp: landmarks that coincide on one face may be separate on the other.
+const WARP_SMOOTHING: f64 = 0.02;
+/// Learned places that a vertex averages.
 const NEIGHBOURS: usize = 6;
-/// Where a vertex is this far from any place, it takes all that is learned, and none.
-const NEAR: [f64; 2] = [0.2, 0.5];
+/// Distances from the nearest place up to which the learned part counts fully and from which it counts nothing, eye
+/// distances.
+const FADE_RANGE: [f64; 2] = [0.2, 0.5];
 
 /// The learned face on one head.
 pub(super) struct Canonical<'a> {
     prior: &'a Prior,
     /// Vertex of the head at each place.
     at: Vec<u32>,
-    /// Per vertex: places and their weights, which sum to 1 near the face and to less away from it.
-    takes: Vec<[(u32, f32); NEIGHBOURS]>,
+    /// Per vertex, places and their weights, which sum to 1 near the face and to less away from it.
+    weights: Vec<[(u32, f32); NEIGHBOURS]>,
 }
 
-/// The warp between two sets of landmarks; `None` if they are too different for one face.
+/// The warp between two sets of landmarks; `None` if no linear map brings them together.
 fn warp(from: &[Vec3], to: &[Vec3]) -> Option<ThinPlate<3>> {
     let n = from.len();
     let line = |p: &Vec3| [1.0, p.x, p.y, p.z];
@@ -46,8 +47,8 @@ fn warp(from: &[Vec3], to: &[Vec3]) -> Option<ThinPlate<3>> {
     let fitted = affine.clone().svd(true, true).solve(&goal, 1e-9).ok()?;
     let miss = ((&affine * &fitted - &goal).norm_squared() / n as f64).sqrt();
     let linear = Matrix3::from_fn(|r, c| fitted[(c + 1, r)]);
-    let alike = miss <= FITS && linear.determinant() > 0.1;
-    alike.then(|| ThinPlate::new(from, to, GIVES))?
+    let alike = miss <= MAX_LANDMARK_RMS && linear.determinant() > 0.1;
+    alike.then(|| ThinPlate::new(from, to, WARP_SMOOTHING))?
 }
 
 /// Positions of a head in the face's frame.
@@ -56,12 +57,12 @@ pub(super) fn in_frame(head: &Head, p: &Vec3) -> Vec3 {
     head.axes.tr_mul(&(p - origin)) / head.eye_distance
 }
 
-/// The places of the vertices that pass, in the face's frame.
-pub(super) fn places(head: &Head, chosen: impl Fn(usize) -> bool) -> Vec<(u32, Place)> {
+/// Positions and normals of the vertices that pass, in the face's frame.
+pub(super) fn places(head: &Head, chosen: impl Fn(usize) -> bool) -> Vec<(u32, SkinPoint)> {
     let normals = head.mesh.vertex_normals(&head.mesh.positions);
     let some = (0..head.mesh.positions.len()).filter(|&v| chosen(v));
     some.map(|v| {
-        let place = Place {
+        let place = SkinPoint {
             at: in_frame(head, &head.mesh.positions[v]),
             normal: head.axes.tr_mul(&normals[v]),
         };
@@ -71,7 +72,7 @@ pub(super) fn places(head: &Head, chosen: impl Fn(usize) -> bool) -> Vec<(u32, P
 }
 
 impl<'a> Canonical<'a> {
-    /// Lays the face onto a head; `None` if its landmarks do not fit.
+    /// Fits the face to a head; `None` if its landmarks do not match.
     pub(super) fn new(head: &Head, prior: &'a Prior) -> Option<Self> {
         let from = (0..LANDMARKS).map(|k| in_frame(head, &head.point(k)));
         let from: Vec<Vec3> = from.collect();
@@ -82,43 +83,43 @@ impl<'a> Canonical<'a> {
         let learned = &prior.comparison.places;
         let tree = |points: Vec<[f64; 6]>| ImmutableKdTree::new_from_slice(&points).ok();
         let on_skin = tree(skin.iter().map(|p| p.1.point()).collect())?;
-        let nearest = |q: &Place| {
+        let nearest = |q: &SkinPoint| {
             let point = q.point();
             let nearest = on_skin.query(&point);
             let nearest = nearest.nearest_one::<SquaredEuclidean<f64>>().execute();
             skin[nearest.item as usize].0
         };
         let at = learned.par_iter().map(nearest).collect();
-        let places = tree(learned.iter().map(Place::point).collect())?;
-        let mut takes = vec![[(0, 0.0); NEIGHBOURS]; head.mesh.positions.len()];
+        let places = tree(learned.iter().map(SkinPoint::point).collect())?;
+        let mut weights = vec![[(0, 0.0); NEIGHBOURS]; head.mesh.positions.len()];
         let found: Vec<_> = skin.par_iter().map(|(_, p)| around(p, &places)).collect();
         for ((v, _), found) in skin.iter().zip(found) {
-            takes[*v as usize] = found;
+            weights[*v as usize] = found;
         }
-        Some(Self { prior, at, takes })
+        Some(Self { prior, at, weights })
     }
 
-    /// What the skin does beyond `solved`, per vertex, mesh units, given the landmarks' displacements.
-    pub(super) fn beyond(&self, head: &Head, controls: &[Vec3], solved: &[Vec3]) -> Vec<Vec3> {
+    /// Displacement of the skin in addition to `solved`, per vertex, mesh units, given the landmarks' displacements.
+    pub(super) fn residual(&self, head: &Head, controls: &[Vec3], solved: &[Vec3]) -> Vec<Vec3> {
         let w = head.eye_distance;
         let inward = |d: &Vec3| head.axes.tr_mul(d) / w;
         let controls = controls.iter().map(inward).collect();
         let skin = self.at.iter().map(|&v| inward(&solved[v as usize]));
-        let beyond = self.prior.beyond(controls, skin.collect());
-        let turned: Vec<Vec3> = beyond.iter().map(|d| head.axes * d * w).collect();
-        let of = |takes: &[(u32, f32); NEIGHBOURS]| {
-            let parts = takes.iter().filter(|t| t.1 > 0.0);
+        let residual = self.prior.residual(controls, skin.collect());
+        let turned: Vec<Vec3> = residual.iter().map(|d| head.axes * d * w).collect();
+        let of = |weights: &[(u32, f32); NEIGHBOURS]| {
+            let parts = weights.iter().filter(|t| t.1 > 0.0);
             parts.fold(Vec3::zeros(), |sum, &(q, share)| {
                 sum + turned[q as usize] * f64::from(share)
             })
         };
-        self.takes.iter().map(of).collect()
+        self.weights.iter().map(of).collect()
     }
 }
 
-/// The nearest places of one and their weights.
-fn around(p: &Place, places: &ImmutableKdTree<f64, 6>) -> [(u32, f32); NEIGHBOURS] {
-    // One more than is taken: where that one is, the weight is 0, so that nothing jumps as another comes nearer.
+/// The places nearest to a point and their weights.
+fn around(p: &SkinPoint, places: &ImmutableKdTree<f64, 6>) -> [(u32, f32); NEIGHBOURS] {
+    // One more than is used: its weight is 0, so that weights change continuously as another place comes nearer.
     const ONE_MORE: NonZeroUsize = NonZeroUsize::new(NEIGHBOURS + 1).expect("more than none");
     let point = p.point();
     let found = places
@@ -134,7 +135,7 @@ fn around(p: &Place, places: &ImmutableKdTree<f64, 6>) -> [(u32, f32); NEIGHBOUR
     if !last.is_finite() || last <= 0.0 {
         return taken;
     }
-    let trust = 1.0 - smoothstep(NEAR[0], NEAR[1], nearest[0].0);
+    let trust = 1.0 - smoothstep(FADE_RANGE[0], FADE_RANGE[1], nearest[0].0);
     let share = |far: f64| (1.0 - far / last).powi(2) / (far + 0.02 * last);
     let sum: f64 = nearest[..NEIGHBOURS].iter().map(|n| share(n.0)).sum();
     for (taken, (far, q)) in taken.iter_mut().zip(nearest) {

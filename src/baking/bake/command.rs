@@ -26,14 +26,14 @@ use mien_workbench::picture_files::png;
 use mien_workbench::progress::Progress;
 use mien_workbench::text_files;
 
-/// How many of the points found least surely are named.
-const NAMED: usize = 5;
-/// Between people's inner eye corners, metres.
-const EYES: f64 = 0.034;
-/// What a vertex of a shape takes: its displacement, its influence and whether it could move.
+/// How many of the least confident points are named.
+const NAMED_POINTS: usize = 5;
+/// Usual distance of the inner eye corners, metres.
+const EYE_DISTANCE_M: f64 = 0.034;
+/// Bytes of a vertex of a shape: displacement, influence and whether it may move.
 const SHAPE_BYTES: usize = 33;
-/// What all shapes together may take: 67 of a mesh of a million vertices.
-const SHAPES_MOST: usize = (67 * SHAPE_BYTES) << 20;
+/// Most bytes of all shapes together: 67 of a mesh of a million vertices.
+const MAX_SHAPE_BYTES: usize = (67 * SHAPE_BYTES) << 20;
 
 /// What becomes of joined lips.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -57,7 +57,7 @@ pub struct Request {
     #[arg(long)]
     pub landmarks: PathBuf,
     /// glTF with one morph target per shape (.glb, .vrm)
-    #[arg(long, value_parser = written)]
+    #[arg(long, value_parser = output_name)]
     pub out: PathBuf,
     /// Shapes and their control points [default: the 67 of config/blendshapes.toml]
     #[arg(long)]
@@ -101,8 +101,8 @@ pub struct Request {
     pub keep: bool,
 }
 
-/// A file of ours by its name: binary glTF, or the VRM that a head came in.
-pub fn written(name: &str) -> Result<PathBuf, &'static str> {
+/// Parses the name of an output: `.glb`, or `.vrm` for a head read from one.
+pub fn output_name(name: &str) -> Result<PathBuf, &'static str> {
     let out = PathBuf::from(name);
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
     let known = ending == "glb" || ending == "vrm";
@@ -126,7 +126,7 @@ fn metres(unit: &str) -> Result<f64, String> {
     }
 }
 
-/// Metres per unit of the mesh, and how that is known.
+/// Metres per unit of the mesh, and how that was determined.
 fn scale(request: &Request, head: &Head) -> (f64, &'static str) {
     if let Some(metres) = request.metres {
         return (metres, "as given");
@@ -136,29 +136,29 @@ fn scale(request: &Request, head: &Head) -> (f64, &'static str) {
     match units.find(|m| (0.02..0.06).contains(&(found * m))) {
         Some(metres) => (metres, "from the distance of the eyes"),
         None => (
-            EYES / found,
+            EYE_DISTANCE_M / found,
             "no usual one: eyes put as far apart as people's",
         ),
     }
 }
 
-/// What is to be baked: a table of controls or a recipe, if it leaves room for the shapes.
+/// Targets from a table of controls or a recipe, if all shapes fit into [`MAX_SHAPE_BYTES`].
 fn targets(request: &Request, head: &Head, vertex: &[u32]) -> Result<Vec<Target>, Fault> {
     let targets = match &request.controls {
         Some(path) => table(path, head, vertex, request.derive)?,
-        None => of_recipe(request, head)?,
+        None => recipe_targets(request, head)?,
     };
     let (shapes, vertices) = (targets.len(), head.mesh.positions.len());
     let bytes = (shapes * vertices).saturating_mul(SHAPE_BYTES);
-    if bytes > SHAPES_MOST {
+    if bytes > MAX_SHAPE_BYTES {
         return Err(Fault::new(format!(
-            "{shapes} shapes of {vertices} vertices would take {bytes} bytes, expected at most {SHAPES_MOST}; bake fewer shapes or a coarser mesh"
+            "{shapes} shapes of {vertices} vertices would take {bytes} bytes, expected at most {MAX_SHAPE_BYTES}; bake fewer shapes or a coarser mesh"
         )));
     }
     Ok(targets)
 }
 
-fn of_recipe(request: &Request, head: &Head) -> Result<Vec<Target>, Fault> {
+fn recipe_targets(request: &Request, head: &Head) -> Result<Vec<Target>, Fault> {
     let (text, path) = match &request.recipe {
         Some(path) => (&*read(path)?, path.as_path()),
         None => (SHIPPED, Path::new("built-in recipe")),
@@ -182,8 +182,8 @@ fn of_recipe(request: &Request, head: &Head) -> Result<Vec<Target>, Fault> {
 const KEPT: &str = "The lips are joined: skin spans the mouth and stretches as it opens.";
 const CUT: &str = "The lips were joined: they are cut open along the line between them, with an inside of the mouth behind; give --lips keep to bake them as they were.";
 
-/// What was read.
-fn say_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &str)) {
+/// Prints the figures of the head.
+fn print_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &str)) {
     println!(
         "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
         request.mesh.display(),
@@ -193,7 +193,7 @@ fn say_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &s
     );
 }
 
-/// The head of a source, in the one order.
+/// Analyses the head in the canonical order.
 fn analysed(source: &Source, landmarks: &[u64]) -> Result<(Head, Ordered), Fault> {
     let mut ordered = Ordered::new(&source.mesh);
     let numbers = ordered.landmarks(landmarks)?;
@@ -201,7 +201,7 @@ fn analysed(source: &Source, landmarks: &[u64]) -> Result<(Head, Ordered), Fault
     Ok((head, ordered))
 }
 
-/// Analyses the head of a source, and cuts its lips open first if they are joined; the last value is a note on that for the report.
+/// Analyses the head of a source, cutting joined lips open first; the last value is a note on that for the report.
 fn opened(
     request: &Request,
     source: &mut Source,
@@ -227,17 +227,20 @@ fn opened(
 /// If something cannot be read, solved or written; nothing half-written is left.
 pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let start = Instant::now();
-    // Unpacked while the mesh is read: it takes as long.
+    // Unpacked while the mesh is read, as it takes as long.
     std::thread::spawn(Prior::shipped);
     let mut source = Source::read(&request.mesh)?;
     let (mut numbers, mut notes) = match request.landmarks.as_os_str() == "auto" {
-        true => found(request, &source)?,
-        false => (source.told(&request.landmarks)?, String::new()),
+        true => find_landmarks(request, &source)?,
+        false => (
+            source.landmarks_from_file(&request.landmarks)?,
+            String::new(),
+        ),
     };
     let (head, ordered, joined) = opened(request, &mut source, &mut numbers)?;
     notes = format!("{} {notes}", joined.unwrap_or(""));
     let (metres, how) = scale(request, &head);
-    say_head(request, &source.mesh, &head, (metres, how));
+    print_head(request, &source.mesh, &head, (metres, how));
     let targets = targets(request, &head, ordered.vertex())?;
     let oddities = source.oddities(&targets, request.keep, &request.out);
     if !oddities.is_empty() {
@@ -249,16 +252,16 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let prior = Some(Prior::shipped());
     let shapes = rig::bake(&head, &targets, request.method, prior, &done)?;
     drop(progress);
-    let faults = verdict::faults(&head, &shapes);
-    println!("{}", verdict::verdict(&shapes, &faults));
+    let defects = verdict::defects(&head, &shapes);
+    println!("{}", verdict::verdict(&shapes, &defects));
     let report = request.report.as_ref().map(|path| {
         let outside = Outside::new(&source.mesh, ordered.vertex(), &source.looks);
-        let title = format!("Blendshapes of {}", text_files::name_of(&request.mesh));
-        let page = report::html(&head, &outside, &shapes, &faults, [&title, &notes]);
+        let title = format!("Blendshapes of {}", text_files::display_name(&request.mesh));
+        let page = report::html(&head, &outside, &shapes, &defects, [&title, &notes]);
         (path, page)
     });
-    let neck = Neck::of(&head, &source.mesh.positions);
-    // From here on in the order of the file.
+    let neck = Neck::from_head(&head, &source.mesh.positions);
+    // From here on in the vertex order of the file.
     let shapes = shapes.into_par_iter().map(|s| ordered.scattered(s));
     let mut shapes: Vec<Shape> = shapes.collect();
     shapes.retain(|shape| !(request.keep && source.has(&shape.name)));
@@ -296,8 +299,8 @@ pub fn skin(data: &Path, out: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Landmarks found on the mesh, written beside the output for a person to confirm.
-fn found(request: &Request, source: &Source) -> Result<(Vec<u64>, String), Fault> {
+/// Landmarks found on the mesh, written beside the output for the user to check.
+fn find_landmarks(request: &Request, source: &Source) -> Result<(Vec<u64>, String), Fault> {
     let [picture, text] =
         ["png", "txt"].map(|kind| request.out.with_extension(format!("landmarks.{kind}")));
     let found = source.guess(&request.mesh)?;
@@ -309,8 +312,8 @@ fn found(request: &Request, source: &Source) -> Result<(Vec<u64>, String), Fault
             "{mesh}: expected a face, found none with more than {confidence:.2} confidence ({shown} shows what was seen); place the points with: mien-studio place --mesh {mesh}"
         )));
     }
-    let numbers = landmark_text(&found.vertices, source.foreign.as_ref());
-    // Not over points that somebody saved.
+    let numbers = landmark_text(&found.vertices, source.imported.as_ref());
+    // Never overwrite points that were saved by hand.
     let saved = text.exists() && read(&text)? != numbers;
     if saved {
         let text = text.display();
@@ -319,7 +322,11 @@ fn found(request: &Request, source: &Source) -> Result<(Vec<u64>, String), Fault
         write(&text, numbers.as_bytes())?;
     }
     let unsure = found.unsure();
-    let names: Vec<&str> = unsure.iter().take(NAMED).map(|&k| NAMES[k]).collect();
+    let names: Vec<&str> = unsure
+        .iter()
+        .take(NAMED_POINTS)
+        .map(|&k| NAMES[k])
+        .collect();
     let doubts = match unsure.len() {
         0 => String::new(),
         count => format!("; {count} points unsure, least {}", names.join(", ")),

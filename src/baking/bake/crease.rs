@@ -1,7 +1,8 @@
-//! The crease between lips that are one skin: in a depth map of the mouth, the line near the inner lip landmarks that lies deeper
-//! than the skin above and below it.
+//! The crease between joined lips: in a depth map of the mouth, the line near the inner lip landmarks that lies
+//! deeper than the skin above and below it.
 //!
-//! Units: the mesh's, in the face's frame; inside, pixels. Cost: one picture. Where there is no crease the landmarks count.
+//! Units: the mesh's, in the face's frame; inside, pixels. Cost: one rendering. Without a crease the landmarks are
+//! used.
 
 use nalgebra::Vector2;
 
@@ -9,13 +10,15 @@ use super::head::Head;
 use super::mesh::Vec3;
 use super::render::{Canvas, paint};
 
-/// Side of the picture, pixels, and what it shows, in widths of the mouth.
+/// Side of the depth map, pixels.
 const PIXELS: u32 = 256;
+/// Extent of the depth map, in mouth widths.
 const SHOWN: f64 = 1.4;
-/// How far from the landmarks the crease is looked for, how far above and below it lies what it is deeper than, and over what
-/// width it is smooth, in eye distances.
+/// Search range above and below the landmarks, in eye distances.
 const BAND: f64 = 0.12;
+/// Distance above and below the crease at which the skin must be less deep, in eye distances.
 const BESIDE: f64 = 0.06;
+/// Width over which the crease is smoothed, in eye distances.
 const EVEN: f64 = 0.08;
 
 /// The line between the lips in a picture of the mouth: its row in every column from one corner to the other.
@@ -26,8 +29,8 @@ pub(super) struct Crease {
 }
 
 impl Crease {
-    /// Between the lips of a head, whose vertices are at `seen` in the face's frame.
-    pub(super) fn of(head: &Head, seen: &[Vec3]) -> Self {
+    /// Finds the crease of a head with vertices at `seen` in the face's frame.
+    pub(super) fn traced(head: &Head, seen: &[Vec3]) -> Self {
         let at = |k: usize| seen[head.points[k] as usize];
         let middle = (at(60) + at(64)) / 2.0;
         let tint = |[v, ..]: [u32; 3], _| head.skin[v as usize].then_some([0.0; 3]);
@@ -46,7 +49,7 @@ impl Crease {
         };
         let depth = |x, y| canvas.depth(x, y).unwrap_or(0.0);
         let half = pixels(BAND) as i32;
-        // Of every column, how deep its creases are together and where; the landmarks count where there is none.
+        // Per column, total depth of its creases and their row; the landmarks' row where there is none.
         let found = |column: usize| {
             let x = marks[0].x + column as f64;
             let one = |beside: i32| {
@@ -73,7 +76,7 @@ impl Crease {
         }
     }
 
-    /// How far above the crease a place lies; beyond its ends it goes on level.
+    /// Height of a point above the crease, which is extended level beyond its ends.
     pub(super) fn above(&self, p: &Vec3) -> f64 {
         let p = self.canvas.screen(p);
         let last = self.rows.len() - 1;
@@ -83,7 +86,7 @@ impl Crease {
         (a + (b - a) * (column - before as f64) - p.y) / self.canvas.scale
     }
 
-    /// The vertex nearest to one of its ends, around the landmark `corner` there.
+    /// The vertex nearest to an end of the crease, searched around the landmark `corner`.
     pub(super) fn end(&self, head: &Head, seen: &[Vec3], corner: usize) -> u32 {
         let column = if corner == 60 { 0 } else { self.rows.len() - 1 };
         let (x, y) = (self.first + column as f64, self.rows[column]);

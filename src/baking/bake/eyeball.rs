@@ -1,12 +1,12 @@
-//! The eyeball as the lids feel it: a centre and a radius per direction, measured on the mesh's own ball, which is no sphere
-//! (a cornea bulges).
+//! The eyeball as a collision surface for the lids: a centre and a radius per direction, measured on the mesh's own
+//! ball, whose cornea bulges.
 //!
-//! Units and axes: the mesh's; directions are taken in the face frame (left, up, out). Memory: 37 KB a ball.
-//! Limits: only the front of the ball counts, up to 115 degrees from straight out; behind it the radius is the last known.
+//! Units and axes: the mesh's; directions in the face frame (left, up, out). Memory: 37 KB a ball. Limits: only
+//! directions up to 115 degrees from straight out; behind, the radius is that of the edge.
 
 use nalgebra::{Matrix3, Rotation3};
 
-use super::mesh::{Mesh, Vec3, extent_of};
+use super::mesh::{Mesh, Vec3, bounding_box};
 
 /// Cells along each side of the table; 230 degrees across make a cell 3.4 degrees.
 const CELLS: usize = 68;
@@ -25,13 +25,17 @@ pub struct Ball {
 
 impl Ball {
     /// Measures the ball made of the vertices that pass `member`; `None` if there are none.
-    pub fn of(mesh: &Mesh, axes: &Matrix3<f64>, member: impl Fn(usize) -> bool) -> Option<Self> {
+    pub fn measured(
+        mesh: &Mesh,
+        axes: &Matrix3<f64>,
+        member: impl Fn(usize) -> bool,
+    ) -> Option<Self> {
         let own = (0..mesh.positions.len()).filter(|&v| member(v));
         let own: Vec<Vec3> = own.map(|v| axes.transpose() * mesh.positions[v]).collect();
         if own.is_empty() {
             return None;
         }
-        let (low, high) = extent_of(&own);
+        let (low, high) = bounding_box(&own);
         // The cornea lengthens the ball to the front: the centre is half a width behind that of the box's sides.
         let half = 0.25 * (high.x - low.x + high.y - low.y);
         let mut center = (low + high) / 2.0;
@@ -49,7 +53,7 @@ impl Ball {
         Some(ball)
     }
 
-    /// The ball as it looks elsewhere: its cornea goes along.
+    /// The ball rotated by `gaze`, cornea included.
     pub fn turned(&self, gaze: Option<&Rotation3<f64>>) -> Self {
         Self {
             axes: gaze.map_or(self.axes, |gaze| gaze.matrix() * self.axes),
@@ -112,7 +116,7 @@ impl Ball {
         }
     }
 
-    /// Gives cells without a hit the mean of their neighbours, from the known ones outwards.
+    /// Fills cells without a hit with the mean of their neighbours, outwards from the known ones.
     fn fill(&mut self) {
         for _ in 0..CELLS {
             let before = self.radius.clone();
@@ -138,7 +142,7 @@ impl Ball {
         (p - self.center).norm() - self.surface(p)
     }
 
-    /// Radius of the ball in the direction of `p`, between cells by bilinear weights.
+    /// Radius of the ball in the direction of `p`, bilinearly interpolated.
     pub fn surface(&self, p: &Vec3) -> f64 {
         let (x, y) = Self::cell(&(self.axes.transpose() * (p - self.center)));
         let (col, row) = ((x as usize).min(CELLS - 2), (y as usize).min(CELLS - 2));
@@ -183,7 +187,7 @@ mod tests {
                 mesh.push_face(&[v(i, j), v(i, j + 1), v(i + 1, j + 1), v(i + 1, j)], 0);
             }
         }
-        let ball = Ball::of(&mesh, &Matrix3::identity(), |_| true).unwrap();
+        let ball = Ball::measured(&mesh, &Matrix3::identity(), |_| true).unwrap();
         assert!((ball.center - center).norm() < 1e-2);
         for k in 0..200 {
             let t = f64::from(k);

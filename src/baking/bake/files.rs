@@ -11,7 +11,7 @@ use mien_workbench::{atomic_write, text_files};
 /// # Errors
 /// If it cannot be read, or is too large.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Fault> {
-    bounded_read::read(path, text_files::MOST).map_err(Fault::cannot("read", path, ""))
+    bounded_read::read(path, text_files::MAX_BYTES).map_err(Fault::cannot("read", path, ""))
 }
 
 /// The text of a file, in any of the encodings that text files have.

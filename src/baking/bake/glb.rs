@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use mien_workbench::fault::Fault;
 
-/// Targets of buffer views.
+/// Targets of buffer views, as numbered by glTF 2.0.
 pub(crate) const VERTICES: u32 = 34962;
 pub(crate) const INDICES: u32 = 34963;
 const MAGIC: u32 = 0x4654_6C67;
@@ -17,20 +17,20 @@ const BIN_CHUNK: u32 = 0x004E_4942;
 pub(crate) const FLOAT: u32 = 5126;
 pub(super) const U16: u32 = 5123;
 pub(super) const U32: u32 = 5125;
-/// Bytes that rows may take whatever the size of the file.
-const SHARED: usize = 1 << 28;
-/// More rows than this no accessor of a head has.
-const MOST: usize = 50_000_000;
+/// Bytes that rows may take regardless of the size of the file.
+const MIN_BUDGET: usize = 1 << 28;
+/// Largest count of an accessor that is accepted.
+const MAX_ROWS: usize = 50_000_000;
 
-/// What is wrong with a GLB file.
+/// An error: the file does not hold what was expected.
 pub fn unexpected(expected: &str, found: impl Display) -> Fault {
     Fault::new(format!(
         "expected {expected} in the GLB file, found {found}"
     ))
 }
 
-/// Something that is not the container.
-pub(super) fn no_container(found: &str) -> Fault {
+/// An error: the bytes are no GLB container.
+pub(super) fn not_a_glb(found: &str) -> Fault {
     Fault::new(format!(
         "expected a GLB file (binary glTF 2.0), found {found}"
     ))
@@ -50,27 +50,27 @@ impl Glb {
     /// # Errors
     /// If it is not a whole GLB file of version 2.
     pub fn parse(bytes: &[u8]) -> Result<Self, Fault> {
-        let cut_off = || no_container("a file that ends in the middle");
+        let cut_off = || not_a_glb("a file that ends in the middle");
         let word = |at: usize| {
             let word = bytes.get(at..).and_then(<[u8]>::first_chunk);
             word.map(|b| u32::from_le_bytes(*b)).ok_or_else(cut_off)
         };
         if word(0)? != MAGIC {
-            return Err(no_container("another kind of file"));
+            return Err(not_a_glb("another kind of file"));
         }
         if word(4)? != 2 {
-            return Err(no_container("another version than 2"));
+            return Err(not_a_glb("another version than 2"));
         }
         let chunk = |at: usize, kind: u32| {
             let end = at + 8 + word(at)? as usize;
             if word(at + 4)? != kind {
-                return Err(no_container("chunks in another order than JSON, BIN"));
+                return Err(not_a_glb("chunks in another order than JSON, BIN"));
             }
             let data = bytes.get(at + 8..end).ok_or_else(cut_off)?;
             Ok((data, end))
         };
         let (json, end) = chunk(12, JSON_CHUNK)?;
-        let json = json_of(json)?;
+        let json = parse_json(json)?;
         let bin = match end < bytes.len() {
             true => chunk(end, BIN_CHUNK)?.0.to_vec(),
             false => Vec::new(),
@@ -124,14 +124,18 @@ impl Glb {
         )
     }
 
-    /// The same with their bounds: places and times.
-    pub fn push_bounded<const N: usize>(&mut self, rows: &[[f32; N]], target: u32) -> usize {
+    /// As [`Self::push_rows`], with the minimum and maximum that positions and times need.
+    pub fn push_rows_with_bounds<const N: usize>(
+        &mut self,
+        rows: &[[f32; N]],
+        target: u32,
+    ) -> usize {
         let at = self.push_rows(rows, target);
         bound(&mut self.json["accessors"][at], rows);
         at
     }
 
-    /// Appends corners of triangles as an accessor.
+    /// Appends vertex indices of triangles as an accessor.
     pub(crate) fn push_corners(&mut self, corners: &[u32]) -> usize {
         let data: Vec<u8> = corners.iter().flat_map(|v| v.to_le_bytes()).collect();
         let view = self.push_view(&data, INDICES);
@@ -140,12 +144,12 @@ impl Glb {
         )
     }
 
-    /// Bytes that rows of all accessors may take together: some of them may be of the same data.
+    /// Bytes that the rows of all accessors may take together, as several may refer to the same data.
     pub fn budget(&self) -> usize {
-        SHARED.saturating_add(self.bin.len().saturating_mul(16))
+        MIN_BUDGET.saturating_add(self.bin.len().saturating_mul(16))
     }
 
-    /// Rows that an accessor claims to have, of which the file could hold the positions.
+    /// Count of an accessor, checked against the size of the file.
     ///
     /// # Errors
     /// If it does not exist or claims more.
@@ -161,13 +165,13 @@ impl Glb {
 
     /// Data of a buffer view from an offset on.
     pub(super) fn data(&self, view: &Value, offset: &Value, bytes: usize) -> Option<&[u8]> {
-        let view = self.listed("bufferViews", view);
+        let view = self.list_entry("bufferViews", view);
         let from = number(&view["byteOffset"]).saturating_add(number(offset));
         self.bin.get(from..from.saturating_add(bytes))
     }
 
-    /// An entry of one of the lists of the description, null if there is none.
-    pub(super) fn listed(&self, list: &str, at: &Value) -> &Value {
+    /// An entry of a top-level list of the description; null if there is none.
+    pub(super) fn list_entry(&self, list: &str, at: &Value) -> &Value {
         &self.json[list][at.as_u64().unwrap_or(u64::MAX) as usize]
     }
 
@@ -182,18 +186,18 @@ impl Glb {
             return Err(content("another component type"));
         }
         let count = a["count"].as_u64().unwrap_or(u64::MAX) as usize;
-        if count > MOST {
+        if count > MAX_ROWS {
             return Err(content("no count, or one beyond any head"));
         }
         let mut out = if a["bufferView"].is_null() {
-            // Nothing in the file but the claim: zeros for as many rows as its data could be of.
+            // Without data of its own an accessor is all zeros: at most as many rows as the file could hold.
             if count * width * 4 > self.bin.len() {
                 return Err(content("more rows than the file has data for"));
             }
             vec![0.0; count * width]
         } else {
             // 0 if rows follow each other.
-            let stride = number(&self.listed("bufferViews", &a["bufferView"])["byteStride"]);
+            let stride = number(&self.list_entry("bufferViews", &a["bufferView"])["byteStride"]);
             let stride = stride.min(255).max(width * 4);
             let length = count.saturating_sub(1) * stride + width * 4;
             let length = length.min(count * stride);
@@ -203,7 +207,7 @@ impl Glb {
             rows.collect()
         };
         if let Some(n) = a["sparse"]["count"].as_u64() {
-            let n = (n as usize).min(MOST);
+            let n = (n as usize).min(MAX_ROWS);
             let set = self.sparse(&a["sparse"], n, width);
             let (rows, values) = set.ok_or_else(|| content(CUT_OFF))?;
             for (at, value) in rows.into_iter().zip(values.chunks(width)) {
@@ -250,7 +254,7 @@ fn content(accessor: usize, expected: &str) -> impl Fn(&str) -> Fault {
     move |found| unexpected(expected, format!("accessor {accessor}: {found}"))
 }
 
-/// Gives an accessor the smallest and largest of each column.
+/// Sets the minimum and maximum of each column of an accessor.
 pub(super) fn bound<const N: usize>(accessor: &mut Value, rows: &[[f32; N]]) {
     let end = |of: fn(f32, f32) -> f32, from: f32| -> [f32; N] {
         std::array::from_fn(|k| rows.iter().map(|row| row[k]).fold(from, of))
@@ -259,22 +263,22 @@ pub(super) fn bound<const N: usize>(accessor: &mut Value, rows: &[[f32; N]]) {
     accessor["max"] = json!(&end(f32::max, f32::NEG_INFINITY)[..]);
 }
 
-/// The description, from its text.
-pub(super) fn json_of(text: &[u8]) -> Result<Value, Fault> {
+/// Parses the JSON description.
+pub(super) fn parse_json(text: &[u8]) -> Result<Value, Fault> {
     let json: Value = serde_json::from_slice(text)
         .map_err(Fault::within("the JSON chunk of the GLB file is damaged"))?;
     match json.is_object() {
         true => Ok(json),
-        false => Err(no_container("JSON that is no object")),
+        false => Err(not_a_glb("JSON that is no object")),
     }
 }
 
-/// 0 for what is no number.
+/// A whole number, or 0.
 fn number(value: &Value) -> usize {
     value.as_u64().unwrap_or(0) as usize
 }
 
-/// What is in a list, nothing if it is none.
+/// Entries of a JSON list; empty if it is none.
 pub fn list(value: &Value) -> &[Value] {
     value.as_array().map_or(&[], Vec::as_slice)
 }
@@ -283,7 +287,7 @@ fn singles(data: &[u8]) -> impl Iterator<Item = f32> {
     data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b))
 }
 
-/// Numbers of so many bytes each.
+/// Unsigned integers of `size` bytes each.
 fn whole(data: &[u8], size: usize) -> impl Iterator<Item = u32> {
     let number = |b: &[u8]| b.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b));
     data.chunks_exact(size).map(number)

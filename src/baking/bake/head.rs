@@ -1,15 +1,16 @@
-//! What the baker must know of a head before it deforms it: its axes and distances, which part is skin, which vertices
-//! line lids and lips, what lies behind them, and how the parts that are not skin move.
+//! Analysis of a head before it is deformed: axes and distances, skin, lid and lip lines, the cavities behind them,
+//! and how parts other than skin move.
 //!
-//! Found from the mesh and the 68 landmarks alone, without names of materials:
+//! Uses only the mesh and the 68 landmarks, no names of materials:
 //! * skin: the connected part that carries the chin;
-//! * lid and lip lines: shortest paths along edges through the landmarks of the contour, for lids on one edge of the rim;
-//! * sockets: what the skin falls into when those lines are cut out (absent where the mesh is open);
-//! * eyeballs: round parts right behind the eyes; jaw, upper teeth, tongue: parts inside the mouth, told apart by the
-//!   height of the bite; what lies on lids, balls or skin goes with them, all else is worn and stays.
+//! * lid and lip lines: shortest paths along edges through the landmarks of the contour, for lids on one edge of the
+//!   rim;
+//! * sockets: the regions that cutting along those lines separates (none where the mesh is open);
+//! * eyeballs: round parts right behind the eyes; lower jaw, upper teeth, tongue: parts inside the mouth,
+//!   distinguished by the height of the bite; parts on lids, balls or skin follow them, all others are worn and rigid.
 //!
-//! Frame: `axes` maps (left, up, out) of the face to mesh coordinates. Units: the mesh's own.
-//! Cost: linear, plus a few shortest paths. Limits: a head without eyeballs or teeth simply has none.
+//! Frame: `axes` maps (left, up, out) of the face to mesh coordinates. Units: the mesh's. Cost: linear, plus a few
+//! shortest paths. Limits: without eyeballs or teeth in the mesh, none are assumed.
 
 use nalgebra::Matrix3;
 
@@ -18,60 +19,62 @@ use super::laplacian::Operator;
 use super::mesh::{Mesh, Nearest, Rings, Vec3};
 pub use super::names::LANDMARKS;
 use super::names::mirrored;
-use super::seam::{Seam, distances, films, lines};
+use super::seam::{Seam, distances, lines, membranes};
 use super::solve::stiffness;
 use mien_workbench::fault::Fault;
 
-/// Another number of landmarks than there must be.
-pub fn miscounted(found: usize) -> Fault {
+/// An error: other than 68 landmarks.
+pub fn wrong_landmark_count(found: usize) -> Fault {
     Fault::new(format!(
         "expected 68 vertex numbers, one a line, found {found}"
     ))
 }
 
-/// A landmark, counted from 0, that names no vertex.
-pub(super) fn beyond(landmark: usize, vertex: u64, vertices: usize) -> Fault {
+/// An error: a landmark, counted from 0, refers to no vertex.
+pub(super) fn no_such_vertex(landmark: usize, vertex: u64, vertices: usize) -> Fault {
     Fault::new(format!(
         "landmark {landmark} is vertex {vertex}, expected one of the mesh's {vertices} (counted from 0)"
     ))
 }
 
-/// A landmark, counted from 0, on a separate part.
-pub fn apart(landmark: usize) -> Fault {
+/// An error: a landmark, counted from 0, lies on a part that is not connected to the others'.
+pub fn not_on_one_part(landmark: usize) -> Fault {
     Fault::new(format!(
         "landmark {landmark} lies on another part of the mesh than the chin; all 68 must be on the skin (weld the mesh if the skin is in pieces)"
     ))
 }
 
-/// Inside of the mouth nearer than this to the lip line along the surface stays free, in eye distances.
+/// Inside of the mouth up to this distance from the lip line along the surface deforms freely, in eye distances.
 pub(super) const LIP_FREE: f64 = 0.2;
-/// A lid's line may pass a landmark so far beside it, in eye distances: points are put on one or the other edge of its rim.
+/// Largest distance of a lid's line from a landmark, in eye distances: landmarks may lie on either edge of the rim.
 const LID_SLACK: f64 = 0.07;
-/// Skin behind lids further than this from their lines stays where it is, in eye distances: it lines the socket.
+/// Skin behind lids from this distance from their lines on is fixed, in eye distances: it lines the socket.
 const LID_FREE: f64 = 0.12;
 
-/// Height of the axis above the chin, as share of the ears', and that height over its distance behind the chin.
+/// Height of the jaw's axis above the chin, as share of the ears'.
 const HINGE: f64 = 0.55;
+/// Height of the jaw's axis above the chin over its distance behind the chin.
 const RATIO: f64 = 0.72;
 
-/// Ways along the surface over straight ones, at most, from lip to lip where these are one skin: between the lines of the inner lips
-/// and from outer lip to outer lip; of the first so much more, in eye distances.
+/// Largest ratio of the path along the surface to the straight distance between the inner lip lines for joined lips.
 const INNER: f64 = 1.5;
+/// Largest ratio of the path along the surface to the straight distance between the outer lips for joined lips.
 const OUTER: f64 = 2.0;
+/// Distance by which the path between the inner lip lines may exceed its bound, in eye distances.
 const TOUCHING: f64 = 0.02;
 
-/// How a part of the mesh that is not skin moves.
+/// How a vertex moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Follow {
     /// Skin: solved.
     Skin,
     /// Eyeball of a side (0 left, 1 right): turns with gaze only.
     Eyeball(usize),
-    /// Inside the mouth, with this share of the jaw's motion.
+    /// Inside the mouth: follows the jaw by this share.
     Jaw(f32),
-    /// Moves with the skin vertex given.
+    /// Follows this skin vertex.
     Nearest(u32),
-    /// Stays.
+    /// Fixed.
     Still,
 }
 
@@ -85,8 +88,8 @@ pub struct Head {
     pub rings: Rings,
     /// Laplacian operators.
     pub operator: Operator,
-    /// Faces that only fill the slit between two lids or lips: they stretch, and tie nothing together.
-    pub film: Vec<bool>,
+    /// Faces that span the slit between two lids or lips: they stretch and do not couple the two sides.
+    pub membrane: Vec<bool>,
     /// Vertices of the skin.
     pub skin: Vec<bool>,
     /// Columns: the face's left, up, out in mesh coordinates.
@@ -119,20 +122,20 @@ pub struct Head {
     pub hinge: Vec3,
 }
 
-/// The landmarks as vertices of a mesh.
+/// Landmark numbers as vertices of a mesh.
 fn vertices(mesh: &Mesh, landmarks: &[u64]) -> Result<Vec<u32>, Fault> {
     let vertices = mesh.positions.len();
     if landmarks.len() != LANDMARKS {
-        return Err(miscounted(landmarks.len()));
+        return Err(wrong_landmark_count(landmarks.len()));
     }
     let vertex = |(landmark, &v): (usize, &u64)| match v < vertices as u64 {
         true => Ok(v as u32),
-        false => Err(beyond(landmark, v, vertices)),
+        false => Err(no_such_vertex(landmark, v, vertices)),
     };
     landmarks.iter().enumerate().map(vertex).collect()
 }
 
-/// The face's left, up and out, and its inner-eye-corner distance, from where landmarks are.
+/// The face's axes (columns left, up, out) and its inner-eye-corner distance, from the landmarks' positions.
 fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), Fault> {
     let left = at(42) - at(39);
     let brow_to_chin = (at(39) + at(42)) / 2.0 - at(8);
@@ -145,8 +148,8 @@ fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), Fault> {
             "the inner eye corners (landmarks 39 and 42), the chin and the nose tip must be apart and not in a line; found them within {spread}: is the landmark file for this mesh?"
         )));
     }
-    // The face leans: "up" is the direction in which both the brow-chin line and the nose agree. Keep the nearest axis of the mesh
-    // where it is close (artists model upright heads), so that symmetric recipes stay upright.
+    // "Up" is the mean of the brow-chin line and the nose. It snaps to a close axis of the mesh, as artists model
+    // upright heads, so that symmetric recipes stay symmetric.
     let mut up = up.normalize();
     let axis = up.iamax();
     if up[axis].abs() > 0.8 {
@@ -157,9 +160,9 @@ fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), Fault> {
     Ok((axes, eye_distance))
 }
 
-/// Middle of the jaw's axis, by the places of the landmarks; `axes` as in [`Head`]. In four rigs made by hand
-/// the point about which the lower teeth turn lies .36 to .62 of the way from chin to ear in height, and that height over its
-/// distance behind the chin is .69 to .82.
+/// Middle of the jaw's axis, from the landmarks' positions; `axes` as in [`Head`]. In four rigs made by hand the
+/// pivot of the lower teeth lies at .36 to .62 of the height from chin to ear, and that height over its distance
+/// behind the chin is .69 to .82.
 fn hinge(at: impl Fn(usize) -> Vec3, axes: &Matrix3<f64>) -> Vec3 {
     let (up, out) = (axes.column(1), axes.column(2));
     let ears = (at(0) + at(16)) / 2.0;
@@ -169,7 +172,8 @@ fn hinge(at: impl Fn(usize) -> Vec3, axes: &Matrix3<f64>) -> Vec3 {
     beside_chin + up * height - out * (height / RATIO)
 }
 
-/// Lips, left lids and right lids, these at most `slack` beside their landmarks, which move onto them; `out` is out of the face.
+/// Seams of lips, left lids and right lids, moving each lid landmark onto its line, at most by `slack`; `out` points
+/// out of the face.
 fn seams(mesh: &Mesh, rings: &Rings, points: &mut [u32], out: Vec3, slack: f64) -> [Seam; 3] {
     let mut seam = |upper: &[usize], lower: &[usize], slack: f64| {
         let vertices = |ks: &[usize]| ks.iter().map(|&k| points[k]).collect::<Vec<u32>>();
@@ -203,11 +207,11 @@ impl Head {
         let skin_label = component[points[8] as usize];
         let skin: Vec<bool> = component.iter().map(|&c| c == skin_label).collect();
         if let Some(landmark) = points.iter().position(|&v| !skin[v as usize]) {
-            return Err(apart(landmark));
+            return Err(not_on_one_part(landmark));
         }
         let given = points.clone();
         let [lips, left, right] = seams(&mesh, &rings, &mut points, out, LID_SLACK * eye_distance);
-        let film = films(&mesh, &[&lips, &left, &right]);
+        let membrane = membranes(&mesh, &[&lips, &left, &right]);
         let at = |k: usize| mesh.positions[points[k] as usize];
         let apart = |[a, b]: [usize; 2]| (at(a) - at(b)).norm();
         let lid_pairs = [[[43, 47], [44, 46]], [[38, 40], [37, 41]]];
@@ -217,13 +221,13 @@ impl Head {
         let rim = |[a, b]: [usize; 2]| 0.5 * (moved(a) - moved(b));
         let lid_rim = lid_pairs.map(|[a, b]| (rim(a) + rim(b)).max(0.0));
         let hinge = hinge(at, &axes);
-        // Landmarks of lids and lips.
+        // Landmarks of lids and lips, where the skin is thin.
         let soft: Vec<Vec3> = (36..LANDMARKS).map(at).collect();
         let stiff = |v: usize| {
             let far = soft.iter().map(|q| (q - mesh.positions[v]).norm_squared());
             stiffness(far.fold(f64::INFINITY, f64::min).sqrt() / eye_distance)
         };
-        let operator = Operator::new(&mesh, |f| film[f], stiff);
+        let operator = Operator::new(&mesh, |f| membrane[f], stiff);
         let mut head = Self {
             socket: vec![f32::NAN; n],
             from_lips: vec![f32::INFINITY; n],
@@ -232,7 +236,7 @@ impl Head {
             tongue: vec![0.0; n],
             balls: [None, None],
             mesh,
-            film,
+            membrane,
             points,
             rings,
             operator,
@@ -257,7 +261,7 @@ impl Head {
         let Self { mesh, points, .. } = self;
         let normals = mesh.vertex_normals(&mesh.positions);
         let (up, out) = (self.axes.column(1), self.axes.column(2));
-        // Aims by combining landmarks of the left side; the right side uses the mirror partners.
+        // Combinations of landmarks of the left side; the right side uses the mirror partners.
         let aims = |m: fn(usize) -> usize| {
             let p = |k: usize| self.point(m(k));
             [
@@ -272,7 +276,7 @@ impl Head {
         let front = (0..normals.len()).filter(front);
         let free: Vec<usize> = front.filter(|&v| !points.contains(&(v as u32))).collect();
         let nearest = |aim: Vec3| {
-            // Seen from in front: distance across counts fully, distance in depth little, as the skin may bulge.
+            // Lateral distance counts fully, depth little, as the skin may bulge.
             let cost = |v: usize| {
                 let d = mesh.positions[v] - aim;
                 let depth = d.dot(&out);
@@ -285,8 +289,9 @@ impl Head {
         both.into_iter().flatten().map(nearest).collect()
     }
 
-    /// Whether the lips are one skin, or a membrane spans them: then the mouth does not open, it stretches. From the upper to the lower
-    /// lip the way along the surface is no longer than it must be, neither through a mouth's inside nor about a corner.
+    /// Whether the lips are one skin or a membrane spans them, so that an opening mouth would stretch. They are if
+    /// the path along the surface from the upper to the lower lip is about as short as the straight one, for inner
+    /// and outer lips.
     pub fn lips_are_joined(&self) -> bool {
         let (positions, lips) = (&self.mesh.positions, &self.lips);
         let middle = 0.5 * (self.point(60) + self.point(64));
@@ -308,14 +313,15 @@ impl Head {
         f64::from(outer) < around && 2 * spanned > line().count()
     }
 
-    /// Whether a vertex lies so deep in the mouth that the jaw alone moves it: gums, teeth, tongue and throat that hang on the
-    /// skin. The rest of the inside is free, so that lips can roll.
+    /// Whether a vertex lies so deep in the mouth that it moves with the jaw alone, such as gums, teeth, tongue and
+    /// throat connected to the skin. The rest of the inside deforms freely, so that lips can roll.
     pub fn deep(&self, v: usize) -> bool {
         let far = f64::from(self.from_lips[v]);
         far.is_finite() && far >= LIP_FREE * self.eye_distance
     }
 
-    /// Whether a vertex is skin that lines an eye's socket and stays: far behind the lids, and beside the ball or behind its middle.
+    /// Whether a vertex is skin of an eye socket, which is fixed: far behind the lids, and beside the ball or behind
+    /// its middle.
     pub fn lines_socket(&self, v: usize) -> bool {
         let far = f64::from(self.from_lids[v]);
         let out = self.axes.column(2);
@@ -325,13 +331,13 @@ impl Head {
             && self.balls.iter().flatten().all(behind)
     }
 
-    /// Whether a vertex is skin that one sees, not what lies behind lids and lips.
+    /// Whether a vertex is visible skin, not behind lids or lips.
     pub(super) fn outside(&self, v: u32) -> bool {
         let v = v as usize;
         self.skin[v] && self.from_lids[v].is_infinite() && self.socket[v].is_nan()
     }
 
-    /// Where vertices are when they move by `d` upon `base`.
+    /// Positions of vertices displaced by `base` and `d`.
     pub(super) fn moved<'a>(
         &'a self,
         d: &'a [Vec3],
@@ -348,8 +354,8 @@ impl Head {
         self.mesh.positions[self.points[k] as usize]
     }
 
-    /// Largest distance of a vertex of the upper lid line from the lower one, mesh units; `p` is where vertices are. Not the other way
-    /// round: the lower line goes on about the lacrimal caruncle, which no lid covers.
+    /// Largest distance of the upper lid line from the lower one, mesh units; `p` gives positions. Not symmetric: the
+    /// lower line continues around the lacrimal caruncle, which no lid covers.
     pub(super) fn lid_gap(&self, side: usize, p: impl Fn(u32) -> Vec3) -> f64 {
         let seam = &self.lids[side];
         let far = |&v: &u32| {
@@ -363,8 +369,8 @@ impl Head {
         seam.upper.iter().map(far).fold(0.0, f64::max)
     }
 
-    /// For every vertex of the upper inner lip line: itself, the vertex of the lower line nearest below or above it, and its
-    /// height above the lower line there. Beyond the corners there is nothing to cross.
+    /// For every vertex of the upper inner lip line: itself, the vertex of the lower line nearest below or above it,
+    /// and its height above the lower line there. Vertices beyond the corners are left out.
     pub(super) fn lip_gaps(&self, p: impl Fn(u32) -> Vec3) -> Vec<(u32, u32, f64)> {
         let (left, up) = (self.axes.column(0), self.axes.column(1));
         let flat = |v: u32| (p(v).dot(&left), p(v).dot(&up));
@@ -388,7 +394,7 @@ impl Head {
         let lips = 0.5 * (self.point(62) + self.point(66));
         let up = self.axes.column(1).into_owned();
         let out = self.axes.column(2).into_owned();
-        // Teeth meet almost level: 4.5 degrees up towards the back.
+        // Occlusal planes rise 4.5 degrees towards the back.
         let depth = (lips - p).dot(&out);
         (lips - p).dot(&up) + 0.08 * depth
     }

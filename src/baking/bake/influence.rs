@@ -43,7 +43,7 @@ pub fn propagate(
                 continue;
             }
             let (mut sum, mut total) = (Vec3::zeros(), 0.0);
-            for o in rings.of(v).iter().map(|&o| o as usize) {
+            for o in rings.members(v).iter().map(|&o| o as usize) {
                 let length = (positions[v] - positions[o]).norm();
                 if length > 0.0 {
                     sum += d[o] * (omega[o] / length);
@@ -68,7 +68,7 @@ pub struct Field {
 }
 
 impl Field {
-    /// Prepares the field on the vertices with `active` set (those that a control can reach).
+    /// Prepares the field on the `active` vertices, those in reach of a control.
     ///
     /// # Errors
     /// If the screened operator cannot be factored (it can for λ > 0 and vertices with area).
@@ -85,7 +85,7 @@ impl Field {
         let mut distance = vec![f64::INFINITY; positions.len()];
         for (k, &c) in controls.iter().enumerate() {
             for v in rings.disc(positions, c, radius) {
-                // Discs of neighbouring controls meet halfway.
+                // Boundaries between neighbouring discs lie halfway.
                 let d = (positions[v as usize] - positions[c as usize]).norm();
                 if d < distance[v as usize] {
                     distance[v as usize] = d;
@@ -93,10 +93,10 @@ impl Field {
                 }
             }
         }
-        // The energy's order does as well here, and is known.
+        // The order computed for the energy is good here as well.
         let free = operator.unknowns(|v| active[v] && owner[v] == u32::MAX);
         let screen = |k: usize| operator.area[free.rows[k] as usize] / (lambda * lambda);
-        let factor = Factor::of(&operator.positive, &free, screen)?;
+        let factor = Factor::new(&operator.positive, &free, screen)?;
         Ok(Self {
             owner,
             free: free.rows,
@@ -106,7 +106,7 @@ impl Field {
 
     /// `u` per vertex for several shapes at once; `lengths[s][k]` is |d| of control `k` in shape `s`.
     pub fn spread(&self, lengths: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        // As many columns side by side as fill the processor's registers, in parallel.
+        // As many columns side by side as fill the vector registers, in parallel.
         const SIDE_BY_SIDE: usize = 8;
         lengths
             .par_chunks(SIDE_BY_SIDE)

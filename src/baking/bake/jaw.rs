@@ -1,9 +1,9 @@
-//! The jaw's motion on the skin: every vertex takes a share of one rigid motion.
+//! The jaw's motion on the skin: every vertex follows one rigid motion by a share.
 //!
-//! The shares are those of the recipe at the landmarks, 0 from the collar down and from the cheekbones up, and between them as
-//! smooth as can be: they minimise `∫ |Δs|²` over the surface, lips cut apart. So the chin turns with the teeth, and the throat slides
-//! and stretches over the way down to the collar; a mask that ends below the chin takes its rim along. What lies deep in the
-//! mouth has its own share, [`Head::socket`].
+//! The recipe gives the shares at the landmarks; they are 0 below the collar and above the cheekbones. Between,
+//! they minimise `∫ |Δs|²` over the surface, with the lips cut apart. So the chin turns with the teeth, and the
+//! throat stretches down to the collar; a mask that ends below the chin moves its rim along. Vertices deep in the
+//! mouth have their own share, [`Head::socket`].
 //!
 //! Units: the mesh's; shares are pure numbers. Cost: one factor a head, of the skin below the cheekbones.
 
@@ -17,31 +17,35 @@ use super::shape::Target;
 use super::sparse::{Factor, Unknowns};
 use mien_workbench::fault::Fault;
 
-/// Skin stays below and above these heights over the chin, and behind this depth behind the ears; all as share of the ears' height.
+/// Height over the chin below which skin is fixed, as share of the ears' height.
 const COLLAR: f64 = -0.55;
+/// Height over the chin above which skin is fixed, as share of the ears' height.
 const CHEEKBONE: f64 = 0.85;
+/// Depth behind the ears beyond which skin is fixed, as share of the ears' height.
 const NAPE: f64 = 0.2;
 
-/// The turn, at most `most`, that lowers the middle of the lower lip's inner line by `lowers` eye distances; radians.
+/// Rotation of the jaw, at most `most` radians, that lowers the middle of the lower lip's inner line by `lowers` eye
+/// distances.
 pub(super) fn opening(head: &Head, lowers: f64, most: f64) -> f64 {
     let arm = head.axes.transpose() * (head.point(66) - head.hinge) / head.eye_distance;
-    // Turned by a, the lip at the distance r falls by r cos(b - a) - r cos b, where b is its arm's angle from straight down.
+    // Rotated by a, the lip at distance r falls by r cos(b - a) - r cos b, where b is the angle of its arm from
+    // straight down.
     let (size, at) = (arm.y.hypot(arm.z), arm.z.atan2(-arm.y));
     let reached = (lowers + size * at.cos()) / size;
     let turn = at - reached.clamp(-1.0, 1.0).acos();
     turn.clamp(0.0, most)
 }
 
-/// What is solved for all shapes with a jaw.
+/// The share field, solved once for all shapes with a jaw.
 pub(super) struct Jaw<'a> {
     head: &'a Head,
-    /// Given shares of what no recipe names.
+    /// Fixed shares of vertices that no recipe names.
     given: BTreeMap<u32, f64>,
     system: Option<(Vec<u32>, Unknowns, Factor)>,
 }
 
 impl<'a> Jaw<'a> {
-    /// Of one head, for the shapes that are to be baked.
+    /// Solves the share field of one head for these targets.
     ///
     /// # Errors
     /// If the system is singular.
@@ -64,12 +68,12 @@ impl<'a> Jaw<'a> {
         let named: Vec<u32> = first.shares.iter().map(|s| s.0).collect();
         let held = |v: usize| named.contains(&(v as u32)) || out.given.contains_key(&(v as u32));
         let unknowns = head.operator.unknowns(|v| head.skin[v] && !held(v));
-        let factor = Factor::of(&head.operator.even(), &unknowns, |_| 0.0)?;
+        let factor = Factor::new(&head.operator.even(), &unknowns, |_| 0.0)?;
         out.system = Some((named, unknowns, factor));
         Ok(out)
     }
 
-    /// Whether a place is out of the jaw's reach.
+    /// Whether a point is out of the jaw's reach.
     fn stays(&self, p: &Vec3) -> bool {
         let seen = |p: Vec3| self.head.axes.transpose() * p;
         let (ears, chin) = (
@@ -81,7 +85,7 @@ impl<'a> Jaw<'a> {
         !(COLLAR..CHEEKBONE).contains(&height) || p.z < ears.z - NAPE * unit
     }
 
-    /// How the jaw moves each vertex of the skin in a shape; `None` if it has no jaw.
+    /// Displacement of each skin vertex by the jaw in a shape; `None` if it has no jaw.
     pub(super) fn motion(&self, target: &Target) -> Option<Vec<Vec3>> {
         let (jaw, (_, unknowns, factor)) = (target.jaw.as_ref()?, self.system.as_ref()?);
         let mut share = vec![0.0; self.head.skin.len()];
@@ -102,7 +106,7 @@ impl<'a> Jaw<'a> {
     }
 }
 
-/// How a rigid motion moves a place.
+/// Displacement of a point by a rigid motion.
 pub(super) fn turned(jaw: &Isometry3<f64>, p: &Vec3) -> Vec3 {
     jaw.transform_point(&(*p).into()).coords - p
 }

@@ -3,7 +3,7 @@
 //! `l_v = Σ ω_i (v_i − v)`, `ω_i = ½ (cot α_i + cot β_i)`. Stored here is `L = −M`, so that `L` is positive semidefinite:
 //! `(L x)_v = Σ ω_i (x_v − x_i)`, which is the Laplacian times the vertex's area A.
 //!
-//! The energy is `Σ ρ/A |L d|²`, a sum that stands for the integral of `ρ |Δd|²` over the surface: how finely the mesh is
+//! The energy is `Σ ρ/A |L d|²`, an approximation to the integral of `ρ |Δd|²` over the surface: how finely the mesh is
 //! sampled cancels out. The stiffness ρ is given by place. Without it (`Σ |L d|²`, as printed) the sampling itself is the
 //! stiffness, which changes with every remeshing.
 //!
@@ -26,7 +26,7 @@ const LEAST_WEIGHT: f64 = 1e-3;
 pub struct Operator {
     /// `L = −M`, cotangent weights of any sign.
     pub cotangent: Rows,
-    /// The same with every edge weight at least 0.001, for fields that must obey a maximum principle; rows in the order of elimination.
+    /// [`Self::cotangent`] with every edge weight at least 0.001, for fields that must obey a maximum principle; rows in the order of elimination.
     pub positive: Rows,
     /// Weight ρ/A of each row in the energy; 0 for vertices without area.
     pub weight: Vec<f64>,
@@ -95,7 +95,7 @@ impl Operator {
         let entries = edges.iter();
         let entries = entries.flat_map(|&(a, b, w)| [(a, a, w), (b, b, w), (a, b, -w), (b, a, -w)]);
         let cotangent = Rows::from_triplets(n, entries.collect());
-        // In units of the mean area, so that numbers stay near 1 in any unit of the mesh.
+        // Normalised by the mean area, so that numbers stay near 1 in any unit of the mesh.
         let mean = area.iter().sum::<f64>() / n.max(1) as f64;
         let solid = |v: usize| Some(area[v]).filter(|area| *area > 0.0);
         let weight = |v: usize| solid(v).map_or(0.0, |area| stiff(v) * mean / area);
@@ -115,7 +115,7 @@ impl Operator {
         }
     }
 
-    /// The same with the energy as printed, `Σ |L d|²`.
+    /// Operators of the same mesh with the energy as printed, `Σ |L d|²`.
     pub fn printed(&self) -> Self {
         let weight = vec![1.0; self.area.len()];
         Self {

@@ -12,19 +12,19 @@ use super::files::read;
 use super::head::{Head, LANDMARKS};
 use super::mesh::{Mesh, Vec3};
 use super::obj;
-use super::prior::{Comparison, Place, Prior};
+use super::prior::{Comparison, Prior, SkinPoint};
 use super::rig::{self, Method};
 use super::shape::Target;
 use crate::heads::ict::read_deltas;
 use mien_workbench::fault::Fault;
 
-/// Places of the left half, those on the middle included.
+/// Learned places on the left half, middle included.
 const PLACES: usize = 360;
-/// Places stand closer where landmarks are: this far beside them against 1 far away.
+/// Spacing of places near landmarks relative to that far away.
 const DENSE: f64 = 0.2;
-/// What lies nearer to the middle, in eye distances, is on it.
+/// Half width of the middle line, in eye distances.
 const MIDDLE: f64 = 0.012;
-/// Ridge, against a mean comparison of a shape with itself of 1.
+/// Ridge penalty; the comparison of a shape with itself is 1 on average.
 const RIDGE: f64 = 0.5;
 
 /// The truth: mesh, landmarks and expression displacements in the source's centimetres.
@@ -38,10 +38,10 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// Vertices the error is taken over.
+    /// Vertices over which the error is computed.
     pub const FACE: std::ops::Range<usize> = 0..9409;
 
-    /// Reads the folder; leaves out the shapes that do not move the face.
+    /// Reads the folder, leaving out shapes that do not move the face.
     ///
     /// # Errors
     /// If a file is missing or damaged.
@@ -70,17 +70,17 @@ impl Truth {
     }
 }
 
-/// Sculpted shapes and what the solve makes of their landmarks.
+/// Sculpted shapes and the solve's result from their landmarks.
 pub struct Lesson<'a> {
     truth: &'a Truth,
     /// The neutral.
     pub head: Head,
     /// Displacements of the solve per shape, mesh units.
     pub solved: Vec<Vec<Vec3>>,
-    /// Shape of the other side.
+    /// Number of each shape's mirror image.
     pub mirror: Vec<usize>,
-    /// Vertex and place, the left half first.
-    places: Vec<(u32, Place)>,
+    /// Vertex and learned place, the left half first.
+    places: Vec<(u32, SkinPoint)>,
 }
 
 /// The name of a shape's other side.
@@ -92,13 +92,13 @@ fn other_side(name: &str) -> String {
     other.unwrap_or_else(|| name.to_owned())
 }
 
-/// Places spread evenly over the left half by farthest-point choice, then their mirror images.
-fn spread(head: &Head) -> Vec<(u32, Place)> {
+/// Places distributed evenly over the left half by farthest-point sampling, then their mirror images.
+fn spread(head: &Head) -> Vec<(u32, SkinPoint)> {
     let face = places(head, |v| Truth::FACE.contains(&v));
     let soft = (17..LANDMARKS).map(|k| in_frame(head, &head.point(k)));
     let soft: Vec<Vec3> = soft.collect();
-    let left: Vec<&(u32, Place)> = face.iter().filter(|p| p.1.at.x > -MIDDLE).collect();
-    let eager = |(_, p): &&(u32, Place)| {
+    let left: Vec<&(u32, SkinPoint)> = face.iter().filter(|p| p.1.at.x > -MIDDLE).collect();
+    let eager = |(_, p): &&(u32, SkinPoint)| {
         let far = soft.iter().map(|l| (l - p.at).norm());
         1.0 / (DENSE + far.fold(1.0, f64::min))
     };
@@ -121,12 +121,12 @@ fn spread(head: &Head) -> Vec<(u32, Place)> {
         }
     }
     let left = chosen.iter().filter(|(_, p)| p.at.x != 0.0);
-    let mirrored = |(_, p): &(u32, Place)| {
+    let mirrored = |(_, p): &(u32, SkinPoint)| {
         let (p, all) = (p.mirrored(), face.iter());
         let nearest = all.min_by(|a, b| a.1.far(&p).total_cmp(&b.1.far(&p)))?;
         Some((nearest.0, p))
     };
-    let right: Vec<(u32, Place)> = left.filter_map(mirrored).collect();
+    let right: Vec<(u32, SkinPoint)> = left.filter_map(mirrored).collect();
     chosen.extend(right);
     chosen
 }
@@ -135,7 +135,7 @@ impl<'a> Lesson<'a> {
     /// Solves every sculpted shape from its landmarks alone.
     ///
     /// # Errors
-    /// If the head is none or a system cannot be solved.
+    /// If the head cannot be analysed or a system not be solved.
     pub fn new(truth: &'a Truth) -> Result<Self, Fault> {
         let landmarks: Vec<u64> = truth.landmarks.iter().map(|&v| u64::from(v)).collect();
         let head = Head::new(truth.mesh.clone(), &landmarks)?;
@@ -157,7 +157,7 @@ impl<'a> Lesson<'a> {
         })
     }
 
-    /// A displacement in the face's frame.
+    /// A displacement from mesh axes to the face's frame.
     fn inward(&self, d: &Vec3) -> Vec3 {
         self.head.axes.tr_mul(d) / self.head.eye_distance
     }
@@ -169,7 +169,7 @@ impl<'a> Lesson<'a> {
         (sum / Truth::FACE.len() as f64).sqrt() / self.head.eye_distance
     }
 
-    /// What is learned from the shapes that pass.
+    /// Learns a prior from the shapes that pass.
     pub fn prior(&self, kept: impl Fn(usize) -> bool) -> Prior {
         let all = 0..self.truth.shapes.len();
         let kept: Vec<usize> = all.filter(|&s| kept(s)).collect();
@@ -177,7 +177,7 @@ impl<'a> Lesson<'a> {
         let landmarks = (0..LANDMARKS).map(|k| in_frame(head, &head.point(k)));
         let places = self.places.iter().map(|p| p.1);
         let comparison = Comparison::new(landmarks.collect(), places.collect());
-        // All shapes say the same, however far they move.
+        // Each shape is normalised to unit motion.
         let size: Vec<f64> = kept.iter().map(|&s| self.size(s)).collect();
         let learned = kept.iter().zip(&size).map(|(&s, size)| {
             let truth = &self.truth.shapes[s].1;
@@ -198,7 +198,7 @@ impl<'a> Lesson<'a> {
         prior
     }
 
-    /// Ridge regression at one place: what each shape that is kept adds per comparison.
+    /// Ridge regression at one place: residual of each kept shape per unit of comparison.
     fn regressed(&self, q: usize, kept: &[usize], size: &[f64], alike: &[Vec<f32>]) -> Vec<Vec3> {
         let n = kept.len();
         let mut k = DMatrix::from_fn(n, n, |r, c| f64::from(alike[r][q * n + c]));

@@ -1,12 +1,12 @@
-//! Lips that are one skin, as scans and statues have them, cut open from corner to corner, with an inside of the mouth behind.
+//! Cuts joined lips, as scans and statues have them, open from corner to corner and adds a mouth cavity.
 //!
-//! * Faces that the crease between the lips ([`super::crease`]) crosses are split along it. The cut is the shortest path along
-//!   edges from corner to corner, where edges beside the crease cost more (Dijkstra).
-//! * The vertices of the cut are doubled, and the faces below it take the copies. A closed mouth cavity is attached to both edges,
-//!   so that neither the far side of the head nor back faces are visible.
+//! * Faces crossed by the crease between the lips ([`super::crease`]) are split along it. The cut is the shortest
+//!   path along edges from corner to corner, with edges beside the crease costing more (Dijkstra).
+//! * Vertices of the cut are duplicated, and the faces below it use the copies. A closed mouth cavity is attached to
+//!   both edges, so that neither the far side of the head nor back faces are visible.
 //!
-//! The file's vertices keep their numbers and places, new ones come after them. Units: the mesh's; frame as in [`super::head`].
-//! Cost: linear in the faces near the mouth. Limits: where the skin between the corners is not connected there is no path, and
+//! The file's vertices keep their numbers and positions; new ones follow. Units: the mesh's; frame as in
+//! [`super::head`]. Cost: linear in the faces near the mouth. Limits: without connected skin between the corners
 //! nothing is cut.
 
 use std::cmp::Reverse;
@@ -18,13 +18,13 @@ use super::head::Head;
 use super::mesh::{Corner, Mesh, Vec3};
 use super::seam::{Steps, step};
 
-/// An edge is not split nearer to its end than this part of it: that end counts as on the crease.
+/// Crossings nearer to an end of an edge than this part of it snap to that end.
 const SNAP: f64 = 0.15;
-/// How much longer an edge counts per eye distance that it lies beside the crease.
+/// Extra cost of an edge per eye distance from the crease.
 const PULL: f64 = 60.0;
-/// Faces further than this from the crease are not looked at, in eye distances.
-const NEAR: f64 = 1.0;
-/// Rows of the cavity: how far behind the lips, and half of its height in the middle, in eye distances.
+/// Largest distance of processed faces from the crease, in eye distances.
+const MAX_FROM_CREASE: f64 = 1.0;
+/// Rows of the cavity: depth behind the lips, and half the height in the middle, in eye distances.
 const ROWS: [[f64; 2]; 5] = [
     [0.06, 0.008],
     [0.20, 0.06],
@@ -32,50 +32,52 @@ const ROWS: [[f64; 2]; 5] = [
     [0.62, 0.14],
     [0.68, 0.0],
 ];
-/// How much narrower than the mouth its end is, and over what width its rows are smoother than the cut, in eye distances.
+/// How much narrower than the mouth the cavity's last row is, in eye distances.
 const NARROW: f64 = 0.3;
+/// Width over which the cavity's rows are smoothed, in eye distances.
 const SMOOTH: f64 = 0.12;
 
 /// A mesh cut open between the lips.
 pub(super) struct Opened {
-    /// First the faces that are as they were, in their order.
+    /// The unchanged faces first, in their order.
     pub(super) mesh: Mesh,
-    /// Which of the source's faces these are.
+    /// Whether each face of the source is among these.
     pub(super) kept: Vec<bool>,
-    /// Where landmarks 60 to 67 are now.
+    /// New vertex numbers of landmarks 60 to 67.
     pub(super) landmarks: [u64; 8],
 }
 
-/// A face near the crease: the source's, or a part of one.
+/// A face near the crease: one of the source, or a part of one.
 struct Piece {
     face: usize,
     corners: Vec<Corner>,
     is_changed: bool,
-    /// Below the cut; not known of one that does not touch it.
+    /// Whether it lies below the cut; `None` if it does not touch it.
     is_lower: Option<bool>,
 }
 
-/// An edge of the cut as the face on one side has it.
+/// An edge of the cut, as seen by the face on one side.
 #[derive(Clone, Copy)]
 struct Lip {
-    /// Along the cut.
+    /// In the direction of the cut.
     corners: [Corner; 2],
-    /// Whether the face has them in this order.
+    /// Whether the face lists them in this order.
     is_forward: bool,
     material: u32,
 }
 
-/// The mesh while it is cut. A node is a vertex of the sewn mesh, or a place where an edge is split; these come after all vertices.
+/// Working state of the cut. A node is a vertex of the welded mesh, or a point at which an edge is split; these come
+/// after all vertices.
 struct Work<'a> {
     head: &'a Head,
     mesh: Mesh,
     /// The node of each vertex.
     node: Vec<u32>,
-    /// Of each node where it is in the face's frame, and how far above the crease; `NaN` away from it.
+    /// Position of each node in the face's frame, and height above the crease; `NaN` away from it.
     places: Vec<Vec3>,
     above: Vec<f64>,
     pieces: Vec<Piece>,
-    /// The nodes from corner to corner, and the number of each.
+    /// Nodes from corner to corner, and the index of each.
     path: Vec<u32>,
     on: HashMap<u32, usize>,
 }
@@ -84,11 +86,12 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Cuts a source open between the lips; `vertex` names the head's vertex for each of its own. `None` if no path joins the corners.
+/// Cuts a source open between the lips; `vertex` gives the head's vertex for each of the source's. `None` if no path
+/// joins the corners.
 pub(super) fn opened(source: &Mesh, vertex: &[u32], head: &Head) -> Option<Opened> {
     let to_face = head.axes.transpose();
     let seen: Vec<Vec3> = head.mesh.positions.iter().map(|p| to_face * p).collect();
-    let crease = Crease::of(head, &seen);
+    let crease = Crease::traced(head, &seen);
     let [from, to] = [60, 64].map(|corner| crease.end(head, &seen, corner));
     let mut work = Work {
         head,
@@ -102,7 +105,7 @@ pub(super) fn opened(source: &Mesh, vertex: &[u32], head: &Head) -> Option<Opene
     };
     work.split(&crease, [from, to]);
     let path = work.shortest(from, to);
-    // A vertex between the corners for each landmark.
+    // At least one vertex between the corners for each landmark.
     work.path = path.filter(|path| path.len() > 4)?;
     work.on = work.path.iter().copied().zip(0..).collect();
     work.find_sides();
@@ -126,7 +129,7 @@ impl Work<'_> {
         (0..n).map(side).collect()
     }
 
-    /// A new vertex like another one.
+    /// Adds a vertex with the attributes of another.
     fn push(&mut self, at: Vec3, like: u32) -> u32 {
         let tint = self.mesh.tints.get(like as usize).copied();
         self.mesh.tints.extend(tint);
@@ -135,7 +138,7 @@ impl Work<'_> {
         self.mesh.positions.len() as u32 - 1
     }
 
-    /// How far along an edge near the crease crosses it, if it does so between the corners.
+    /// Share of an edge at which it crosses the crease between the corners; `None` if it does not.
     fn crossed(&self, [from, to]: [u32; 2]) -> Option<f64> {
         let [a, b] = [from, to].map(|v| self.above[v as usize]);
         let [p, q] = [from, to].map(|v| self.places[v as usize].x);
@@ -144,9 +147,9 @@ impl Work<'_> {
         (a * b < 0.0 && (right..left).contains(&(p + (q - p) * share))).then_some(share)
     }
 
-    /// The faces near the mouth, split along the crease, on which `ends` lie.
+    /// Splits the faces near the mouth along the crease, which `ends` lie on.
     fn split(&mut self, crease: &Crease, ends: [u32; 2]) {
-        let (head, near) = (self.head, NEAR * self.head.eye_distance);
+        let (head, near) = (self.head, MAX_FROM_CREASE * self.head.eye_distance);
         let [right, left] = ends.map(|v| self.places[v as usize]);
         for (v, p) in self.places.iter().enumerate() {
             let aside = (right.x - near..left.x + near).contains(&p.x);
@@ -223,7 +226,7 @@ impl Work<'_> {
         }
     }
 
-    /// Divides a polygon where the crease goes through it.
+    /// Divides a polygon along the crease.
     fn divide(&mut self, face: usize, corners: Vec<Corner>, is_split: bool) {
         let n = corners.len();
         let on = |k: &usize| self.above[self.node(&corners[*k]) as usize] == 0.0;
@@ -246,7 +249,7 @@ impl Work<'_> {
         }));
     }
 
-    /// The shortest path along the edges of pieces from one node to another.
+    /// The shortest path along edges of pieces between two nodes.
     fn shortest(&self, from: u32, to: u32) -> Option<Vec<u32>> {
         let mut beside: HashMap<u32, Vec<u32>> = HashMap::new();
         for [a, b] in self
@@ -284,7 +287,7 @@ impl Work<'_> {
         Some(path)
     }
 
-    /// The number of an edge of the cut, and whether one goes along the cut from its first node to its second.
+    /// The index of an edge of the cut, and whether it is listed in the cut's direction.
     fn on_cut(&self, [a, b]: [u32; 2]) -> Option<(usize, bool)> {
         let (a, b) = (*self.on.get(&a)?, *self.on.get(&b)?);
         (a.abs_diff(b) == 1).then_some((a.min(b), a < b))
@@ -296,7 +299,7 @@ impl Work<'_> {
         at.is_some_and(|&at| at > 0 && at + 1 < self.path.len())
     }
 
-    /// Which pieces lie below the cut: those that have an edge of it in one direction, and what hangs together with them there.
+    /// Marks the pieces below the cut: those with an edge of it in one direction, and all connected to them.
     fn find_sides(&mut self) {
         let normals = self.head.mesh.vertex_normals(&self.head.mesh.positions);
         let lip = normals[self.head.points[57] as usize];
@@ -326,7 +329,7 @@ impl Work<'_> {
         }
     }
 
-    /// Gives what lies below the cut vertices of its own.
+    /// Duplicates the vertices of the cut for the pieces below it.
     fn double(&mut self) {
         let mut copies: HashMap<u32, u32> = HashMap::new();
         let mut pieces = std::mem::take(&mut self.pieces);
@@ -343,7 +346,7 @@ impl Work<'_> {
         self.pieces = pieces;
     }
 
-    /// The edges of the cut as the faces on one side have them; nothing if one has none.
+    /// Edges of the cut as the faces on one side list them; `None` if a face is missing.
     fn lips(&self, is_lower: bool) -> Option<Vec<Lip>> {
         let mut lips = vec![None; self.path.len() - 1];
         for piece in self.pieces.iter().filter(|p| p.is_lower == Some(is_lower)) {
@@ -362,7 +365,7 @@ impl Work<'_> {
         lips.into_iter().collect()
     }
 
-    /// Where the landmarks of the inner lips are now: on the edge of their lip, below or above where they were.
+    /// Vertices of the inner lip landmarks on the edges of their lips, straight below or above the former ones.
     fn landmarks(&self, lips: &[Vec<Lip>; 2]) -> [u64; 8] {
         let left = self.head.axes.column(0);
         let place = |lip: &Lip| self.mesh.positions[lip.corners[1].vertex as usize].dot(&left);
@@ -382,7 +385,7 @@ impl Work<'_> {
         })
     }
 
-    /// The cut, smoother and nowhere before itself: what the rows of the cavity follow.
+    /// The cut, smoothed and never in front of it, which the rows of the cavity follow.
     fn line(&self) -> Vec<Vec3> {
         let path = || self.path.iter().map(|&node| self.places[node as usize]);
         let smooth = |p: Vec3| {
@@ -400,12 +403,12 @@ impl Work<'_> {
         line
     }
 
-    /// Hangs a closed cavity on both edges; its faces.
+    /// Attaches a closed cavity to both edges; returns its faces.
     fn cavity(&mut self, lips: &[Vec<Lip>; 2]) -> Vec<([Corner; 4], u32)> {
         let (line, axes, w) = (self.line(), self.head.axes, self.head.eye_distance);
         let (last, like) = (line.len() - 1, lips[0][0].corners[0].vertex);
         let middle = (line[0].x + line[last].x) / 2.0;
-        // Numbers of a row's vertices, on its upper and its lower side; at the corners and at the end these are one.
+        // Vertices of a row on the upper and the lower side; shared at the corners and at the end.
         let mut rows: Vec<[Vec<u32>; 2]> = Vec::new();
         for (row, [back, half]) in ROWS.into_iter().enumerate() {
             let narrow = NARROW * row as f64 / (ROWS.len() - 1) as f64;
@@ -443,7 +446,7 @@ impl Work<'_> {
         faces
     }
 
-    /// The whole: faces that are as they were, those at the cut, the cavity's.
+    /// Assembles the mesh: unchanged faces, pieces at the cut, the cavity.
     fn finish(self, source: &Mesh, cavity: &[([Corner; 4], u32)], landmarks: [u64; 8]) -> Opened {
         let mut kept = vec![true; source.faces()];
         let changed = self.pieces.iter().filter(|piece| piece.is_changed);

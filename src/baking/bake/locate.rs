@@ -1,15 +1,15 @@
-//! `--landmarks auto`: the 68 vertices of a head that comes without them.
+//! `--landmarks auto`: finds the 68 landmark vertices of a head.
 //!
-//! Up may be y or z, the face look along any level axis. Every part of the mesh that may be skin is drawn from there, alone but
-//! for the eyeballs, and the shipped face model takes short looks: about the eyeballs, or below the top of the part in all
-//! sizes. What it makes of them must lie in space as faces do ([`by_shape`]). The best are looked at closely, in boxes
-//! around, and each fitted point is cast back to the visible vertex it lies on. What lines an opening (lids, inner lips) goes
-//! to the nearest vertex of a rim: visible, with a neighbour that is not. A face that mirrors itself gets points that do. Brows
-//! and jaw, which plaster does not show, are where the other points say that people have them.
+//! Up may be y or z, and the face may look along any level axis. From each direction every part that may be skin
+//! is rendered alone with the eyeballs, and the face model is run once on squares around the eyeballs, or at all
+//! sizes below the top of the part. The points must be plausible in 3D ([`by_shape`]). The best candidates are fitted
+//! in several boxes, and each point is cast back to the visible vertex under it. Points of openings (lids, inner
+//! lips) go to the nearest rim vertex: visible, with a hidden neighbour. A symmetric face gets symmetric points.
+//! Brows and jaw, which plaster does not show, are placed by the shape model.
 //!
-//! Units: the mesh's; pictures in pixels. Cost: 0.2 to 0.4 s where a face is found at once, 4 s on a core before it is said that
-//! there is none. Limits: the model has learned photographs of people, not plaster and not cartoons; a head that
-//! leans is not found.
+//! Units: the mesh's; images in pixels. Cost: 0.2 to 0.4 s where the first direction succeeds, 4 s on a core to
+//! rule out a face. Limits: the model learned photographs of people, not plaster or cartoons; an inclined head is not
+//! found.
 
 mod search;
 mod seen;
@@ -19,72 +19,74 @@ use std::collections::HashSet;
 use image::RgbImage;
 use nalgebra::Matrix3;
 
-use self::search::{DEEP, FRAME, Face, Search, halved};
-use self::seen::{PIXELS, Parts, apart};
+use self::search::{DEEP, FRAME, Face, Search, distance_penalty};
+use self::seen::{PIXELS, Parts, distance};
 use super::by_shape;
 use super::looks::{Looks, Surfaces};
-use super::mesh::{Mesh, Rings, Vec3, extent_of};
+use super::mesh::{Mesh, Rings, Vec3, bounding_box};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::FaceModel;
 use mien_stages::face_model::scheme::MIRROR;
 use mien_workbench::canvas;
 
-/// The picture to look at is larger by this.
+/// Enlargement of the picture for the user.
 const ENLARGED: u32 = 3;
-/// A face less certain than this is none.
-const LEAST: f32 = 0.6;
-/// A point less certain than this wants to be looked at: named by `bake`, low in `place`.
-pub const LOW: f32 = 0.4;
+/// Least confidence of a face.
+const MIN_FACE_CONFIDENCE: f32 = 0.6;
+/// Confidence below which a point needs a check: `bake` names it, `place` marks it.
+pub const LOW_CONFIDENCE: f32 = 0.4;
 /// Points 0 to 16 are the jaw's, up to 26 the brows'.
 const UNMARKED: usize = 27;
-/// A point this far from where the others say it is, in inner-eye-corner distances, is hardly believed.
+/// Distance from the position that the others predict at which a point is hardly trusted, in inner-eye-corner
+/// distances.
 const DOUBTFUL: f64 = 0.1;
-/// A rim vertex further than this from a fitted point is another opening's, in widths of the head.
+/// Largest distance of a rim vertex from its fitted point, in head widths: beyond is another opening.
 const RIM: f64 = 0.03;
-/// The lids meet no further than this beyond the fitted inner corner, and no further than that above or below, in widths of the eye;
-/// the sine of the slope of lids.
+/// Largest distance of the lids' meeting point beyond the fitted inner corner, in eye widths.
 const CORNER: f64 = 0.25;
+/// Largest distance of the lids' meeting point above or below the fitted inner corner, in eye widths.
 const LEVEL: f64 = 0.1;
+/// Sine of the largest slope of lids.
 const STEEP: f64 = 0.3;
 /// Width of the head in the picture, pixels.
 const WIDTH: f64 = PIXELS as f64 / FRAME;
 
-/// What was found.
+/// The landmarks found on a mesh.
 pub struct Located {
     /// The 68 vertices.
     pub vertices: Vec<u64>,
-    /// That it is a face, 0 to 1.
+    /// Confidence that this is a face, 0 to 1.
     pub confidence: f32,
-    /// Of each point, 0 to 1: that of the face, less where fits from other boxes, the nearest vertex or what all other points
-    /// say are elsewhere.
-    pub of_points: [f32; LANDMARKS],
+    /// Confidence of each point, 0 to 1: the face's, lowered by disagreement with other boxes, the nearest vertex or
+    /// the shape model.
+    pub point_confidence: [f32; LANDMARKS],
     /// Axis of the mesh that points up.
     pub up: &'static str,
     /// Axis of the mesh that the face looks along.
     pub facing: &'static str,
-    /// The head with the points drawn in.
+    /// A rendering of the head with the points.
     pub picture: RgbImage,
 }
 
 impl Located {
-    /// Whether it is likely enough to be a face.
+    /// Whether the confidence suffices for a face.
     pub fn is_face(&self) -> bool {
-        self.confidence >= LEAST
+        self.confidence >= MIN_FACE_CONFIDENCE
     }
 
-    /// Points less sure than [`LOW`], the least sure first.
+    /// Points less confident than [`LOW_CONFIDENCE`], the least first.
     pub fn unsure(&self) -> Vec<usize> {
         let mut unsure: Vec<usize> = (0..LANDMARKS)
-            .filter(|&k| self.of_points[k] < LOW)
+            .filter(|&k| self.point_confidence[k] < LOW_CONFIDENCE)
             .collect();
-        unsure.sort_by(|&a, &b| self.of_points[a].total_cmp(&self.of_points[b]));
+        unsure.sort_by(|&a, &b| self.point_confidence[a].total_cmp(&self.point_confidence[b]));
         unsure
     }
 }
 
-/// Finds the landmarks, however low their confidence, for a person to correct: on the plain surface first, then with its colours.
-/// `front` holds the axes that the file states; they are tried first, and all directions only if they show no face. `None` for a
-/// mesh without a surface.
+/// Finds the landmarks, however low their confidence, for the user to correct: on the plain surface first, then with
+/// colours. `front`, the rotation from the file's axes, is tried first, all directions only if it shows no face.
+/// `None` for a mesh without a surface.
 pub fn guess(
     mesh: &Mesh,
     looks: &Looks,
@@ -118,18 +120,18 @@ pub fn guess(
         screen: mesh.positions.iter().map(|p| seen.screen(p)).collect(),
         skin: on_skin.collect(),
     };
-    let (vertices, of_points) = placing.placed();
+    let (vertices, point_confidence) = placing.placed();
     Some(Located {
         picture: placing.picture(&vertices),
         vertices: vertices.into_iter().map(u64::from).collect(),
         confidence: face.confidence,
-        of_points,
+        point_confidence,
         up: axis(&seen.to_view, 1),
         facing: axis(&seen.to_view, 2),
     })
 }
 
-/// A row of a view as an axis of the mesh.
+/// The mesh axis of a row of a view.
 fn axis(to_view: &Matrix3<f64>, row: usize) -> &'static str {
     let along = to_view.row(row);
     let k = along.iamax_full().1;
@@ -137,39 +139,39 @@ fn axis(to_view: &Matrix3<f64>, row: usize) -> &'static str {
     names[k][usize::from(along[k] > 0.0)]
 }
 
-/// A face that was found and the mesh that it is on.
+/// A face and the mesh on which it was found.
 struct Placing<'a> {
     model: &'a FaceModel,
     mesh: &'a Mesh,
     rings: &'a Rings,
     face: &'a Face,
-    /// Where each vertex is seen: pixels, and depth in pixels.
+    /// Each vertex projected: pixels, and depth in pixels.
     screen: Vec<Vec3>,
     skin: Vec<bool>,
 }
 
 impl Placing<'_> {
-    /// The vertices of the points, and how sure each is.
+    /// Vertices of the points, and the confidence of each.
     fn placed(&self) -> (Vec<u32>, [f32; LANDMARKS]) {
-        let (points, mut of_points) = (&self.face.points, self.face.of_points);
+        let (points, mut point_confidence) = (&self.face.points, self.face.point_confidence);
         let mirror = self.mirror();
         let mut vertices = self.cast(mirror);
-        // A vertex that is not where the point was seen is as unsure.
-        let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
-        for ((sure, point), &v) in of_points.iter_mut().zip(points).zip(&vertices) {
+        // Confidence falls with the distance of the vertex from the fitted point.
+        let eyes = distance(points[39], points[42]).max(f32::MIN_POSITIVE);
+        for ((sure, point), &v) in point_confidence.iter_mut().zip(points).zip(&vertices) {
             let at = self.screen[v as usize];
-            *sure /= halved(apart(*point, [at.x as f32, at.y as f32]) / eyes);
+            *sure /= distance_penalty(distance(*point, [at.x as f32, at.y as f32]) / eyes);
         }
-        // What the picture says of brows and jaw is left.
-        of_points[..UNMARKED].fill(self.face.confidence);
+        // Brows and jaw keep only the confidence of the face.
+        point_confidence[..UNMARKED].fill(self.face.confidence);
         let shares = self.by_the_rest(mirror, &mut vertices);
-        for (sure, share) in of_points.iter_mut().zip(shares) {
+        for (sure, share) in point_confidence.iter_mut().zip(shares) {
             *sure *= share as f32;
         }
-        (vertices, of_points)
+        (vertices, point_confidence)
     }
 
-    /// The head enlarged, with the points drawn in.
+    /// The rendering enlarged, with the points drawn in.
     fn picture(&self, vertices: &[u32]) -> RgbImage {
         let side = PIXELS * ENLARGED;
         let filter = image::imageops::FilterType::Triangle;
@@ -178,7 +180,7 @@ impl Placing<'_> {
         for (k, &v) in vertices.iter().enumerate() {
             let p = self.screen[v as usize];
             let [x, y] = [p.x, p.y].map(|c| ((c + 0.5) * f64::from(ENLARGED)) as f32);
-            // Inner lips and lids in another colour than what lies beside them.
+            // Inner lips and lids in a second colour.
             let lines = matches!(k, 36..=47 | 60..=67);
             let colour = if lines { [250, 220, 40] } else { [30, 220, 70] };
             canvas::square(&mut picture, x, y, 2, colour);
@@ -186,16 +188,16 @@ impl Placing<'_> {
         picture
     }
 
-    /// Puts brows and jaw where the other points say that they are. Share of the confidence of each point.
+    /// Places brows and jaw by the shape model. Returns a confidence factor per point.
     fn by_the_rest(&self, mirror: Option<f64>, vertices: &mut [u32]) -> [f64; LANDMARKS] {
         let upright = |p: &Vec3| Vec3::new(p.x, -p.y, p.z);
         let view: Vec<Vec3> = self.screen.iter().map(upright).collect();
         let found: [Vec3; LANDMARKS] = std::array::from_fn(|k| view[vertices[k] as usize]);
-        let Some(laid) = by_shape::laid(&self.model.shape, &found) else {
+        let Some(laid) = by_shape::completed(&self.model.shape, &found) else {
             return [0.0; LANDMARKS];
         };
         let eyes = (found[39] - found[42]).norm();
-        // None stands in the way of another.
+        // Former brow and jaw vertices must not block new ones.
         vertices[..UNMARKED].fill(u32::MAX);
         std::array::from_fn(|k| {
             let mut there = laid[k];
@@ -226,9 +228,9 @@ impl Placing<'_> {
         let faces = |v: usize| normals[v].dot(&towards) > 0.0 && seen.canvas.shows(&screen[v]);
         let visible: Vec<bool> = (0..n).map(|v| self.skin[v] && faces(v)).collect();
         let border = self.mesh.border();
-        let ends = |v: usize| border[v] || rings.of(v).iter().any(|&o| !visible[o as usize]);
+        let ends = |v: usize| border[v] || rings.members(v).iter().any(|&o| !visible[o as usize]);
         let rim: Vec<bool> = (0..n).map(|v| visible[v] && ends(v)).collect();
-        // Mirrored points in a mirrored head: the mean of both sides.
+        // In a symmetric head, the mean of a point and its mirrored partner.
         let aim = |k: usize| {
             let [p, q] = [k, MIRROR[k]].map(|k| points[k].map(f64::from));
             mirror.map_or(p, |plane| {
@@ -236,7 +238,7 @@ impl Placing<'_> {
             })
         };
         let up = |v: usize| (seen.to_view * normals[v]).y;
-        let deep = DEEP * f64::from(apart(points[39], points[42]));
+        let deep = DEEP * f64::from(distance(points[39], points[42]));
         let mut taken: Vec<u32> = Vec::with_capacity(LANDMARKS);
         for k in 0..LANDMARKS {
             let [x, y] = aim(k);
@@ -246,13 +248,13 @@ impl Placing<'_> {
                 let free = (0..n).filter(free);
                 free.min_by(|&a, &b| far(a).total_cmp(&far(b)))
             };
-            // An upper edge looks down, a lower one up; corners look anywhere.
+            // An upper edge faces down, a lower one up; corners may face anywhere.
             let lines = |v: usize| match k {
                 37 | 38 | 43 | 44 | 61..=63 => rim[v] && up(v) < 0.1,
                 40 | 41 | 46 | 47 | 65..=67 => rim[v] && up(v) > -0.1,
                 _ => rim[v],
             };
-            // What is seen through an opening lies too deep.
+            // Vertices seen through an opening lie too deep.
             let level = |v: usize| (screen[v].z - self.face.depths[k]).abs() < deep;
             let mut vertex = None;
             if matches!(k, 36..=47 | 60..=67) {
@@ -270,8 +272,8 @@ impl Placing<'_> {
         taken
     }
 
-    /// The vertex where an eye's lids meet beside the nose, beyond the lacrimal caruncle: from the fitted corner on, and on its level,
-    /// the first with skin right below that faces up and skin right above that faces down.
+    /// The vertex at which an eye's lids meet beside the nose, beyond the lacrimal caruncle: from the fitted corner
+    /// on, and level with it, the first with upward-facing skin right below and downward-facing skin right above.
     fn lids_meet(
         &self,
         corner: u32,
@@ -287,7 +289,7 @@ impl Placing<'_> {
         let near = |v: u32| (0.0..CORNER).contains(&beyond(v)) && level(v) && visible(v as usize);
         let meets = |v: u32| {
             let mut lids = [false; 2];
-            for &o in self.rings.of(v as usize) {
+            for &o in self.rings.members(v as usize) {
                 lids[0] |= up(o as usize) > STEEP && at(o).y >= at(v).y;
                 lids[1] |= up(o as usize) < -STEEP && at(o).y <= at(v).y;
             }
@@ -297,18 +299,18 @@ impl Placing<'_> {
         corners.min_by(|&a, &b| beyond(a).total_cmp(&beyond(b)))
     }
 
-    /// Where the plane is that mirrors the face, in pixels from the left, if nearly all of the face has a partner there.
+    /// Column of the mirror plane, if nearly all vertices of the face have a partner there.
     fn mirror(&self) -> Option<f64> {
         let points = &self.face.points;
         let mean = points.iter().map(|p| f64::from(p[0])).sum::<f64>() / LANDMARKS as f64;
         let [top, chin] = [27, 8].map(|k| f64::from(points[k][1]));
-        // Shoulders and hair need not mirror.
+        // Shoulders and hair need not be symmetric.
         let tall = (chin - top).abs();
         let near = |p: &&Vec3| p.y > top - 0.5 * tall && p.y < chin && (p.x - mean).abs() < WIDTH;
         let of_skin = self.screen.iter().zip(&self.skin).filter(|s| *s.1);
         let all: Vec<&Vec3> = of_skin.map(|s| s.0).filter(near).collect();
         let tip = all.iter().max_by(|a, b| a.z.total_cmp(&b.z))?;
-        let (low, high) = extent_of(all.iter().copied());
+        let (low, high) = bounding_box(all.iter().copied());
         let middles = [tip.x, 0.5 * (low.x + high.x), mean];
         let alone = middles.map(|at| (alone(&all, at, 0.02 * WIDTH), at));
         let least = alone.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
@@ -316,7 +318,7 @@ impl Placing<'_> {
     }
 }
 
-/// Share of places that have no partner on the other side.
+/// Share of points without a mirrored partner.
 fn alone(all: &[&Vec3], middle: f64, cell: f64) -> f64 {
     let key = |x: f64, p: &Vec3| [x, p.y, p.z].map(|c| (c / cell).round() as i64);
     let there: HashSet<[i64; 3]> = all.iter().map(|p| key(p.x - middle, p)).collect();

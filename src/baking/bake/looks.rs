@@ -1,9 +1,9 @@
-//! Colours of a head: what the material files (MTL) of an OBJ or the materials of a glTF say, and their pictures; as glTF
-//! materials, and drawn.
+//! Colours of a head from the material files (MTL) of an OBJ or the materials of a glTF, for output as glTF materials
+//! and for rendering.
 //!
-//! Of MTL are read `newmtl`, `Kd`, `d`, `Tr` and `map_Kd` with a PNG or JPEG, which is carried over as it is; paths are relative to
-//! the file that names them. Colours are sRGB there and linear in glTF. What is missing or damaged leaves the material as it
-//! would be without: a head without its colours is still a head.
+//! Of MTL, `newmtl`, `Kd`, `d`, `Tr` and `map_Kd` with a PNG or JPEG are read; images are copied unchanged, and
+//! paths are relative to the file that names them. Colours are sRGB there and linear in glTF. Missing or damaged
+//! entries leave the material as it would be without.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -23,9 +23,9 @@ struct Look {
     /// Linear red, green and blue.
     colour: Option<[f64; 3]>,
     opacity: Option<f64>,
-    /// A file that glTF has the like of.
+    /// Bytes of an image in a format that glTF allows.
     picture: Option<Vec<u8>>,
-    /// Gaps in the picture are gaps in the surface.
+    /// Whether transparent pixels are holes in the surface.
     cut: bool,
 }
 
@@ -47,19 +47,19 @@ fn share(word: &str) -> Option<f64> {
         .filter(|value| (0.0..=1.0).contains(value))
 }
 
-/// What follows a word at the start of a line.
+/// The rest of a line that starts with a word.
 fn after<'a>(line: &'a str, word: &str) -> Option<&'a str> {
     let rest = line.trim().strip_prefix(word)?;
     rest.starts_with([' ', '\t']).then(|| rest.trim())
 }
 
-/// The name of a picture after the options of its map: words that begin with a minus, with numbers, `on` or `off` after them.
+/// The image name after the options of a map: words that begin with a minus, each followed by numbers, `on` or `off`.
 fn without_options(words: &str) -> &str {
     let mut rest = words;
     while rest.starts_with('-') {
         let option = |word: &str| word.parse::<f64>().is_ok() || word == "on" || word == "off";
         let next = |rest: &str| rest.find([' ', '\t']).unwrap_or(rest.len());
-        // A channel is one letter.
+        // A channel is a single letter.
         let letter = rest.starts_with("-imfchan");
         rest = rest[next(rest)..].trim_start();
         while !rest.is_empty() && (option(&rest[..next(rest)]) || letter && next(rest) == 1) {
@@ -70,14 +70,14 @@ fn without_options(words: &str) -> &str {
 }
 
 impl Looks {
-    /// Of an OBJ file and its text.
-    pub(super) fn of(path: &Path, obj: &str) -> Self {
+    /// Reads the materials of an OBJ file from its text.
+    pub(super) fn from_obj(path: &Path, obj: &str) -> Self {
         let mut looks = Self::default();
         let folder = path.parent().unwrap_or(Path::new(""));
         for name in obj.lines().filter_map(|line| after(line, "mtllib")) {
             let name = name.replace('\\', "/");
-            if let Ok(bytes) = bounded_read::read_below(folder, &name, text_files::MOST) {
-                // Pictures are named from where the library lies, in the folder of the mesh or below.
+            if let Ok(bytes) = bounded_read::read_below(folder, &name, text_files::MAX_BYTES) {
+                // Images are named relative to the library, in the folder of the mesh or below.
                 let beside = folder.join(name);
                 let beside = beside.parent().unwrap_or(folder);
                 looks.add(&text_files::decoded(&bytes), beside);
@@ -104,24 +104,25 @@ impl Looks {
                 look.opacity = Some(1.0 - clear);
             } else if let Some(picture) = after(line, "map_Kd") {
                 let picture = without_options(picture).replace('\\', "/");
-                // By its name alone if its way is that of the machine it comes from.
+                // Falls back to the bare name: the path may be of another machine.
                 let mut names = [&*picture, picture.rsplit('/').next().unwrap_or("")].into_iter();
-                let read = |name| bounded_read::read_below(folder, name, text_files::MOST).ok();
+                let read =
+                    |name| bounded_read::read_below(folder, name, text_files::MAX_BYTES).ok();
                 let bytes = names.find_map(read);
                 look.picture = bytes.filter(|bytes| kind(bytes).is_some());
             }
         }
     }
 
-    /// Of the materials of a glTF.
-    pub(super) fn in_glb(glb: &Glb) -> Self {
+    /// Reads the materials of a glTF.
+    pub(super) fn from_glb(glb: &Glb) -> Self {
         let look = |material: &Value| {
             let surface = &material["pbrMetallicRoughness"];
             let factor: Option<[f64; 4]> =
                 serde_json::from_value(surface["baseColorFactor"].clone()).ok();
-            let texture = glb.listed("textures", &surface["baseColorTexture"]["index"]);
-            let image = glb.listed("images", &texture["source"]);
-            let view = glb.listed("bufferViews", &image["bufferView"]);
+            let texture = glb.list_entry("textures", &surface["baseColorTexture"]["index"]);
+            let image = glb.list_entry("images", &texture["source"]);
+            let view = glb.list_entry("bufferViews", &image["bufferView"]);
             let length = view["byteLength"].as_u64().unwrap_or(0) as usize;
             let picture = glb.data(&image["bufferView"], &Value::Null, length);
             let mode = material["alphaMode"].as_str();
@@ -138,13 +139,13 @@ impl Looks {
         Self(material_names(&glb.json).into_iter().zip(looks).collect())
     }
 
-    /// Whether nothing is known of any.
+    /// Whether no colour is known.
     pub fn is_empty(&self) -> bool {
         let known = |look: &Look| look.colour.is_some() || look.picture.is_some();
         !self.0.values().any(known)
     }
 
-    /// Gives the materials of a file that have these names their colours and pictures.
+    /// Sets colours and images of the materials with these names in a file.
     pub fn paint(&self, glb: &mut Glb) {
         let Some(mut materials) = glb.json.get_mut("materials").map(Value::take) else {
             return;
@@ -178,7 +179,7 @@ impl Looks {
     }
 }
 
-/// Names of a glTF's materials, each once.
+/// Names of a glTF's materials, without repetition.
 pub(super) fn material_names(json: &Value) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for (k, material) in list(&json["materials"]).iter().enumerate() {
@@ -189,7 +190,7 @@ pub(super) fn material_names(json: &Value) -> Vec<String> {
     names
 }
 
-/// A material as it is drawn.
+/// A material for rendering.
 struct Surface {
     /// Linear.
     colour: [f64; 3],
@@ -197,10 +198,10 @@ struct Surface {
     picture: Option<RgbaImage>,
 }
 
-/// The surface of a mesh as it is drawn.
+/// The surface of a mesh for rendering.
 pub struct Surfaces<'a> {
     mesh: &'a Mesh,
-    /// Of each material of which anything is known.
+    /// Per material; `None` if nothing is known of it.
     of: Vec<Option<Surface>>,
 }
 
@@ -228,17 +229,17 @@ impl<'a> Surfaces<'a> {
         }
     }
 
-    /// Whether anything is known at all.
+    /// Whether any colour is known.
     pub(super) fn any(&self) -> bool {
         (0..self.of.len() as u32).any(|material| self.know(material))
     }
 
-    /// Whether anything is known of a material.
+    /// Whether the colour of a material is known.
     pub(super) fn know(&self, material: u32) -> bool {
         self.of[material as usize].is_some() || !self.mesh.tints.is_empty()
     }
 
-    /// The colour, 0 to 255, of a place between three corners; `None` at a gap.
+    /// The colour, 0 to 255, at a point of a triangle; `None` at a hole.
     pub(super) fn at(
         &self,
         material: u32,
@@ -275,7 +276,7 @@ impl<'a> Surfaces<'a> {
     }
 }
 
-/// What glTF calls a picture; `None` for what it has none of.
+/// Media type of an image; `None` for formats that glTF lacks.
 pub(super) fn kind(bytes: &[u8]) -> Option<&'static str> {
     match bytes {
         [0x89, b'P', b'N', b'G', ..] => Some("image/png"),
@@ -295,7 +296,7 @@ mod tests {
         std::fs::write(folder.path().join("head.mtl"), mtl).unwrap();
         let png = [&[0x89, b'P', b'N', b'G'][..], b"pixels"].concat();
         std::fs::write(folder.path().join("my skin.png"), &png).unwrap();
-        let looks = Looks::of(
+        let looks = Looks::from_obj(
             &folder.path().join("head.obj"),
             "mtllib head.mtl\nv 0 0 0\n",
         );
@@ -325,7 +326,7 @@ mod tests {
         // Neither a colour beyond 1 nor a picture that is not there changes anything.
         assert_eq!(glb.json["materials"][1]["pbrMetallicRoughness"], plain);
         assert_eq!(glb.json["materials"][2]["pbrMetallicRoughness"], plain);
-        let gone = Looks::of(&folder.path().join("head.obj"), "mtllib gone.mtl\n");
+        let gone = Looks::from_obj(&folder.path().join("head.obj"), "mtllib gone.mtl\n");
         assert_eq!(gone, Looks::default());
     }
 
@@ -345,8 +346,9 @@ mod tests {
             let made = std::process::Command::new("mkfifo").arg(pipe).status();
             assert!(made.unwrap().success());
         }
-        let looks =
-            |library: &str| Looks::of(&folder.join("head.obj"), &format!("mtllib {library}\n"));
+        let looks = |library: &str| {
+            Looks::from_obj(&folder.join("head.obj"), &format!("mtllib {library}\n"))
+        };
         for library in ["link.mtl", "pipe.mtl", "../secret.mtl", "/dev/zero", "."] {
             assert!(looks(library).is_empty(), "{library}");
         }

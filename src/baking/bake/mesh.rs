@@ -26,7 +26,7 @@ pub struct Corner {
 }
 
 impl Corner {
-    /// Of a vertex without more.
+    /// A corner without texture and normal.
     pub fn bare(vertex: u32) -> Self {
         Self {
             vertex,
@@ -57,7 +57,7 @@ pub struct Mesh {
     pub face_material: Vec<u32>,
 }
 
-/// Numbers that belong to each of several owners, stored flat.
+/// Lists of numbers, one list per owner, stored flat.
 pub struct Lists {
     starts: Vec<u32>,
     all: Vec<u32>,
@@ -67,7 +67,7 @@ pub struct Lists {
 pub type Rings = Lists;
 
 impl Lists {
-    /// Of pairs (owner, number), each counted once.
+    /// From pairs (owner, number), without duplicates.
     pub(super) fn new(owners: usize, mut pairs: Vec<[u32; 2]>) -> Self {
         pairs.sort_unstable();
         pairs.dedup();
@@ -78,31 +78,31 @@ impl Lists {
         }
     }
 
-    /// How many owners there are.
+    /// Number of owners.
     pub(super) fn owners(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// Some vertices, their neighbours, the neighbours of these and so on: each vertex once, by its distance in edges.
+    /// Breadth-first rings around some vertices, at most `most` edges away; each vertex once.
     pub(super) fn about(&self, some: &[u32], most: usize) -> Vec<Vec<u32>> {
         let mut seen = vec![false; self.owners()];
         let mut new = |v: &u32| !std::mem::replace(&mut seen[*v as usize], true);
         let mut out: Vec<Vec<u32>> = vec![some.iter().copied().filter(&mut new).collect()];
         for ring in 0..most {
-            let near = out[ring].iter().flat_map(|&v| self.of(v as usize));
+            let near = out[ring].iter().flat_map(|&v| self.members(v as usize));
             let next = near.copied().filter(&mut new).collect();
             out.push(next);
         }
         out
     }
 
-    /// Vertices joined to `center` by edges that stay nearer than `radius` to it in space; `center` first.
+    /// Vertices connected to `center` by edges whose ends lie within `radius` of it; `center` first.
     pub(super) fn disc(&self, positions: &[Vec3], center: u32, radius: f64) -> Vec<u32> {
         let middle = positions[center as usize];
         let mut found = vec![center];
         let mut next = 0;
         while next < found.len() {
-            for &o in self.of(found[next] as usize) {
+            for &o in self.members(found[next] as usize) {
                 if (positions[o as usize] - middle).norm() < radius && !found.contains(&o) {
                     found.push(o);
                 }
@@ -112,14 +112,14 @@ impl Lists {
         found
     }
 
-    /// What belongs to one, ascending.
-    pub fn of(&self, owner: usize) -> &[u32] {
+    /// The numbers of one owner, ascending.
+    pub fn members(&self, owner: usize) -> &[u32] {
         &self.all[self.starts[owner] as usize..self.starts[owner + 1] as usize]
     }
 }
 
-/// Neighbours along edges, each of which may be named more than once.
-pub(super) fn rings_of(vertices: usize, edges: impl Iterator<Item = [u32; 2]>) -> Rings {
+/// Edge neighbours of every vertex; an edge may be listed more than once.
+pub(super) fn neighbour_lists(vertices: usize, edges: impl Iterator<Item = [u32; 2]>) -> Rings {
     let edges = edges.filter(|[a, b]| a != b);
     let both_ways = edges.flat_map(|[a, b]| [[a, b], [b, a]]);
     Lists::new(vertices, both_ways.collect())
@@ -146,7 +146,8 @@ impl Mesh {
         self.face_material.push(material);
     }
 
-    /// Triangles of face `f` as positions inside the face: a quad along its shorter diagonal, a larger face as a fan.
+    /// Triangles of face `f` as corner positions within it: a quad along its shorter diagonal, a larger face as a
+    /// fan.
     pub fn split(&self, f: usize) -> Vec<[usize; 3]> {
         let face = self.face(f);
         if face.len() == 4 {
@@ -158,7 +159,7 @@ impl Mesh {
         (2..face.len()).map(|k| [0, k - 1, k]).collect()
     }
 
-    /// Face `f` as a fan about its first corner: for drawing.
+    /// Face `f` as a fan about its first corner, for rendering.
     pub(crate) fn fan(&self, f: usize) -> impl Iterator<Item = [Corner; 3]> {
         let face = self.face(f);
         (2..face.len()).map(|k| [face[0], face[k - 1], face[k]])
@@ -169,13 +170,13 @@ impl Mesh {
         (0..self.faces()).flat_map(|f| self.fan(f))
     }
 
-    /// All triangles as vertex indices, without those that name a vertex twice.
+    /// All triangles as vertex indices, without degenerate ones.
     pub fn triangles(&self) -> Vec<[u32; 3]> {
         let all = (0..self.faces()).flat_map(|f| self.solid(f));
         all.map(|t| t.map(|c| c.vertex)).collect()
     }
 
-    /// Corners of those of face `f`.
+    /// Corners of the non-degenerate triangles of face `f`.
     pub(super) fn solid(&self, f: usize) -> impl Iterator<Item = [Corner; 3]> {
         let face = self.face(f);
         let cut = self.split(f).into_iter().map(|t| t.map(|k| face[k]));
@@ -183,7 +184,7 @@ impl Mesh {
         cut.filter(move |[a, b, c]| apart(a, b) && apart(b, c) && apart(a, c))
     }
 
-    /// Unit normal of a corner: as given, or the vertex's.
+    /// Unit normal of a corner: the file's, or else the vertex's of `smooth`.
     pub(super) fn normal(&self, corner: &Corner, smooth: &[Vec3]) -> Vec3 {
         let given = corner.normal.map(|k| self.normals[k as usize]);
         let given = given.and_then(|n| Vec3::from(n.map(f64::from)).try_normalize(0.0));
@@ -202,7 +203,7 @@ impl Mesh {
 
     /// Edge neighbours of every vertex (diagonals of quads are not edges).
     pub fn rings(&self) -> Rings {
-        rings_of(self.positions.len(), self.edges())
+        neighbour_lists(self.positions.len(), self.edges())
     }
 
     /// Connected component of every vertex, numbered in order of their first vertex, and their number.
@@ -210,8 +211,8 @@ impl Mesh {
         connected(rings, |_| true)
     }
 
-    /// Twice the area of face `f` along its normal, by Newell's sum: exact for planar faces, the mean plane for others, no choice of
-    /// diagonal.
+    /// Area vector of face `f`, twice its area long, by Newell's method: exact for planar faces, of the mean plane
+    /// for others, independent of a diagonal.
     pub(super) fn newell(&self, f: usize, positions: &[Vec3]) -> Vec3 {
         let at = |side: [u32; 2]| side.map(|v| positions[v as usize]);
         let turns = self.sides(f).map(at).map(|[a, b]| a.cross(&b));
@@ -234,9 +235,10 @@ impl Mesh {
         normals
     }
 
-    /// Materials of sheets that one can look behind: strands of hair, lashes, cloth, a mask. OBJ cannot say which these are.
-    /// A part is one if the square of its border is more than `SHEET` times its area: 12.6 of a disc, 6.3 of half a
-    /// ball, 1 to 2 of a head that is open at the neck, 0 of what is closed. Vertices at one place are one.
+    /// Whether each material is an open sheet with a visible back: strands of hair, lashes, cloth, a mask. OBJ does
+    /// not state this. A part is a sheet if the square of its border's length exceeds `SHEET` times its area: 12.6
+    /// for a disc, 6.3 for half a ball, 1 to 2 for a head open at the neck, 0 for a closed part. Vertices at one
+    /// position count as one.
     pub fn sheets(&self) -> Vec<bool> {
         const SHEET: f64 = 4.0;
         let mut first = HashMap::new();
@@ -244,7 +246,8 @@ impl Mesh {
         let place: Vec<u32> = places
             .map(|(p, v)| *first.entry([p.x, p.y, p.z].map(f64::to_bits)).or_insert(v))
             .collect();
-        // By place, with its face: faces at an edge belong together, those at a corner do not.
+        // Keyed by position, with the face: faces that share an edge belong together, faces that share a corner do
+        // not.
         let edge = |f: usize, side: [u32; 2]| {
             let mut ends = side.map(|v| place[v as usize]);
             ends.sort_unstable();
@@ -255,7 +258,7 @@ impl Mesh {
         edges.sort_unstable();
         let groups = || edges.chunk_by(|a, b| a.0 == b.0);
         let beside = groups().flat_map(|same| same.windows(2).map(|pair| [pair[0].1, pair[1].1]));
-        let rings = rings_of(self.faces(), beside);
+        let rings = neighbour_lists(self.faces(), beside);
         let (part, parts) = connected(&rings, |_| true);
         let part_of = |f: usize| part[f] as usize;
         let (mut border, mut area) = (vec![0.0; parts], vec![0.0; parts]);
@@ -274,7 +277,7 @@ impl Mesh {
         thin
     }
 
-    /// Vertices on a border: an edge that belongs to one face only.
+    /// Whether each vertex is on a border, an edge of only one face.
     pub fn border(&self) -> Vec<bool> {
         let mut border = vec![false; self.positions.len()];
         let mut edges: Vec<[u32; 2]> = self.edges().collect();
@@ -288,7 +291,7 @@ impl Mesh {
     }
 }
 
-/// A set of vertices of which the nearest to a place is found in microseconds, by a k-d tree.
+/// A k-d tree of vertices, which finds the nearest to a point in microseconds.
 pub struct Nearest {
     /// `None` for an empty set.
     tree: Option<ImmutableKdTree<f64, 3>>,
@@ -296,7 +299,7 @@ pub struct Nearest {
 }
 
 impl Nearest {
-    /// Of some vertices of a mesh.
+    /// From some vertices of a mesh.
     pub fn new(positions: &[Vec3], some: &[u32]) -> Self {
         let points: Vec<[f64; 3]> = some.iter().map(|&v| positions[v as usize].into()).collect();
         let tree = (!points.is_empty()).then(|| ImmutableKdTree::new_from_slice(&points).ok());
@@ -307,7 +310,7 @@ impl Nearest {
     }
 
     /// The vertex nearest to a point; `None` if the set is empty.
-    pub fn of(&self, p: &Vec3) -> Option<u32> {
+    pub fn closest(&self, p: &Vec3) -> Option<u32> {
         let point = [p.x, p.y, p.z];
         let found = self.tree.as_ref()?.query(&point);
         let found = found.nearest_one::<SquaredEuclidean<f64>>().execute();
@@ -315,8 +318,8 @@ impl Nearest {
     }
 }
 
-/// Smallest and largest coordinates of some places; beyond all bounds if there are none.
-pub fn extent_of<'a>(places: impl IntoIterator<Item = &'a Vec3>) -> (Vec3, Vec3) {
+/// Smallest and largest coordinates of points; infinite and inverted without any.
+pub fn bounding_box<'a>(places: impl IntoIterator<Item = &'a Vec3>) -> (Vec3, Vec3) {
     let none = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
     let wider = |(low, high): (Vec3, Vec3), p: &Vec3| (low.inf(p), high.sup(p));
     places.into_iter().fold(none, wider)
@@ -333,7 +336,7 @@ pub fn connected(rings: &Rings, keep: impl Fn(usize) -> bool) -> (Vec<u32>, usiz
         label[start] = count;
         stack.push(start);
         while let Some(v) = stack.pop() {
-            for o in rings.of(v).iter().map(|&o| o as usize) {
+            for o in rings.members(v).iter().map(|&o| o as usize) {
                 if label[o] == u32::MAX && keep(o) {
                     label[o] = count;
                     stack.push(o);
@@ -384,11 +387,11 @@ pub(super) mod tests {
                 .iter()
                 .all(|n| n.z > 0.5)
         );
-        assert_eq!(rings.of(7).len(), 4);
+        assert_eq!(rings.members(7).len(), 4);
     }
 
     #[test]
-    fn what_one_can_look_behind_is_told_from_what_is_closed_or_open_only_at_the_neck() {
+    fn sheets_are_distinguished_from_closed_parts_and_heads_open_at_the_neck() {
         let mut mesh = sheet(6, 0.5);
         assert_eq!(mesh.sheets(), [true]);
         // A box without its bottom, five times as tall as wide; its corners are split as glTF splits them.
@@ -409,7 +412,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn finds_what_looking_at_all_of_them_finds() {
+    fn nearest_vertex_equals_brute_force() {
         let mut random = fastrand::Rng::with_seed(7);
         let mut point = |size: f64| Vec3::from_fn(|_, _| (random.f64() - 0.5) * size);
         let positions: Vec<Vec3> = (0..500).map(|_| point(2.0)).collect();
@@ -419,9 +422,12 @@ pub(super) mod tests {
             let p = point(4.0);
             let far = |v: u32| (positions[v as usize] - p).norm();
             let best = some.iter().map(|&v| far(v)).fold(f64::INFINITY, f64::min);
-            assert!((far(nearest.of(&p).unwrap()) - best).abs() < 1e-12);
+            assert!((far(nearest.closest(&p).unwrap()) - best).abs() < 1e-12);
         }
-        assert_eq!(Nearest::new(&positions, &[]).of(&positions[0]), None);
-        assert_eq!(Nearest::new(&positions, &[5]).of(&positions[9]), Some(5));
+        assert_eq!(Nearest::new(&positions, &[]).closest(&positions[0]), None);
+        assert_eq!(
+            Nearest::new(&positions, &[5]).closest(&positions[9]),
+            Some(5)
+        );
     }
 }

@@ -7,26 +7,26 @@
 //! ```
 //!
 //! ```text
-//! command               what is asked for, and the order of it; files
-//! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
-//! winding               faces that look inwards, turned outwards
-//! order                 the one form that all of them are solved in
+//! command               the command and its files
+//! obj, glb, patch, weld heads as read: OBJ, glTF (also VRM: vrm), vertices that glTF splits welded
+//! winding               inward faces turned outwards
+//! order                 the canonical form in which heads are solved
 //! mesh, laplacian       positions and faces; the operator on them
-//! names, locate         the 68 points; found where nobody gives them, brows and jaw by_shape
-//! prior, canonical      how skin moves beyond the solve; laid onto a head
-//! learn                 learned from sculpted shapes
-//! head                  axes, ten points more on cheeks and forehead, lids and lips (seam), eyeball, mouth, parts
-//! lips, crease          joined ones cut open
-//! recipe, table         targets: which point goes where
-//! jaw                   its axis, and how the skin takes part in its motion
-//! influence             how far a point acts
+//! names, locate         the 68 points; found in renderings if not given, brows and jaw by_shape
+//! prior, canonical      how skin moves in addition to the solve; mapped onto a head
+//! learn                 learning that prior from sculpted shapes
+//! head                  axes, ten derived points on cheeks and forehead, lids and lips (seam), eyeball, mouth, parts
+//! lips, crease          joined lips cut open
+//! recipe, table         targets: displacements of points
+//! jaw                   its axis, and its share of the skin's motion
+//! influence             area of influence of a point
 //! solve, sparse         the deformation, and its linear systems
-//! skin                  one shape's points, its skin, and contacts: lids on eyeballs, lips on lips
+//! skin                  points and skin of one shape, and contacts: lids on eyeballs, lips on lips
 //! surroundings          inverted triangles and torn edges
-//! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
-//! targets, morphs       added to the glTF that a head came in; a new one with them; looks: the colours of an OBJ
-//! verdict               what is wrong with a shape, by measures that artists' shapes pass
-//! render, report        figures and pictures of what was baked
+//! rig, shape            all shapes, as requested and as solved; printed: by the reference methods
+//! targets, morphs       shapes added to the head's own glTF, or to a new one; looks: the colours of an OBJ
+//! verdict               checks of shapes, calibrated on artists' shapes
+//! render, report        figures and renderings of shapes
 //! ```
 //!
 //! Distances in recipes and settings are in units of the face (inner-eye-corner distance), so that one recipe fits any

@@ -1,8 +1,8 @@
 //! A head with its shapes as glTF morph targets.
 //!
-//! One vertex buffer serves all materials; a vertex of the mesh is repeated for each texture or normal corner it has, and
-//! all copies carry the same displacement bit for bit, so that seams stay closed. Targets are sparse accessors unless
-//! `dense` is asked for; those that move nothing have no data at all.
+//! One vertex buffer serves all materials; a vertex of the mesh is duplicated for each texture or normal corner, and
+//! all duplicates have bit-identical displacements, so that seams stay closed. Targets are sparse accessors unless
+//! `dense` is set; empty ones have no data.
 //!
 //! Units: metres, y up, z out of the face as the mesh has it. Materials have names here; their colours are
 //! [`super::looks`].
@@ -17,17 +17,18 @@ use super::mesh::{Corner, Mesh, Vec3};
 use super::neck::{self, Neck};
 use super::shape::Shape;
 
-/// A target that moves more than this part of the vertices is smaller written in full.
+/// Share of moving vertices above which a dense target is smaller than a sparse one.
 const DENSE_ABOVE: f64 = 0.85;
-/// Normals that turn less than this are left: 0.06 degrees.
-const NORMAL_NOTHING: f32 = 1e-3;
-/// One more than the cosine between opposite normals, where the way from one to the other is any.
+/// Smallest change of a normal that is written, 0.06 degrees.
+const MIN_NORMAL_CHANGE: f32 = 1e-3;
+/// Smallest 1 + cosine of two normals between which a rotation is defined.
 const LEAST_TURNABLE: f64 = 1e-6;
-/// Of a material whose colour is not known: red, green, blue, opacity.
+/// Red, green, blue and opacity of a material without a known colour.
 const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
+/// Roughness of all materials.
 const ROUGHNESS: f64 = 0.6;
 
-/// Appends the rows of a target, as many of them as move if that is smaller and not `dense`, and returns its accessor.
+/// Appends a target, sparse if that is smaller and `dense` is unset, and returns its accessor.
 fn push_target(glb: &mut Glb, values: &[[f32; 3]], dense: bool, with_bounds: bool) -> usize {
     let moved = (0..values.len()).filter(|&v| values[v] != [0.0; 3]);
     let moved: Vec<usize> = moved.collect();
@@ -53,7 +54,7 @@ fn push_target(glb: &mut Glb, values: &[[f32; 3]], dense: bool, with_bounds: boo
     glb.push_accessor(accessor)
 }
 
-/// Appends how a shape moves vertices and, unless there are none, turns their normals; returns the target.
+/// Appends a shape's displacements and changes of normals, if there are any; returns the target.
 pub(super) fn push_moves(glb: &mut Glb, [moved, bent]: &[Vec<[f32; 3]>; 2], dense: bool) -> Value {
     let mut target = json!({"POSITION": push_target(glb, moved, dense, true)});
     if !bent.is_empty() {
@@ -62,21 +63,21 @@ pub(super) fn push_moves(glb: &mut Glb, [moved, bent]: &[Vec<[f32; 3]>; 2], dens
     target
 }
 
-/// What is added to a normal where the smooth surface turns between two others.
+/// Change of `normal` when the smooth surface's normal turns from `from` to `to`.
 pub(super) fn bent(normal: &Vec3, [from, to]: [&Vec3; 2]) -> [f32; 3] {
-    // Rodrigues' formula with sine and cosine as they are.
+    // Rodrigues' formula with sine and cosine as the products give them.
     let (axis, cosine) = (from.cross(to), from.dot(to));
     let once = axis.cross(normal);
     let twice = axis.cross(&once) / (1.0 + cosine).max(LEAST_TURNABLE);
     let d = single(&(once + twice));
-    let nothing = d.iter().all(|d| d.abs() < NORMAL_NOTHING);
+    let nothing = d.iter().all(|d| d.abs() < MIN_NORMAL_CHANGE);
     if nothing { [0.0; 3] } else { d }
 }
 
-/// The mesh's corners as glTF wants them: those that differ in texture or normal are vertices of their own.
+/// The mesh's corners as glTF vertices: one for each combination of texture and normal.
 struct Split<'a> {
     mesh: &'a Mesh,
-    /// Normals of its vertices.
+    /// Normals of the mesh's vertices.
     smooth: &'a [Vec3],
     metres: f64,
     /// Vertex of the mesh that each came from.
@@ -88,7 +89,7 @@ struct Split<'a> {
 }
 
 impl<'a> Split<'a> {
-    /// Splits a mesh whose vertices have these normals where the file gives none.
+    /// Splits a mesh; `smooth` are vertex normals for corners without one.
     fn new(mesh: &'a Mesh, smooth: &'a [Vec3], metres: f64) -> Self {
         let mut known: HashMap<Corner, u32> = HashMap::new();
         let (mut source, mut uv, mut normal) = (Vec::new(), Vec::new(), Vec::new());
@@ -117,7 +118,7 @@ impl<'a> Split<'a> {
         }
     }
 
-    /// What each vertex has, by the mesh's.
+    /// One row for each glTF vertex, from its mesh vertex.
     fn rows(&self, of: impl Fn(usize) -> [f32; 3]) -> Vec<[f32; 3]> {
         self.source.iter().map(|&v| of(v)).collect()
     }
@@ -127,7 +128,7 @@ impl<'a> Split<'a> {
         let mesh = self.mesh;
         let positions = self.rows(|v| single(&(mesh.positions[v] * self.metres)));
         let mut attributes = json!({
-            "POSITION": glb.push_bounded(&positions, VERTICES),
+            "POSITION": glb.push_rows_with_bounds(&positions, VERTICES),
             "NORMAL": glb.push_rows(&self.normal, VERTICES),
         });
         if !mesh.tints.is_empty() {
@@ -140,7 +141,7 @@ impl<'a> Split<'a> {
         attributes
     }
 
-    /// How a shape moves the vertices, and how it turns their normals.
+    /// Displacements of a shape, and changes of normals.
     fn target(&self, shape: &Shape) -> [Vec<[f32; 3]>; 2] {
         let moved = self.rows(|v| single(&(shape.displacement[v] * self.metres)));
         let now = self.mesh.vertex_normals(&shape.moved(&self.mesh.positions));
@@ -154,7 +155,7 @@ impl<'a> Split<'a> {
         [moved, bent.collect()]
     }
 
-    /// Writes a primitive and its material for every material that is used.
+    /// Writes a primitive and its material for every material in use.
     fn primitives(
         &self,
         glb: &mut Glb,
@@ -223,7 +224,7 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
     glb
 }
 
-/// What is to be known of targets of these names, of which some are `shapes` and others may have been baked before.
+/// Metadata of the targets `names`: those of `shapes`, and of earlier bakes in `before`.
 pub(super) fn baked(before: &Value, names: &[impl AsRef<str>], shapes: &[Shape]) -> Value {
     let named = |k: usize| shapes.iter().find(|s| s.name == names[k].as_ref());
     let each = |key: &str, now: fn(&Shape) -> Value| -> Vec<Value> {

@@ -1,17 +1,17 @@
-//! What lies in the mouth: which share of the jaw's motion gums, teeth and tongue take, and which part of them is tongue.
+//! Motion of the mouth's inside: the share of the jaw's motion of gums, teeth and tongue, and which vertices are
+//! tongue.
 //!
-//! * Teeth are small parts and move as a whole, with the jaw if they lie below the bite.
-//! * Gums and tongue often come as one piece, whose tongue rises above the bite: a height would cut it in two. So the
-//!   share is a harmonic field on the piece, 0 at the upper teeth and 1 at the lower ones; it changes at the back of the
-//!   throat, where upper and lower half hang together.
-//! * Tongue is what lies inside the arch of the lower teeth and faces outwards (gums there face inwards), and what is
-//!   near it along the surface.
+//! * Teeth are small parts and move rigidly, with the jaw if they lie below the bite.
+//! * Gums and tongue often are one piece, whose tongue rises above the bite, so that a height cannot divide it. Its
+//!   share is a harmonic field, 0 at the upper teeth and 1 at the lower ones; the transition lies at the back of the
+//!   throat.
+//! * Tongue is the region inside the arch of the lower teeth that faces outwards (gums there face inwards), and
+//!   vertices near it along the surface.
+//! * Where teeth and gums of both rows are one piece, the field runs between its highest and lowest vertices; a tooth
+//!   has the share of the gum below it, however the rows overlap.
 //!
-//! * Teeth and gums of both rows in one piece: the same field, between what lies highest and what lies lowest; a tooth has the
-//!   share of the gum it stands on, however the rows overlap.
-//!
-//! Frame and units: the mesh's; `axes` as in [`super::head`]. Cost: one small factor per piece and teeth times vertices of it.
-//! Limits: a mouth without lower teeth of their own has no tongue that can be put out.
+//! Frame and units: the mesh's; `axes` as in [`super::head`]. Cost: one small factor per piece, and teeth times
+//! vertices of it. Limits: without separate lower teeth there is no tongue that can be put out.
 
 use super::head::Head;
 use super::laplacian::Operator;
@@ -20,25 +20,28 @@ use super::seam::distances;
 use super::sparse::Factor;
 use mien_stages::base::geometry::smoothstep;
 
-/// Gum nearer to a tooth than this moves as the tooth does, in eye distances.
+/// Distance up to which gum moves as the nearest tooth does, in eye distances.
 const AT_TOOTH: f64 = 0.04;
-/// The harmonic share below which a vertex stays, and above which it goes with the jaw all the way.
-const STAYS: f64 = 0.45;
-const GOES: f64 = 0.80;
-/// A piece that touches no teeth has both rows if it is at least so wide, in widths of the mouth, and reaches at least this share
-/// of its height to either side of the bite; what lies in the outer part of that is gum.
+/// Harmonic share below which a vertex is fixed.
+const FIXED: f64 = 0.45;
+/// Harmonic share above which a vertex follows the jaw fully.
+const FOLLOWS: f64 = 0.80;
+/// A piece that touches no teeth has both rows if it is at least this wide, in mouth widths, and extends at least
+/// this share of its height to either side of the bite.
 const BOTH: [f64; 2] = [0.9, 0.35];
+/// Outer share of the height of a piece with both rows that is gum.
 const GUM: f64 = 0.6;
-/// The tongue's sides lie at least this far inside the teeth and face outwards with this cosine, in eye distances.
+/// Least distance of the tongue's sides inside the teeth, in eye distances.
 const INSIDE: f64 = 0.054;
+/// Least cosine between the normals of the tongue's sides and the outward direction.
 const OUTWARDS: f64 = 0.5;
-/// Along the surface from those sides: tongue up to the first, not beyond the second, in eye distances.
+/// Distances along the surface from the sides up to which all is tongue and from which none is, in eye distances.
 const TONGUE: [f64; 2] = [0.38, 0.55];
-/// The tongue's root: this part of its length from the back stays.
+/// Share of the tongue's length from the back that is fixed.
 const ROOT: f64 = 0.35;
 
-/// Shares of `some` vertices by the harmonic field between what is given there (`NaN` is not) and around them; 0 where nothing
-/// reaches.
+/// Shares of `some` vertices: harmonic between those given in `value` (`NaN`: unknown); 0 where no given value is
+/// connected.
 fn harmonic(operator: &Operator, some: &[u32], mut value: Vec<f64>) -> Vec<f64> {
     let mut is_free = vec![false; value.len()];
     for &v in some {
@@ -48,27 +51,27 @@ fn harmonic(operator: &Operator, some: &[u32], mut value: Vec<f64>) -> Vec<f64> 
     for v in value.iter_mut().filter(|v| v.is_nan()) {
         *v = 0.0;
     }
-    if let Ok(factor) = Factor::of(&operator.positive, &free, |_| 0.0) {
+    if let Ok(factor) = Factor::new(&operator.positive, &free, |_| 0.0) {
         let mut solved = factor.pulled(|v| [value[v]]);
         factor.solve(&mut solved);
         for (&v, &[share]) in free.rows.iter().zip(&solved) {
             value[v as usize] = share;
         }
     }
-    let share = |&v: &u32| smoothstep(STAYS, GOES, value[v as usize]);
+    let share = |&v: &u32| smoothstep(FIXED, FOLLOWS, value[v as usize]);
     some.iter().map(share).collect()
 }
 
-/// The upper and the lower teeth.
+/// The upper and lower teeth.
 pub(super) struct Teeth {
     pub(super) nearest: [Nearest; 2],
-    /// Vertices of the lower ones.
+    /// Vertices of the lower teeth.
     pub(super) lower: Vec<u32>,
 }
 
 impl Head {
-    /// Share of the jaw's motion for each vertex of a large piece of the mouth's inside; `None` if it does not touch both rows
-    /// of teeth.
+    /// Share of the jaw's motion for each vertex of a large piece of the mouth's inside; `None` if it does not touch
+    /// both rows of teeth.
     pub(super) fn jaw_shares(&self, piece: &[u32], teeth: &Teeth) -> Option<Vec<f64>> {
         let touch = AT_TOOTH * self.eye_distance;
         let mut value = vec![f64::NAN; self.mesh.positions.len()];
@@ -88,8 +91,8 @@ impl Head {
         Some(harmonic(&self.operator, piece, value))
     }
 
-    /// Share of the jaw's motion for each vertex of a large piece that touches no teeth, `wide` in mesh units: of both rows in one,
-    /// or of one row or the tongue, which moves as a whole.
+    /// Share of the jaw's motion for each vertex of a large piece that touches no teeth, `wide` in mesh units: a
+    /// field if it has both rows, else one value, as for a single row or the tongue.
     pub(super) fn shares_by_place(&self, piece: &[u32], wide: f64) -> Vec<f64> {
         let height = |&v: &u32| self.below_bite(&self.mesh.positions[v as usize]);
         let heights: Vec<f64> = piece.iter().map(height).collect();
@@ -112,7 +115,8 @@ impl Head {
         harmonic(&self.operator, piece, value)
     }
 
-    /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip. `normals` are the mesh's.
+    /// Share of the tip's motion of each vertex: 0 at the root and off the tongue, 1 at the tip. `normals` are the
+    /// mesh's.
     pub(super) fn tongue_shares(
         &self,
         piece: &[u32],
@@ -138,7 +142,7 @@ impl Head {
         }
         let at_side = |v: u32| {
             let (k, p) = (local[v as usize] as usize, positions[v as usize]);
-            let tooth = positions[teeth.nearest[1].of(&p)? as usize];
+            let tooth = positions[teeth.nearest[1].closest(&p)? as usize];
             let is_side = shares[k] > 0.9
                 && normals[v as usize].dot(&flat(p - arch)) > OUTWARDS
                 && (p - tooth).dot(&flat(tooth - arch)) < -INSIDE * w;

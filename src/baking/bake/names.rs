@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 pub use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::scheme::MIRROR;
 
-/// How many derived points there are, half of them on each side.
+/// Number of derived points, half of them on each side.
 const DERIVED: usize = 10;
 
 /// Names in the order of the 68 landmarks, then the derived points.
@@ -34,7 +34,7 @@ pub fn index(name: &str) -> Option<usize> {
     NAMES.iter().position(|n| *n == name)
 }
 
-/// The unit or measure of the other side: a trailing L becomes R and the other way round.
+/// The name of the other side's unit or measure: a trailing L becomes R and vice versa.
 pub fn swapped(name: &str) -> String {
     match (name.strip_suffix('L'), name.strip_suffix('R')) {
         (Some(stem), _) => format!("{stem}R"),
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mirroring_twice_is_nothing_and_crosses_the_face() {
+    fn mirroring_twice_is_the_identity_and_mirroring_once_crosses_the_face() {
         for k in 0..NAMES.len() {
             assert_eq!(mirrored(mirrored(k)), k);
             assert_eq!(index(NAMES[k]), Some(k));

@@ -1,7 +1,7 @@
-//! The joint between head and neck of a mesh without a skeleton, so that the shoulders stay where the head turns.
+//! Joints of neck and head for a mesh without a skeleton, so that the shoulders stay when the head turns.
 //!
-//! Every vertex takes a share of the head's turns: all of it above a slanted border at the chin, none a neck's length lower, a
-//! smooth step between. Lengths in distances between the inner eye corners, in the face's axes; they are those of the built-in head.
+//! Every vertex has a share of the head's rotation: 1 above a slanted border at the chin, 0 a neck's length below, a
+//! smooth step between. Lengths in inner-eye-corner distances, in the face's axes, measured on the built-in head.
 
 use mien_stages::base::geometry::smoothstep;
 use serde_json::json;
@@ -10,21 +10,24 @@ use super::glb::{Glb, VERTICES};
 use super::head::Head;
 use super::mesh::Vec3;
 
-/// The border leans: it is higher in front by this share of the depth, counted from `BEHIND` the eyes.
+/// Slope of the border: rise towards the front per depth.
 const LEAN: f64 = 0.35;
+/// Depth behind the eyes at which the border's height counts.
 const BEHIND: f64 = 2.3;
-/// From the chin's height to where all of the turn, and none of it, is taken.
-const ALL: f64 = 0.28;
-const NONE: f64 = -1.73;
-/// Heights of the joint and of the neck's lower end as shares of the chin's, and how far behind the eyes they lie.
+/// Height of the upper border over the chin.
+const UPPER_BORDER: f64 = 0.28;
+/// Height of the lower border over the chin.
+const LOWER_BORDER: f64 = -1.73;
+/// Height of the head's joint as share of the chin's, and its depth behind the eyes.
 const JOINT: [f64; 2] = [0.51, 2.66];
+/// Height of the neck's lower end as share of the chin's, and its depth behind the eyes.
 const BASE: [f64; 2] = [1.53, 3.04];
 
-/// Names of the joints; what turns a head looks for the last.
+/// Names of the joints; `animate` turns the last one.
 pub(crate) const JOINTS: [&str; 2] = ["neck", "head"];
 const U8: u32 = 5121;
 
-/// Where a head is joined to its neck, and how much of its turns each vertex takes.
+/// The joints of a head, and the share of its rotation for each vertex.
 pub struct Neck {
     /// Lower end of the neck and joint of the head, mesh units.
     pub places: [Vec3; 2],
@@ -33,14 +36,19 @@ pub struct Neck {
 }
 
 impl Neck {
-    /// The neck of a head whose file has these vertices; `None` for a mesh that ends above it.
-    pub fn of(head: &Head, positions: &[Vec3]) -> Option<Self> {
+    /// The neck for vertices at `positions`; `None` for a mesh that ends above it.
+    pub fn from_head(head: &Head, positions: &[Vec3]) -> Option<Self> {
         let at = |k: usize| head.mesh.positions[head.points[k] as usize];
         let (middle, w) = ((at(39) + at(42)) / 2.0, head.eye_distance);
         let seen = |p: Vec3| head.axes.transpose() * (p - middle) / w;
         let chin = seen(at(8)).y;
-        let share =
-            |q: Vec3| smoothstep(chin + NONE, chin + ALL, q.y + LEAN * (q.z + BEHIND)) as f32;
+        let share = |q: Vec3| {
+            smoothstep(
+                chin + LOWER_BORDER,
+                chin + UPPER_BORDER,
+                q.y + LEAN * (q.z + BEHIND),
+            ) as f32
+        };
         let shares: Vec<f32> = positions.iter().map(|&p| share(seen(p))).collect();
         let place = |[height, behind]: [f64; 2]| {
             middle + head.axes * Vec3::new(0.0, height * chin, -behind) * w
@@ -53,7 +61,7 @@ impl Neck {
     }
 }
 
-/// Attributes of vertices that take these shares of the head's turns: `JOINTS_0` and `WEIGHTS_0`.
+/// Vertex attributes for these shares: accessors of `JOINTS_0` and `WEIGHTS_0`.
 pub(crate) fn weighed(glb: &mut Glb, shares: impl ExactSizeIterator<Item = f32>) -> [usize; 2] {
     let view = glb.push_view(&[0_u8, 1, 0, 0].repeat(shares.len()), VERTICES);
     let joints = glb.push_accessor(
@@ -63,7 +71,7 @@ pub(crate) fn weighed(glb: &mut Glb, shares: impl ExactSizeIterator<Item = f32>)
     [joints, glb.push_rows(&rows, VERTICES)]
 }
 
-/// Adds the joints at `places`, metres, to the scene and puts every node with a mesh on them.
+/// Adds the joints at `places`, metres, to the scene and skins every node that has a mesh.
 pub(crate) fn joined(glb: &mut Glb, places: &[Vec3; 2]) {
     let [base, joint] = places;
     // Inverse bind matrices, column by column.

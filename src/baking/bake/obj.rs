@@ -1,10 +1,10 @@
 //! Wavefront OBJ in and out. Faces keep their size (quads stay quads), vertices their order and number.
 //!
-//! Output repeats the input line by line and replaces only the numbers of `v` lines, so that groups, materials, texture
-//! coordinates and faces come back exactly as the artist wrote them. Normals (`vn`) are repeated for the neutral and
-//! left out of shapes, where they would be wrong: programs compute them anew.
+//! Output repeats the input line by line and replaces only the numbers of `v` lines, so that groups, materials,
+//! texture coordinates and faces stay as written. Normals (`vn`) are kept for the neutral and dropped from shapes,
+//! where they would be wrong: programs recompute them.
 //!
-//! Limits: polygonal faces only; curves and surfaces are carried through but not deformed.
+//! Limits: polygonal faces only; curves and surfaces are kept but not deformed.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -13,11 +13,12 @@ use super::mesh::{Corner, Mesh, Vec3};
 use mien_workbench::fault::Fault;
 use mien_workbench::srgb::{coded, linear};
 
-/// Corners of the largest face, and materials: each has a primitive with all shapes in glTF.
-const CORNERS: usize = 1024;
-const MATERIALS: usize = 1024;
+/// Most corners of a face.
+const MAX_CORNERS: usize = 1024;
+/// Most materials: each becomes a primitive with all shapes in glTF.
+const MAX_MATERIALS: usize = 1024;
 
-/// Numbers that can be written again: everything is written in single precision.
+/// Numbers that single precision can represent, as output uses it.
 fn numbers<const N: usize>(words: &mut std::str::SplitAsciiWhitespace<'_>) -> Option<[f64; N]> {
     let mut out = [0.0; N];
     for value in &mut out {
@@ -48,13 +49,12 @@ fn corner(word: &str, mesh: &Mesh) -> Option<Corner> {
     })
 }
 
-/// Without the byte order marks that some put before a text, even twice: one left over would hide the first line
-/// from one reader only.
+/// Strips leading byte order marks, even two: one left over would hide the first line from some readers.
 fn unmarked(text: &str) -> &str {
     text.trim_start_matches('\u{feff}')
 }
 
-/// The lines of a text with the number of the first of those that a backslash at the end makes one.
+/// Logical lines, joined where one ends in a backslash, with the number of their first physical line.
 fn lines(text: &str) -> impl Iterator<Item = (Cow<'_, str>, usize)> {
     let mut lines = unmarked(text).lines().zip(1..);
     std::iter::from_fn(move || {
@@ -68,7 +68,7 @@ fn lines(text: &str) -> impl Iterator<Item = (Cow<'_, str>, usize)> {
     })
 }
 
-/// The words of a line before a comment.
+/// The words of a line up to a comment.
 fn words(line: &str) -> std::str::SplitAsciiWhitespace<'_> {
     let said = line.split_once('#').map_or(line, |(said, _)| said);
     said.split_ascii_whitespace()
@@ -98,14 +98,14 @@ pub fn parse(text: &str) -> Result<Mesh, Fault> {
     Ok(mesh)
 }
 
-/// Adds what a line says; what it should hold if it does not. `material` is that of the faces to come.
+/// Parses a line into the mesh, or returns what the line should hold. `material` is the current one.
 fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'static str> {
     let mut words = words(line);
     match words.next() {
         Some("v") => {
             let v = numbers::<3>(&mut words).ok_or("v and three numbers")?;
             mesh.positions.push(Vec3::from(v));
-            // Many programs write a colour after the position, sRGB.
+            // Many programs append an sRGB colour to the position.
             let tint = numbers::<3>(&mut words);
             if let Some(tint) = tint.filter(|t| t.iter().all(|c| (0.0..=1.0).contains(c))) {
                 mesh.tints.push(tint.map(|c| linear(c) as f32));
@@ -120,7 +120,7 @@ fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'sta
             mesh.normals.push(v.map(|x| x as f32));
         }
         Some("usemtl") => {
-            // Names may have blanks, and more than a comment begins with #.
+            // Names may contain blanks and #.
             let name = line.trim().strip_prefix("usemtl").unwrap_or("").trim();
             let name = if name.is_empty() { "default" } else { name };
             let known = mesh.materials.iter().position(|m| m == name);
@@ -128,18 +128,18 @@ fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'sta
             if known.is_none() {
                 mesh.materials.push(name.into());
             }
-            if mesh.materials.len() > MATERIALS {
+            if mesh.materials.len() > MAX_MATERIALS {
                 return Err("at most 1024 materials");
             }
         }
         Some("f") => {
             const CORNER: &str =
                 "f and at least three corners v, v/vt or v/vt/vn that exist above this line";
-            let corners = words.take(CORNERS + 1).map(|word| corner(word, mesh));
+            let corners = words.take(MAX_CORNERS + 1).map(|word| corner(word, mesh));
             let face: Vec<Corner> = corners.collect::<Option<_>>().ok_or(CORNER)?;
             match face.len() {
                 0..3 => return Err(CORNER),
-                3..=CORNERS => {}
+                3..=MAX_CORNERS => {}
                 _ => return Err("at most 1024 corners"),
             }
             if mesh.materials.is_empty() {
@@ -162,7 +162,7 @@ pub fn with_positions(source: &str, positions: &[Vec3]) -> String {
             Some("v") => {
                 let Some(p) = next.next() else { continue };
                 let _ = write!(out, "v {} {} {}", p.x as f32, p.y as f32, p.z as f32);
-                // A vertex may carry a weight or a colour after its position.
+                // Weights or colours after the position are kept.
                 for word in words.skip(3) {
                     let _ = write!(out, " {word}");
                 }
@@ -185,7 +185,7 @@ pub fn with_positions(source: &str, positions: &[Vec3]) -> String {
     out
 }
 
-/// A mesh that did not come from OBJ, as OBJ text (positions, texture coordinates, faces, materials).
+/// A mesh from another format as OBJ text: positions, texture coordinates, faces, materials.
 pub fn emit(mesh: &Mesh) -> String {
     let mut out = String::new();
     for p in &mesh.positions {
@@ -198,7 +198,7 @@ pub fn emit(mesh: &Mesh) -> String {
     out
 }
 
-/// What a corner is called.
+/// The text of a corner in an `f` line.
 fn number(corner: &Corner) -> String {
     match corner.uv {
         Some(uv) => format!("{}/{}", corner.vertex + 1, uv + 1),
@@ -206,8 +206,8 @@ fn number(corner: &Corner) -> String {
     }
 }
 
-/// The text of a mesh that was cut: `source`, the text of `before`, without the faces that are not `kept`, and then what `mesh` has
-/// beyond these: vertices, texture coordinates and faces.
+/// The text of a cut mesh: `source`, the text of `before`, without faces that are not `kept`, then the new vertices,
+/// texture coordinates and faces of `mesh`.
 pub(super) fn cut(source: &str, before: &Mesh, mesh: &Mesh, kept: &[bool]) -> String {
     let mut out = String::with_capacity(source.len());
     let mut stays = kept.iter();
@@ -236,7 +236,7 @@ pub(super) fn cut(source: &str, before: &Mesh, mesh: &Mesh, kept: &[bool]) -> St
     out
 }
 
-/// Adds the faces of a mesh, from the `first` one on, with their materials; `number` is what a corner is called.
+/// Appends faces from number `first` on with their materials; `number` formats a corner.
 pub(crate) fn faces(
     out: &mut String,
     mesh: &Mesh,
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_windows_puts_before_a_text_and_at_its_lines_ends_is_no_part_of_it() {
+    fn byte_order_marks_and_carriage_returns_are_ignored() {
         let mesh = parse(QUAD).unwrap();
         let twice = format!("\u{feff}\u{feff}v 9 9 9\n{QUAD}");
         let of_twice = parse(&twice).unwrap().positions;
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn names_with_blanks_comments_and_lines_that_go_on_are_read_as_others_read_them() {
+    fn blanks_in_names_comments_and_continued_lines_are_read_as_by_other_programs() {
         let text =
             "v 0 0 0\nv 1 0 0 # corner\nv 1 1 0\nusemtl my skin\nf 1 2 \\\n  3 # face\nf 1/ 2\n";
         let refused = parse(text).unwrap_err().to_string();

@@ -1,48 +1,48 @@
-//! One mesh, whichever file a head comes in: what is baked does not depend on how its vertices are split and numbered.
+//! A canonical mesh for every file format, so that results do not depend on how vertices are split and numbered.
 //!
-//! OBJ keeps quads and one vertex a place; glTF has triangles, copies of a vertex at every seam, single precision and another
-//! order. Which of two equal diagonals cuts a quad would fall out differently. So every head is first brought to one form:
-//! positions in single precision, copies sewn, triangles paired to quads as in [`super::weld`], vertices numbered by place,
-//! faces by their vertices. It is solved in that order, and the shapes are handed back in the order of the file.
+//! OBJ has quads and one vertex per position; glTF has triangles, duplicates at seams, single precision and another
+//! order, which would break ties between diagonals differently. So every head is first normalised: positions in
+//! single precision, duplicates welded, triangles paired to quads as in [`super::weld`], vertices sorted by position,
+//! faces by their vertices. It is solved in that order, and shapes are returned in the file's.
 //!
-//! Place is compared on a grid of a thousandth of the head, so that another rounding (the same head in metres and in
-//! centimetres) numbers alike; vertices in one cell by their exact place, vertices in one place by what surrounds them.
+//! Positions are compared on a grid of a thousandth of the head, so that the same head in metres and in centimetres
+//! is sorted alike; vertices in one cell by exact position, vertices at one position by their surroundings.
 //!
 //! Units: the mesh's. Cost: sorting vertices and faces. Limits: texture, normals and materials stay with the file.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
 
-use super::head::beyond;
-use super::mesh::{Corner, Mesh, Vec3, extent_of};
+use super::head::no_such_vertex;
+use super::mesh::{Corner, Mesh, Vec3, bounding_box};
 use super::morphs::single;
 use super::shape::Shape;
-use super::weld::{faces, recut, sewn};
+use super::weld::{faces, recut, welded};
 use mien_workbench::fault::Fault;
 
 /// Cells of the grid along the head's longest side.
 const CELLS: f64 = 1000.0;
 
-/// A head's geometry in the one order, and the way back to the file's.
+/// A head's geometry in canonical order, and the mapping to the file's.
 pub struct Ordered {
-    /// What is solved.
+    /// The canonical mesh.
     pub mesh: Mesh,
-    /// Vertex of that mesh for each one of the file's.
+    /// Its vertex for each vertex of the file.
     vertex: Vec<u32>,
 }
 
 impl Ordered {
-    /// Of a mesh as its file has it.
+    /// Normalises a mesh.
     pub fn new(source: &Mesh) -> Self {
-        // Adding 0 makes one zero of both.
+        // Adding 0 turns -0 into 0.
         let rounded = source.positions.iter().map(|p| single(p).map(|x| x + 0.0));
         let rounded: Vec<[f32; 3]> = rounded.collect();
-        // As glTF has them: by material.
+        // Faces sorted by material, as in glTF.
         let mut by_material: Vec<usize> = (0..source.faces()).collect();
         by_material.sort_by_key(|&f| source.face_material[f]);
         let cut = by_material.into_iter().flat_map(|f| source.solid(f));
         let mut triangles: Vec<[u32; 3]> = cut.map(|t| t.map(|c| c.vertex)).collect();
-        let same = sewn(&rounded, &triangles, &vec![0; triangles.len()]);
+        let same = welded(&rounded, &triangles, &vec![0; triangles.len()]);
         for t in &mut triangles {
             *t = t.map(|v| same[v as usize]);
         }
@@ -59,7 +59,7 @@ impl Ordered {
             for v in face.iter_mut() {
                 *v = vertex[*v as usize];
             }
-            // A quad stays cut between its first and its third corner.
+            // A quad keeps its diagonal from the first to the third corner.
             let firsts = (0..face.len()).step_by(if face.len() == 4 { 2 } else { 1 });
             let least = firsts.min_by_key(|&k| face[k]).unwrap_or(0);
             face.rotate_left(least);
@@ -78,25 +78,25 @@ impl Ordered {
         Self { mesh, vertex }
     }
 
-    /// Vertex of the ordered mesh for each one of the file's.
+    /// Vertex of the canonical mesh for each vertex of the file.
     pub fn vertex(&self) -> &[u32] {
         &self.vertex
     }
 
-    /// The file's landmarks as vertices of the ordered mesh.
+    /// Landmarks of the file as vertices of the canonical mesh.
     ///
     /// # Errors
-    /// If one is no vertex of the file.
+    /// If a number is no vertex of the file.
     pub fn landmarks(&self, numbers: &[u64]) -> Result<Vec<u64>, Fault> {
         let ordered = numbers.iter().enumerate().map(|(landmark, &vertex)| {
             let found = self.vertex.get(vertex as usize);
-            let found = found.ok_or_else(|| beyond(landmark, vertex, self.vertex.len()))?;
+            let found = found.ok_or_else(|| no_such_vertex(landmark, vertex, self.vertex.len()))?;
             Ok(u64::from(*found))
         });
         ordered.collect()
     }
 
-    /// A shape of the ordered mesh as one of the file's.
+    /// A shape of the canonical mesh in the file's vertex order.
     pub fn scattered(&self, shape: Shape) -> Shape {
         let all = || self.vertex.iter().map(|&v| v as usize);
         Shape {
@@ -107,7 +107,7 @@ impl Ordered {
     }
 }
 
-/// Vertices by place, those without a face last and in their own order; `same` names the first of several copies.
+/// Vertices sorted by position, unused ones last in their former order; `same` is the first duplicate of each vertex.
 fn order(positions: &[Vec3], faces: &[Vec<u32>], same: &[u32]) -> Vec<u32> {
     let mut used = vec![false; positions.len()];
     for &v in faces.iter().flatten() {
@@ -115,14 +115,14 @@ fn order(positions: &[Vec3], faces: &[Vec<u32>], same: &[u32]) -> Vec<u32> {
     }
     let all = 0..positions.len() as u32;
     let (mut order, loose): (Vec<u32>, Vec<u32>) = all.partition(|&v| used[v as usize]);
-    let (low, high) = extent_of(order.iter().map(|&v| &positions[v as usize]));
+    let (low, high) = bounding_box(order.iter().map(|&v| &positions[v as usize]));
     let cell = ((high - low).max() / CELLS).max(f64::MIN_POSITIVE);
-    // From bottom to top: halves of a head stay together, and so does memory.
+    // From bottom to top: halves of a head stay together, also in memory.
     let exact = |v: u32| <[f64; 3]>::from(positions[v as usize].yxz());
     let key = |v: u32| exact(v).map(|x| (x / cell).round() as i64);
     let place = |v: &u32| (key(*v), exact(*v));
     order.sort_by(|a, b| place(a).partial_cmp(&place(b)).unwrap_or(Ordering::Equal));
-    // Closed lips and lids: two vertices in one place, told apart by the faces around them.
+    // Closed lips and lids: two vertices at one position, distinguished by the faces around them.
     let together = |a: &u32, b: &u32| exact(*a) == exact(*b);
     let shared = order.chunk_by(together).filter(|group| group.len() > 1);
     let mut around: HashMap<u32, Vec<[i64; 3]>> =

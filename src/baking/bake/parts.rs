@@ -1,6 +1,7 @@
-//! What of a head is not the skin of the face: sockets behind lids and lips, eyeballs, teeth, tongue, lashes, and what is worn.
+//! Classifies parts other than the skin: sockets behind lids and lips, eyeballs, teeth, tongue, lashes, and worn
+//! things.
 //!
-//! Told apart by place and size alone. Units and frame as in [`super::head`]. Cost: linear, and a few k-d tree queries.
+//! By position and size alone. Units and frame as in [`super::head`]. Cost: linear, and a few k-d tree queries.
 
 use super::eyeball::Ball;
 use super::head::{Follow, Head, LANDMARKS};
@@ -9,33 +10,34 @@ use super::mouth::Teeth;
 use super::seam::{Seam, distances};
 use mien_stages::base::geometry::smoothstep;
 
-/// A part of the mouth smaller than this is a tooth and moves as a whole, in eye distances.
+/// Size below which a part of the mouth is a tooth and moves rigidly, in eye distances.
 const TOOTH: f64 = 1.2;
-/// The mouth's inside stays where the lower lip is nearer than the upper one by less than the first, and goes with the jaw where
-/// it is nearer by the second, in eye distances: palate and throat stay, the tongue bends.
+/// How much nearer along the surface the lower lip must be than the upper one for the mouth's inside to begin to
+/// follow the jaw, and to follow it fully, in eye distances: palate and throat are fixed, the tongue bends.
 const LOWER: [f64; 2] = [0.05, 0.25];
-/// Sweeps over the inside that even this out.
+/// Smoothing sweeps of the shares of the mouth's inside.
 const EVENED: usize = 30;
 
-/// Nor is anything that wide or high in the mouth.
+/// Largest width and height of a part in the mouth, in eye distances.
 const MOUTH: f64 = 2.2;
-/// An iris is at least so round from in front, a ball also from the side, if only half of it is there.
+/// Least roundness of an iris seen from in front, and of a ball, possibly halved, from the side.
 const ROUND: [f64; 2] = [0.7, 0.4];
-/// Lashes come that near to the line of their lid, in eye distances.
+/// Largest distance of lashes from the line of their lid, in eye distances.
 const ON_LID: f64 = 0.08;
-/// What lies on the skin is hardly further from it; what ends so far above the brows is hair or a hat, in eye distances.
+/// Largest distance of parts that lie on the skin, in eye distances.
 const HUGS: f64 = 0.15;
+/// Height above the brows from which a part is hair or a hat, in eye distances.
 const HAIR: f64 = 0.6;
-/// Two vertices of a skin are at most this part of an edge from any place between them.
+/// Largest distance of a point of a face from its nearest vertex, in lengths of the edge.
 const BETWEEN: f64 = 0.6;
-/// What touches glasses belongs to them, in eye distances.
+/// Distance up to which a part belongs to glasses, in eye distances.
 const JOINED: f64 = 0.06;
-/// A part this small moves as a whole, in eye distances: a card of hair, a stud.
+/// Size below which a part moves rigidly, such as a card of hair or a stud, in eye distances.
 const BEAD: f64 = 0.35;
-/// So many vertices in the places of the skin's are where a neck ends on a body.
+/// Number of vertices coincident with the skin's at which a part is the body that the neck joins.
 const BORDER: usize = 8;
 
-/// A connected part; its box in the face's frame.
+/// A connected part, with its bounding box in the face's frame.
 #[derive(Clone, Default)]
 struct Part {
     vertices: Vec<u32>,
@@ -58,13 +60,13 @@ impl Part {
         }
     }
 
-    /// Whether it lies where an eye is; `unit` is the width of an eye or more.
+    /// Whether it lies in front of an eye; `unit` is at least the width of an eye.
     fn is_before(&self, eye: &Vec3, unit: f64) -> bool {
         let d = (self.middle() - eye).abs();
         d.x < 0.6 * unit && d.y < 0.5 * unit && d.z < 0.8 * unit && self.size().max() < 1.6 * unit
     }
 
-    /// The side whose eyeball it is.
+    /// The side whose eyeball it is, if any.
     fn is_ball(&self, eyes: &[Vec3; 2], w: f64) -> Option<usize> {
         let size = self.size();
         let round = size.x.min(size.y) > ROUND[0] * size.x.max(size.y)
@@ -88,10 +90,10 @@ impl Head {
         let skin = &self.skin;
         let (label, count) = connected(&self.rings, |v| skin[v] && !line[v]);
         let chin = label[self.points[8] as usize];
-        // A piece cut off belongs to the line it touches.
+        // A piece belongs to the line that it touches.
         let mut owner = vec![0_u8; count];
         for (id, seam) in seams {
-            for &o in seam.both().flat_map(|v| self.rings.of(v as usize)) {
+            for &o in seam.both().flat_map(|v| self.rings.members(v as usize)) {
                 let l = label[o as usize];
                 if l != u32::MAX && l != chin {
                     owner[l as usize] = id;
@@ -112,8 +114,8 @@ impl Head {
         self.share_socket();
     }
 
-    /// Shares of the mouth's inside, by how much nearer along the surface the lower lip is than the upper one: a tooth is as
-    /// much further from either as it is high, and so takes the share of the gum it stands on, however the rows overlap.
+    /// Shares of the mouth's inside by how much nearer along the surface the lower lip is than the upper one. A tooth
+    /// is farther from both by its height, so that it gets the share of its gum, however the rows overlap.
     fn share_socket(&mut self) {
         let (socket, positions) = (&self.socket, &self.mesh.positions);
         let far = |lines: &[&[u32]], corners: f64| {
@@ -133,10 +135,10 @@ impl Head {
         let nearer = from_upper.iter().zip(&from_lower).map(|(u, l)| u - l);
         let known = nearer.map(|d| if d.is_nan() { 0.0 } else { f64::from(d) });
         let mut nearer: Vec<f64> = known.collect();
-        // Ways along edges are ragged: folds between teeth and gums would turn over.
+        // Smoothed, as paths along edges are ragged and folds between teeth and gums would invert.
         for _ in 0..EVENED {
             let mean = |&v: &usize| {
-                let ring = self.rings.of(v).iter().map(|&o| o as usize);
+                let ring = self.rings.members(v).iter().map(|&o| o as usize);
                 let ring = ring.filter(|&o| !self.socket[o].is_nan());
                 let add = |(sum, count), o: usize| (sum + nearer[o], count + 1.0);
                 let (sum, count) = ring.fold((nearer[v], 1.0), add);
@@ -177,12 +179,12 @@ impl Head {
         }
         self.find_mouth(&mouth);
         let on = |side: usize, v: usize| ball_of[component[v] as usize] == Some(side);
-        let ball = |side: usize| Ball::of(&self.mesh, &self.axes, |v| on(side, v));
+        let ball = |side: usize| Ball::measured(&self.mesh, &self.axes, |v| on(side, v));
         self.balls = rayon::join(|| ball(0), || ball(1)).into();
         self.attach(&rest, &eyes);
     }
 
-    /// What hangs together, by component.
+    /// Connected parts, by component number.
     fn parts(&self, component: &[u32]) -> Vec<Part> {
         let count = component.iter().max().map_or(0, |&c| c as usize + 1);
         let mut parts = vec![Part::default(); count];
@@ -198,12 +200,12 @@ impl Head {
         parts
     }
 
-    /// A place in the face's frame.
+    /// A point in the face's frame.
     fn seen(&self, p: Vec3) -> Vec3 {
         self.axes.transpose() * p
     }
 
-    /// Teeth, gums and tongue: small, between the lips and never before them, as a moustache is.
+    /// Whether a part is teeth, gums or tongue: small, between the lips and behind them, unlike a moustache.
     fn in_mouth(&self, part: &Part) -> bool {
         let w = self.eye_distance;
         let lip = self.seen(self.point(51));
@@ -217,11 +219,11 @@ impl Head {
             && part.high.z < lip.z + 0.05 * w
     }
 
-    /// What is neither skin, ball nor mouth: on a ball, on a lid, close to the skin, or rigid.
+    /// Assigns the other parts to a ball, a lid, the close skin, or none (rigid).
     fn attach(&mut self, rest: &[&Part], eyes: &[Vec3; 2]) {
         let w = self.eye_distance;
         let positions = &self.mesh.positions;
-        // Nothing hangs on what lies behind lids and lips.
+        // Parts do not attach to skin behind lids and lips.
         let all = 0..positions.len() as u32;
         let skin: Vec<u32> = all.filter(|&v| self.outside(v)).collect();
         let chin = self.seen(self.point(8)).y;
@@ -230,12 +232,12 @@ impl Head {
         let [skin, jaw] = [skin, jaw].map(|some| Nearest::new(positions, &some));
         let lines = self.lids.each_ref().map(|seam| [&seam.upper, &seam.lower]);
         let lids = lines.map(|lines| lines.map(|line| Nearest::new(positions, line)));
-        // Wider than what is between them in a cartoon.
+        // In a cartoon the eye may be wider than the distance between the eyes.
         let unit = w.max((self.point(36) - self.point(39)).norm());
         let (mut rigid, mut close) = (Vec::new(), Vec::new());
         let mut follow = std::mem::take(&mut self.follow);
         for &part in rest {
-            // The inner corners are half a distance from the middle: nearer to it is the nose.
+            // The inner corners are half a distance from the middle; nearer to it is the nose.
             let aside = (part.middle() - 0.5 * (eyes[0] + eyes[1])).x.abs() > 0.4 * w;
             let mut sides = (0..2).filter(|_| aside);
             let side = sides.find(|&side| part.is_before(&eyes[side], unit));
@@ -262,12 +264,13 @@ impl Head {
         self.follow = follow;
     }
 
-    /// Takes away what belongs to rigid parts: temples and arms touch the glasses, pads the arms. A brow touches a rim, too.
+    /// Makes close parts rigid that touch rigid ones, such as temples, arms and pads of glasses. Brows are excepted,
+    /// as they may touch a rim.
     fn join(&self, close: &mut Vec<&Part>, mut rigid: Vec<u32>) {
         let marks: Vec<u32> = self.points.iter().take(LANDMARKS).copied().collect();
         let marks = Nearest::new(&self.mesh.positions, &marks);
         let is_brow = |part: &Part| {
-            let nearest = marks.of(&(self.axes * part.middle()));
+            let nearest = marks.closest(&(self.axes * part.middle()));
             self.points[17..27].iter().any(|&k| Some(k) == nearest)
         };
         for _ in 0..2 {
@@ -283,7 +286,8 @@ impl Head {
         }
     }
 
-    /// Iris, pupil and cornea: round from in front, within the ball's reach; without a ball, what fills the opening.
+    /// Whether a part is iris, pupil or cornea: round from in front, within the ball's reach; without a ball, a part
+    /// that fills the opening.
     fn is_on_ball(&self, part: &Part, side: usize) -> bool {
         let size = part.size();
         let round = size.x.min(size.y) > ROUND[0] * size.x.max(size.y);
@@ -296,7 +300,7 @@ impl Head {
             })
     }
 
-    /// The lines of the lids that a part before an eye stands on: lashes on one, what fills the slit on both.
+    /// The lid lines on which a part in front of an eye stands: one for lashes, both for a part that fills the slit.
     fn lid<'a>(&self, part: &Part, lines: &'a [Nearest; 2]) -> Option<&'a [Nearest]> {
         let stands = |line| self.least_gap(part, line) < ON_LID * self.eye_distance;
         match [0, 1].map(|k: usize| stands(&lines[k])) {
@@ -307,7 +311,7 @@ impl Head {
         }
     }
 
-    /// Every vertex of a part goes with the nearest one of what it hangs on, a small part as a whole.
+    /// Attaches every vertex of a part to the nearest of `on`, a small part as a whole.
     fn hang(&self, part: &Part, on: &[Nearest], most: f64, follow: &mut [Follow]) {
         let least = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0);
         let nearest = |&v: &u32| on.iter().filter_map(|on| self.gap(on, v)).min_by(least);
@@ -322,35 +326,36 @@ impl Head {
         }
     }
 
-    /// The nearest of some vertices, and how far it is.
+    /// The nearest of some vertices and its distance.
     pub(super) fn gap(&self, some: &Nearest, v: u32) -> Option<(f64, u32)> {
         let p = &self.mesh.positions[v as usize];
-        let s = some.of(p)?;
+        let s = some.closest(p)?;
         Some(((self.mesh.positions[s as usize] - p).norm(), s))
     }
 
-    /// The least distance of a part from some vertices.
+    /// Least distance of a part from some vertices.
     fn least_gap(&self, part: &Part, some: &Nearest) -> f64 {
         let gap = |&v: &u32| Some(self.gap(some, v)?.0);
         let gaps = part.vertices.iter().filter_map(gap);
         gaps.fold(f64::INFINITY, f64::min)
     }
 
-    /// A beard.
+    /// Whether a part is a beard.
     fn covers_chin(&self, part: &Part) -> bool {
         let [chin, nose] = [8, 33].map(|k| self.seen(self.point(k)));
         let spans = |axis: usize| part.low[axis] < chin[axis] && chin[axis] < part.high[axis];
         (0..3).all(spans) && part.high.y < nose.y
     }
 
-    /// Whether a part lies on the skin of the face nearly everywhere: a brow, a scar. A beard need not, nor a body that a neck ends on.
+    /// Whether a part lies on the skin of the face nearly everywhere, like a brow or a scar, with less demanded of a
+    /// beard or of a body that a neck joins.
     fn hugs(&self, part: &Part, skin: &Nearest) -> bool {
         let w = self.eye_distance;
         let brow = self.seen(0.5 * (self.point(19) + self.point(24))).y;
         let far = |&v: &u32| {
             let (gap, s) = self.gap(skin, v)?;
             // Between the vertices of a coarse skin no vertex is near.
-            let ring = self.rings.of(s as usize).iter();
+            let ring = self.rings.members(s as usize).iter();
             let at = |v: u32| self.mesh.positions[v as usize];
             let edge = ring.map(|&o| (at(o) - at(s)).norm()).fold(0.0, f64::max);
             Some((gap - BETWEEN * edge).max(0.0))
@@ -363,7 +368,7 @@ impl Head {
         part.high.y < brow + HAIR * w && (near > least || is_body)
     }
 
-    /// Shares of teeth, gums and tongue.
+    /// Assigns shares of the jaw's motion to teeth, gums and tongue.
     fn find_mouth(&mut self, parts: &[&Part]) {
         let w = self.eye_distance;
         let mut large: Vec<&Part> = Vec::new();

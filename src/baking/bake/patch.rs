@@ -1,10 +1,11 @@
-//! Heads that come as binary glTF (also VRM): their skin is read for baking; shapes are added to the file as it is ([`super::targets`]).
+//! Heads in binary glTF (also VRM): the skin is read for baking, and shapes are added to the file
+//! ([`super::targets`]).
 //!
-//! All triangles of all meshes are taken together; copies of a vertex at a seam are one for the solver and move alike, so
-//! that seams stay closed ([`super::weld`]). Landmarks count the vertices of the POSITION accessors in the order of their first use. Everything
-//! in the file stays: materials, textures, skeletons, animations, targets, faces as they run.
+//! All triangles of all meshes are combined; duplicates of a vertex at a seam are welded and move alike, so that
+//! seams stay closed ([`super::weld`]). Landmarks count the vertices of the POSITION accessors in the order of their
+//! first use. Materials, textures, skeletons, animations, targets and face order stay unchanged.
 //!
-//! Vertices are where nodes put them ([`super::scene`]).
+//! Vertices are placed by their nodes ([`super::scene`]).
 //!
 //! Units: the file's own (metres by the standard). Limits: no compressed or quantised positions.
 
@@ -19,54 +20,54 @@ use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::single;
 use super::scene::placed;
 use super::vrm::{add_expressions_to, beginning};
-use super::weld::{faces, sewn};
+use super::weld::{faces, welded};
 use mien_workbench::fault::Fault;
 
-/// What a row or a corner takes while it is read: place, its number, its edges.
+/// Bytes per row or corner while reading: position, number, edges.
 const ROW_BYTES: usize = 64;
-/// Parts of a file: each gets the names of all shapes.
-const PRIMITIVES: usize = 4096;
-/// Targets that a mesh may have already.
-const TARGETS: usize = 1024;
+/// Most primitives of a file, each of which gets all shapes.
+const MAX_PRIMITIVES: usize = 4096;
+/// Most targets that a mesh may already have.
+const MAX_TARGETS: usize = 1024;
 
-/// A head read from a file, and where its vertices came from.
-pub struct Foreign {
+/// A head read from glTF, and the mapping of its vertices.
+pub struct ImportedGltf {
     /// The file.
     pub glb: Glb,
     sources: Vec<Rows>,
-    /// How many triangles look inwards in the file, and were turned in the mesh.
+    /// Number of inward triangles in the file, turned in the mesh.
     pub(crate) turned: usize,
 }
 
 /// The rows of a position accessor.
 pub struct Rows {
     accessor: usize,
-    /// The first of them among all.
+    /// Index of the first one among all rows.
     first: usize,
-    /// For each the vertex of the mesh.
+    /// Vertex of the mesh for each row.
     pub(super) vertices: Vec<u32>,
-    /// From ways in the scene to ways in the file, where a node turns or scales.
+    /// From displacements in the scene to those in the file, where a node rotates or scales.
     pub(super) back: Option<Matrix3<f64>>,
 }
 
-/// Rows of all position accessors one after the other, and triangles between them.
+/// Rows of all position accessors, and the triangles between them.
 #[derive(Default)]
 struct Gathered {
     places: Vec<[f32; 3]>,
-    /// Of each row; empty if no mesh has any.
+    /// Per row; empty if no mesh has any.
     uv: Vec<[f32; 2]>,
     tints: Vec<[f32; 3]>,
     sources: Vec<Rows>,
     triangles: Vec<[u32; 3]>,
-    /// Of each triangle the source and the material.
+    /// Source and material of each triangle.
     parts: Vec<u32>,
     materials: Vec<Option<u64>>,
 }
 
 impl Gathered {
-    fn of(glb: &Glb) -> Result<Self, Fault> {
+    fn read(glb: &Glb) -> Result<Self, Fault> {
         let mut all = Self::default();
-        // What may refer to the same data again and again.
+        // Several accessors may refer to the same data.
         let mut left = glb.budget() / ROW_BYTES;
         let mut take = |rows: usize| {
             left = left.checked_sub(rows).ok_or_else(|| {
@@ -85,7 +86,7 @@ impl Gathered {
             let Some(accessor) = position(primitive) else {
                 continue;
             };
-            // Also of lines and points, which get targets that move nothing.
+            // Also for lines and points, which get empty targets.
             let count = glb.count(accessor)?;
             let mode = primitive["mode"].as_u64().unwrap_or(TRIANGLES);
             if mode < TRIANGLES {
@@ -119,7 +120,7 @@ impl Gathered {
         Ok(all)
     }
 
-    /// Adds the rows of an accessor, where `placed` puts them.
+    /// Appends the rows of an accessor, transformed by `placed`.
     fn add(
         &mut self,
         glb: &Glb,
@@ -141,18 +142,18 @@ impl Gathered {
             vertices: vec![0; count],
             back: placed.and_then(|m| m.fixed_view::<3, 3>(0, 0).try_inverse()),
         });
-        // What is damaged there costs colours only.
+        // Damage here costs only colours.
         let of_corners = |name: &str, width: usize| {
-            let listed = glb.listed("accessors", &attributes[name]);
-            let width = width + usize::from(listed["type"] == "VEC4");
+            let description = glb.list_entry("accessors", &attributes[name]);
+            let width = width + usize::from(description["type"] == "VEC4");
             let accessor = attributes[name].as_u64()? as usize;
             let rows = glb.floats(accessor, width).ok()?;
-            let fits = listed["count"] == count && rows.iter().all(|x| x.is_finite());
+            let fits = description["count"] == count && rows.iter().all(|x| x.is_finite());
             fits.then_some((rows, width))
         };
         if let Some((rows, width)) = of_corners("TEXCOORD_0", 2) {
             self.uv.resize(first, [0.0; 2]);
-            // From the top in glTF.
+            // glTF counts v from the top.
             let rows = rows.chunks_exact(width).map(|r| [r[0], 1.0 - r[1]]);
             self.uv.extend(rows);
         }
@@ -164,7 +165,7 @@ impl Gathered {
         Ok(())
     }
 
-    /// Turns triangles that look inwards; their number.
+    /// Turns inward triangles; returns their number.
     fn turn_outward(&mut self) -> usize {
         let place = |p: &[f32; 3]| Vec3::from(p.map(f64::from));
         let mut mesh = Mesh {
@@ -180,11 +181,11 @@ impl Gathered {
         turned
     }
 
-    /// One mesh, with the names of the file's materials; the sources get to know their vertices.
+    /// Builds the mesh with these material names, and maps the sources' rows to its vertices.
     fn mesh(&mut self, names: &[String]) -> Mesh {
-        let same = sewn(&self.places, &self.triangles, &self.parts);
+        let same = welded(&self.places, &self.triangles, &self.parts);
         let mut mesh = Mesh::default();
-        // A vertex takes its number where it comes first.
+        // Vertices are numbered at their first use.
         let mut vertex: Vec<u32> = Vec::with_capacity(self.places.len());
         for (row, p) in self.places.iter().enumerate() {
             let first = same[row] as usize;
@@ -213,7 +214,7 @@ impl Gathered {
         let mut number: HashMap<Option<u64>, u32> = HashMap::new();
         let mut at = 0;
         for face in faces(&mesh.positions, &welded) {
-            // Of one triangle or two that follow each other.
+            // One triangle, or two consecutive ones.
             let rows = self.triangles[at..at + face.len() - 2].as_flattened();
             let named = self.materials[at];
             let material = *number.entry(named).or_insert_with(|| {
@@ -234,7 +235,7 @@ impl Gathered {
 }
 
 impl Rows {
-    /// Vertices of the mesh, and how far `moves` of the accessor's rows move them.
+    /// Vertices of the mesh and their displacements by `moves`, the accessor's rows.
     pub fn placed(&self, moves: &[f32]) -> impl Iterator<Item = (usize, Vec3)> {
         let turn = self.back.and_then(|back| back.try_inverse());
         let rows = self.vertices.iter().zip(moves.chunks_exact(3));
@@ -245,15 +246,15 @@ impl Rows {
     }
 }
 
-impl Foreign {
-    /// Reads the meshes of a file as one.
+impl ImportedGltf {
+    /// Reads the meshes of a file as one, with the mapping back.
     ///
     /// # Errors
     /// If it has no triangles, or data that are compressed, external or damaged.
     pub fn read(glb: Glb) -> Result<(Mesh, Self), Fault> {
         is_plain(&glb.json)?;
         can_be_added_to(&glb.json)?;
-        let mut gathered = Gathered::of(&glb)?;
+        let mut gathered = Gathered::read(&glb)?;
         let odd = |p: &&[f32; 3]| p.iter().any(|x| !x.is_finite());
         let odd = gathered.places.iter().filter(odd).count();
         if odd > 0 {
@@ -267,28 +268,28 @@ impl Foreign {
         let turned = gathered.turn_outward();
         let mesh = gathered.mesh(&material_names(&glb.json));
         let sources = gathered.sources;
-        let foreign = Self {
+        let imported = Self {
             glb,
             sources,
             turned,
         };
-        Ok((mesh, foreign))
+        Ok((mesh, imported))
     }
 
-    /// From the scene to (right, up, towards the viewer): glTF has y up and looks along z, VRM 0 against it.
+    /// From the scene to (right, up, towards the viewer): glTF faces along z, VRM 0 against it.
     pub(super) fn front(&self) -> Matrix3<f64> {
         let back = self.glb.json["extensions"]["VRM"].is_object();
         let along = if back { -1.0 } else { 1.0 };
         Matrix3::from_diagonal(&Vec3::new(along, 1.0, along))
     }
 
-    /// The vertex of the mesh for each number that a landmark file may have.
+    /// Vertex of the mesh for each number of a landmark file.
     fn numbered(&self) -> Vec<u64> {
         let all = self.sources.iter().flat_map(|s| &s.vertices);
         all.map(|&v| u64::from(v)).collect()
     }
 
-    /// Vertices of the mesh by the numbers that a landmark file uses; unknown ones stay beyond the end.
+    /// Vertices of the mesh from numbers of a landmark file; unknown numbers stay out of range.
     pub fn landmarks(&self, numbers: &[u64]) -> Vec<u64> {
         let all = self.numbered();
         let vertex = |&k: &u64| all.get(k as usize).copied();
@@ -297,7 +298,7 @@ impl Foreign {
         numbers.iter().map(known).collect()
     }
 
-    /// The other way round: the first number that a landmark file has for each vertex of the mesh.
+    /// The first landmark-file number of each of these vertices.
     pub fn rows(&self, vertices: &[u64]) -> Vec<u64> {
         let all = self.numbered();
         let row = |v: &u64| all.iter().position(|o| o == v);
@@ -306,12 +307,12 @@ impl Foreign {
     }
 
     /// The rows of a position accessor, if it was read.
-    pub fn rows_of(&self, accessor: usize) -> Option<&Rows> {
+    pub fn position_rows(&self, accessor: usize) -> Option<&Rows> {
         self.sources.iter().find(|s| s.accessor == accessor)
     }
 }
 
-/// Triangles, in the numbers of the standard: below are points and lines, above strips and fans.
+/// Primitive mode of triangles in glTF: below are points and lines, above strips and fans.
 const TRIANGLES: u64 = 4;
 
 /// The triangles of a primitive, from its vertices in order.
@@ -328,7 +329,7 @@ fn cut(mode: u64, order: &[u32]) -> Vec<[u32; 3]> {
             .map(|t| [t[0], t[1], order[0]])
             .collect(),
     };
-    // Strips go on over triangles without area.
+    // Strips restart by triangles without area.
     let apart = |[a, b, c]: &[u32; 3]| a != b && b != c && a != c;
     all.into_iter().filter(apart).collect()
 }
@@ -339,20 +340,20 @@ pub fn position(primitive: &Value) -> Option<usize> {
     accessor.map(|accessor| accessor as usize)
 }
 
-/// Extensions by which positions are not what they seem.
+/// Extensions that encode positions.
 const PACKED: [&str; 3] = [
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
     "KHR_draco_mesh_compression",
 ];
 
-/// Whether positions are stored as they are, not packed: by the name of the extension if not.
+/// Checks that positions are plain; the error names the extension.
 fn is_plain(json: &Value) -> Result<(), Fault> {
     let is_float = |accessor: usize| json["accessors"][accessor]["componentType"] == FLOAT;
     let used = list(&json["extensionsUsed"]).iter();
     let mut used = used.filter_map(Value::as_str);
     let packed = used.find(|&name| match name {
-        // Often of normals and texture coordinates only.
+        // Often only for normals and texture coordinates.
         "KHR_mesh_quantization" => !primitives(json).filter_map(position).all(is_float),
         _ => PACKED.contains(&name),
     });
@@ -363,7 +364,7 @@ fn is_plain(json: &Value) -> Result<(), Fault> {
     })
 }
 
-/// Whether everything that shapes are added to is of the type that it is added as: said before the work, not after.
+/// Checks the types of everything that shapes are added to, before the solve.
 fn can_be_added_to(json: &Value) -> Result<(), Fault> {
     let refuse = |expected, found: &Value| Err(unexpected(expected, beginning(found)));
     for primitive in primitives(json) {
@@ -371,12 +372,12 @@ fn can_be_added_to(json: &Value) -> Result<(), Fault> {
             return refuse("primitives that are objects", primitive);
         }
         let targets = list(&primitive["targets"]).len();
-        if targets > TARGETS {
+        if targets > MAX_TARGETS {
             return refuse("at most 1024 morph targets of a mesh", &json!(targets));
         }
     }
     let count = primitives(json).count();
-    if count > PRIMITIVES {
+    if count > MAX_PRIMITIVES {
         return refuse("at most 4096 primitives", &json!(count));
     }
     add_expressions_to(json)
@@ -417,7 +418,7 @@ mod tests {
         let attributes = &glb.json["meshes"][0]["primitives"][0]["attributes"];
         let written = glb.floats(attributes["TEXCOORD_0"].as_u64().unwrap() as usize, 2);
         assert!(written.unwrap().chunks(2).all(|at| *at == [0.25, 0.875]));
-        let (read, _) = Foreign::read(glb).unwrap();
+        let (read, _) = ImportedGltf::read(glb).unwrap();
         let place =
             |corner: &super::super::mesh::Corner| read.uv[corner.uv.expect("a place") as usize];
         assert!(
@@ -438,7 +439,7 @@ mod tests {
         // As others write it.
         file.json["meshes"][0]["extras"]["mien"] = Value::Null;
         let before = file.json["materials"].clone();
-        let (mesh, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
+        let (mesh, imported) = ImportedGltf::read(Glb::parse(&file.emit()).unwrap()).unwrap();
         assert_eq!((mesh.positions.len(), mesh.faces()), (25, 16));
         // Vertices come in the order of the file, which is that of the faces.
         let at = |k: usize| {
@@ -452,7 +453,7 @@ mod tests {
             shape("jawOpen", 25, at(7), Vec3::z()),
             shape("eyeBlinkLeft", 25, at(8), Vec3::z()),
         ];
-        let glb = Glb::parse(&foreign.patched(&mesh, &new, false).emit()).unwrap();
+        let glb = Glb::parse(&imported.patched(&mesh, &new, false).emit()).unwrap();
         assert_eq!(glb.json["materials"], before);
         let head = &glb.json["meshes"][0];
         assert_eq!(
@@ -477,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_baked_before_is_replaced_and_others_names_are_known_however_written() {
+    fn earlier_bakes_are_replaced_and_foreign_names_recognised_in_any_spelling() {
         let with_unit = |name: &str, at: usize| Shape {
             unit: Some("AU26".into()),
             ..shape(name, 25, at, Vec3::x())
@@ -485,30 +486,30 @@ mod tests {
         let old = [with_unit("blink.EyeBlink_L", 3), with_unit("jawOpen", 4)];
         let mut file = build(&sheet(5, 0.1), &old, 1.0, false, None);
         file.json["meshes"][0]["extras"]["mien"]["baked"][0] = Value::Null;
-        let (mesh, foreign) = Foreign::read(file).unwrap();
-        assert!(foreign.has("eyeBlinkLeft"));
-        assert!(!foreign.has("jawOpen") && !foreign.has("eyeBlinkRight"));
+        let (mesh, imported) = ImportedGltf::read(file).unwrap();
+        assert!(imported.has("eyeBlinkLeft"));
+        assert!(!imported.has("jawOpen") && !imported.has("eyeBlinkRight"));
         let new = ["jawOpen", "eyeBlinkLeft"].map(|name| with_unit(name, 5));
-        let again = foreign.patched(&mesh, &new, false);
+        let again = imported.patched(&mesh, &new, false);
         let names = json!(["blink.EyeBlink_L.original", "jawOpen", "eyeBlinkLeft"]);
         assert_eq!(again.json["meshes"][0]["extras"]["targetNames"], names);
-        let (_, foreign) = Foreign::read(again).unwrap();
-        assert!(!foreign.has("eyeBlinkLeft"));
+        let (_, imported) = ImportedGltf::read(again).unwrap();
+        assert!(!imported.has("eyeBlinkLeft"));
     }
 
     #[test]
     fn animations_of_weights_get_as_many_as_there_are_targets() {
         let old = ["one", "two"].map(|name| shape(name, 25, 3, Vec3::x()));
         let mut file = build(&sheet(5, 0.1), &old, 1.0, false, None);
-        let times = file.push_bounded(&[[0.0], [1.0]], 0);
+        let times = file.push_rows_with_bounds(&[[0.0], [1.0]], 0);
         let weights = file.push_rows(&[[0.1], [0.2], [0.3], [0.4]], 0);
         file.json["animations"] = json!([{
             "samplers": [{"input": times, "output": weights}],
             "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
         }]);
-        let (mesh, foreign) = Foreign::read(file).unwrap();
+        let (mesh, imported) = ImportedGltf::read(file).unwrap();
         let new = [shape("jawOpen", 25, 5, Vec3::x())];
-        let glb = foreign.patched(&mesh, &new, false);
+        let glb = imported.patched(&mesh, &new, false);
         let output = &glb.json["animations"][0]["samplers"][0]["output"];
         let read = glb.floats(output.as_u64().unwrap() as usize, 1).unwrap();
         assert_eq!(read, [0.1, 0.2, 0.0, 0.3, 0.4, 0.0]);
@@ -528,8 +529,8 @@ mod tests {
             build(&mesh, &[], 1.0, false, None)
         };
         let bent = |file: Glb| {
-            let (mesh, foreign) = Foreign::read(file).unwrap();
-            let glb = foreign.patched(&mesh, &[tilt(&mesh)], false);
+            let (mesh, imported) = ImportedGltf::read(file).unwrap();
+            let glb = imported.patched(&mesh, &[tilt(&mesh)], false);
             let target = &glb.json["meshes"][0]["primitives"][0]["targets"][0];
             let at = target["NORMAL"].as_u64()?;
             Some(glb.floats(at as usize, 3).unwrap())
@@ -568,7 +569,7 @@ mod tests {
             let primitive = &mut file.json["meshes"][0]["primitives"][0];
             primitive["mode"] = mode.into();
             primitive["indices"] = indices.into();
-            Foreign::read(file)
+            ImportedGltf::read(file)
         };
         // Rows are 0, 1, 3, 2 of the sheet.
         for (mode, order) in [
@@ -576,8 +577,8 @@ mod tests {
             (5, &[0, 1, 3, 2]),
             (6, &[0, 1, 2, 3]),
         ] {
-            let (mesh, foreign) = read(mode, order).unwrap();
-            assert_eq!((mesh.faces(), foreign.turned), (1, 0), "{mode}");
+            let (mesh, imported) = read(mode, order).unwrap();
+            assert_eq!((mesh.faces(), imported.turned), (1, 0), "{mode}");
             let up = mesh.vertex_normals(&mesh.positions);
             assert!(up.iter().all(|n| n.z > 0.5), "{mode}");
         }
@@ -585,7 +586,7 @@ mod tests {
         assert!(lines.contains("points and lines alone"), "{lines}");
         let mut file = build(&sheet, &[], 1.0, false, None);
         file.bin[..4].copy_from_slice(&f32::NAN.to_le_bytes());
-        let odd = Foreign::read(file).err().unwrap().to_string();
+        let odd = ImportedGltf::read(file).err().unwrap().to_string();
         assert!(odd.contains("1 with NaN"), "{odd}");
     }
 
@@ -600,9 +601,9 @@ mod tests {
                 "aa": {"morphTargetBinds": [{"node": 0, "index": 0, "weight": 1.0}]},
             }}},
         }));
-        let (mesh, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
+        let (mesh, imported) = ImportedGltf::read(Glb::parse(&file.emit()).unwrap()).unwrap();
         let new = ["jawOpen", "cheekPuff"].map(|name| shape(name, 25, 7, Vec3::z()));
-        let glb = Glb::parse(&foreign.patched(&mesh, &new, false).emit()).unwrap();
+        let glb = Glb::parse(&imported.patched(&mesh, &new, false).emit()).unwrap();
         let head = &glb.json["meshes"][0];
         assert_eq!(
             head["extras"]["targetNames"],
@@ -648,10 +649,10 @@ mod tests {
             ]}},
             "VRMC_vrm": {"specVersion": "1.0", "expressions": {"preset": {"aa": own, "ih": {}}}},
         }));
-        let (mesh, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
+        let (mesh, imported) = ImportedGltf::read(Glb::parse(&file.emit()).unwrap()).unwrap();
         let new = ["aa", "ih", "ou", "E", "oh", "PP"].map(|v| format!("viseme_{v}"));
         let new = new.map(|name| shape(&name, 25, 7, Vec3::z()));
-        let json = Glb::parse(&foreign.patched(&mesh, &new, false).emit())
+        let json = Glb::parse(&imported.patched(&mesh, &new, false).emit())
             .unwrap()
             .json;
         let groups = &json["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"];
@@ -680,7 +681,7 @@ mod tests {
         for _ in 0..20_000 {
             let least = f64::from(random.f32() - 0.5);
             let text = json!({"min": [least]}).to_string();
-            let read = super::super::glb::json_of(text.as_bytes()).unwrap();
+            let read = super::super::glb::parse_json(text.as_bytes()).unwrap();
             assert_eq!(read["min"][0].as_f64(), Some(least));
         }
     }
@@ -692,7 +693,7 @@ mod tests {
             json,
             bin: Vec::new(),
         };
-        assert!(Foreign::read(glb(empty)).is_err());
+        assert!(ImportedGltf::read(glb(empty)).is_err());
     }
 
     /// Every place in a description, as a path.
@@ -709,7 +710,7 @@ mod tests {
         }
     }
 
-    /// A small avatar with everything that is looked at.
+    /// A small avatar with every feature that is read.
     fn avatar() -> Glb {
         extended(json!({
             "VRM": {"blendShapeMaster": {"blendShapeGroups": [{"name": "A", "binds": []}]}},
@@ -726,7 +727,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_type_a_value_has_it_is_carried_through_or_refused() {
+    fn values_of_any_type_are_kept_or_refused() {
         let file = avatar();
         let mut all = Vec::new();
         paths(&file.json, "", &mut all);
@@ -746,9 +747,9 @@ mod tests {
                     refused += 1;
                     continue;
                 };
-                match Foreign::read(glb) {
-                    Ok((mesh, foreign)) if mesh.positions.len() == 25 => {
-                        drop(foreign.patched(&mesh, &new, false).emit());
+                match ImportedGltf::read(glb) {
+                    Ok((mesh, imported)) if mesh.positions.len() == 25 => {
+                        drop(imported.patched(&mesh, &new, false).emit());
                         carried += 1;
                     }
                     Ok(_) => {}
@@ -769,8 +770,8 @@ mod tests {
             let mut file = avatar();
             file.json["meshes"][0]["extras"] = extras.clone();
             file.json["meshes"][0]["primitives"][0]["extras"] = extras.clone();
-            let (mesh, foreign) = Foreign::read(file).unwrap();
-            let json = foreign.patched(&mesh, &new, false).json;
+            let (mesh, imported) = ImportedGltf::read(file).unwrap();
+            let json = imported.patched(&mesh, &new, false).json;
             let mesh = &json["meshes"][0];
             for now in [&mesh["extras"], &mesh["primitives"][0]["extras"]] {
                 assert_eq!(now["extras"], extras);
@@ -783,13 +784,13 @@ mod tests {
         ] {
             let mut file = avatar();
             *file.json.pointer_mut(path).unwrap() = json!("x");
-            let text = Foreign::read(file).err().expect(word).to_string();
+            let text = ImportedGltf::read(file).err().expect(word).to_string();
             assert!(text.contains(word), "{text}");
         }
     }
 
     #[test]
-    fn what_a_file_claims_beyond_its_size_is_refused_before_it_is_made() {
+    fn counts_beyond_the_size_of_a_file_are_refused_before_allocation() {
         let claims = |count: u64, targets: usize| {
             let bin: Vec<u8> = [[0.0_f32; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
                 .into_iter()
@@ -818,12 +819,12 @@ mod tests {
         assert_eq!(claims(3, 1).floats(1, 3).unwrap(), [0.0; 9]);
         for count in [4, 50_000_000, 1_000_000_000_000_000_000] {
             assert!(claims(count, 1).floats(1, 3).is_err(), "{count}");
-            assert!(Foreign::read(claims(count, 1)).is_err(), "{count}");
+            assert!(ImportedGltf::read(claims(count, 1)).is_err(), "{count}");
         }
         // The same data over and over.
         let mut again = claims(3, 1);
         let primitive = json!({"attributes": {"POSITION": 0}});
         again.json["meshes"][0]["primitives"] = Value::Array(vec![primitive; 60_000]);
-        assert!(Foreign::read(again).is_err());
+        assert!(ImportedGltf::read(again).is_err());
     }
 }

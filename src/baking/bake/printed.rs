@@ -1,5 +1,5 @@
-//! The methods that ours is held against, on the whole skin with the Laplacian as printed: the paper's Procedure 1, equations (10) to
-//! (13), and its first solve alone, which is plain Laplacian least squares (Huang et al. 2011).
+//! Reference methods on the whole skin with the Laplacian as printed: the paper's Procedure 1, equations (10) to
+//! (13), and its first solve alone, plain Laplacian least squares (Huang et al. 2011).
 //!
 //! Units: the mesh's. Cost: one factor of the skin per shape.
 
@@ -9,15 +9,17 @@ use super::mesh::{Rings, Vec3};
 use super::solve::System;
 use mien_workbench::fault::Fault;
 
-/// Procedure 1 as printed: ω of control points and steps of equation (12), s of (13) in eye distances, rounds. The paper leaves
-/// all four open; these are ours.
+/// ω of control points in equation (12); the paper leaves it open.
 const WEIGHT: f64 = 10.0;
+/// Steps of equation (12); the paper leaves them open.
 const STEPS: usize = 100;
+/// s of equation (13), in eye distances; the paper leaves it open.
 const FACTOR: f64 = 30.0;
+/// Rounds of Procedure 1; the paper leaves them open.
 pub(super) const ROUNDS: usize = 7;
 
-/// Displacements of all vertices after so many rounds that restore lengths; `controls` are (vertex, displacement), `operator`
-/// the printed one.
+/// Displacements of all vertices after this many length-restoring rounds; `controls` are (vertex, displacement),
+/// `operator` the printed one.
 ///
 /// # Errors
 /// If a system is singular.

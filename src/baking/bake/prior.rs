@@ -1,56 +1,58 @@
-//! How skin moves between and beyond the 68 landmarks, learned from sculpted shapes.
+//! How skin moves between and around the 68 landmarks, learned from sculpted shapes.
 //!
-//! What the Laplacian solve leaves of the sculpted shapes (truth − solved) is predicted at a few hundred places of the
-//! face by kernel ridge regression over the shapes: at each place a new shape is compared with every learned one by what
-//! moves *there* and takes the same share of what that one's skin did beyond the solve. Compared are the displacements of
-//! the landmarks near the place, those of the skin around it as solved, and their difference from the skin's mean nearby
-//! (where it folds). The comparison k is sharpened by the cosine, `k |cos|^(p−1)`: a shape that only shares a part says
-//! little, and its opposite says the opposite. It is homogeneous: twice the motion gives twice the answer.
+//! The residual of the Laplacian solve (truth − solved) is predicted at a few hundred places of the face by kernel
+//! ridge regression over the shapes: at each place a new shape is compared with every learned one by the motion
+//! nearby, and adds that share of the learned shape's residual. Compared are the displacements of the landmarks near
+//! the place, those of the skin around it as solved, and their difference from the skin's mean nearby (where it
+//! folds). The comparison k is sharpened by the cosine, `k |cos|^(p−1)`, so that partly similar shapes count little;
+//! opposite ones count negatively. It is homogeneous: twice the motion gives twice the residual.
 //!
-//! Frame: that of the face (left, up, out), origin between the inner eye corners, unit one eye distance.
-//! Stored is the left half; the right half mirrors it, with the shape of the other side. Memory: 2 MB unpacked. Cost: 2 ms
-//! a shape. Learned by [`super::learn`], laid onto a head by [`super::canonical`].
+//! Frame: that of the face (left, up, out), origin between the inner eye corners, unit one eye distance. Stored is
+//! the left half; the right half mirrors it, with the shapes of the other side. Memory: 2 MB unpacked. Cost: 2 ms a
+//! shape. Learned by [`super::learn`], mapped onto a head by [`super::canonical`].
 
 use std::sync::LazyLock;
 
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
-use mien_stages::base::vectors::wide;
+use mien_stages::base::vectors::with_avx2;
 
-/// First bytes of the file.
+/// First bytes of the file, with its version.
 const MAGIC: &[u8; 8] = b"mienskn1";
-/// The shipped one.
+/// The prior in the program.
 static SHIPPED: &[u8] = include_bytes!("../../../config/skin.prior");
 
-/// Reach of the three comparisons, in eye distances: landmarks, skin, folds; and how much each says.
+/// Standard deviations of the comparisons of landmarks, skin and folds over distance, in eye distances.
 const REACH: [f64; 3] = [0.5, 0.25, 0.25];
-const SAYS: [f64; 3] = [0.4, 0.2, 0.4];
-/// What "nearby" is for folds.
+/// Weights of the comparisons of landmarks, skin and folds.
+const KIND_WEIGHTS: [f64; 3] = [0.4, 0.2, 0.4];
+/// Standard deviation of the mean that folds are compared with, in eye distances.
 const FOLD: f64 = 0.15;
 /// Power p of the cosine, less one.
-const SHARPENED: i32 = 2;
-/// A normal turned by one radian is as far as this many eye distances: upper and lower lip touch and are not neighbours.
-const TURNED: f64 = 0.2;
-/// Weights of neighbours below this are left out.
-const FAINT: f64 = 2e-3;
+const SHARPENING: i32 = 2;
+/// Distance that a rotation of the normal by one radian equals, in eye distances: upper and lower lip touch but are
+/// no neighbours.
+const NORMAL_WEIGHT: f64 = 0.2;
+/// Weight below which neighbours are left out.
+const MIN_WEIGHT: f64 = 2e-3;
 
-/// A place of the skin with its normal, in the face's frame.
+/// A point of the skin with its normal, in the face's frame.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct SkinPoint {
     /// Position, eye distances.
     pub at: Vec3,
     /// Unit normal.
     pub normal: Vec3,
 }
 
-impl Place {
-    /// Distance along and through the skin, eye distances.
+impl SkinPoint {
+    /// Distance along and across the skin, eye distances.
     pub fn far(&self, other: &Self) -> f64 {
-        let turned = (self.normal - other.normal) * TURNED;
+        let turned = (self.normal - other.normal) * NORMAL_WEIGHT;
         ((self.at - other.at).norm_squared() + turned.norm_squared()).sqrt()
     }
 
-    /// Across the middle of the face.
+    /// The point mirrored across the middle of the face.
     pub(super) fn mirrored(&self) -> Self {
         Self {
             at: flipped(&self.at),
@@ -58,19 +60,19 @@ impl Place {
         }
     }
 
-    /// The point in six dimensions whose plain distance that is.
+    /// The point in six dimensions, where [`Self::far`] is Euclidean.
     pub(super) fn point(&self) -> [f64; 6] {
-        let (p, n) = (self.at, self.normal * TURNED);
+        let (p, n) = (self.at, self.normal * NORMAL_WEIGHT);
         [p.x, p.y, p.z, n.x, n.y, n.z]
     }
 }
 
-/// Across the middle of the face.
+/// A vector mirrored across the middle of the face.
 pub(super) fn flipped(v: &Vec3) -> Vec3 {
     Vec3::new(-v.x, v.y, v.z)
 }
 
-/// What one shape does: landmarks, skin at the places, folds there. Eye distances.
+/// Motion of one shape: landmarks, skin at the places, folds there. Eye distances.
 #[derive(Clone)]
 pub(super) struct Motion([Vec<Vec3>; 3]);
 
@@ -79,11 +81,11 @@ type Near = Vec<Vec<(u32, f32)>>;
 
 fn near(places: usize, others: usize, sigma: f64, far: impl Fn(usize, usize) -> f64) -> Near {
     let row = |q: usize| {
-        // Exponents first: most are too small to be worth their powers.
+        // Exponents first: most weights are below the bound.
         let exponent = |o: usize| -0.5 * (far(q, o) / sigma).powi(2);
         let mut row: Vec<(u32, f64)> = (0..others).map(|o| (o as u32, exponent(o))).collect();
         let most = row.iter().map(|n| n.1).fold(f64::NEG_INFINITY, f64::max);
-        row.retain(|n| n.1 > most + FAINT.ln());
+        row.retain(|n| n.1 > most + MIN_WEIGHT.ln());
         row.iter_mut().for_each(|n| n.1 = n.1.exp());
         let sum = row.iter().map(|n| n.1).sum::<f64>().max(1e-300);
         let share = |(o, w)| (o, (w / sum) as f32);
@@ -96,14 +98,14 @@ fn near(places: usize, others: usize, sigma: f64, far: impl Fn(usize, usize) -> 
 pub(super) struct Comparison {
     /// The 68, eye distances.
     pub(super) landmarks: Vec<Vec3>,
-    /// Where something was learned.
-    pub(super) places: Vec<Place>,
+    /// The learned places.
+    pub(super) places: Vec<SkinPoint>,
     near: [Near; 3],
     nearby: Near,
 }
 
 impl Comparison {
-    pub(super) fn new(landmarks: Vec<Vec3>, places: Vec<Place>) -> Self {
+    pub(super) fn new(landmarks: Vec<Vec3>, places: Vec<SkinPoint>) -> Self {
         let n = places.len();
         let skin = |sigma| near(n, n, sigma, |a, b| places[a].far(&places[b]));
         let to = |q: usize, l: usize| (places[q].at - landmarks[l]).norm();
@@ -119,7 +121,7 @@ impl Comparison {
         }
     }
 
-    /// What is compared of a shape that moves landmarks and places so.
+    /// The motion of a shape, from displacements of landmarks and places.
     pub(super) fn motion(&self, controls: Vec<Vec3>, skin: Vec<Vec3>) -> Motion {
         let fold = |(row, d): (&Vec<(u32, f32)>, &Vec3)| {
             let mean = row.iter().map(|&(o, w)| skin[o as usize] * f64::from(w));
@@ -129,7 +131,7 @@ impl Comparison {
         Motion([controls, skin, folds])
     }
 
-    /// Per place and shape: k of one motion with several, before sharpening; `scale` is per place and kind.
+    /// k of one motion with several, before sharpening, per place and shape; `scale` is per place and kind.
     fn alike(&self, one: &Motion, several: &[Motion], scale: &[[f32; 3]]) -> Vec<f32> {
         let mut out = vec![0.0; self.places.len() * several.len()];
         for kind in 0..3 {
@@ -138,7 +140,7 @@ impl Comparison {
         out
     }
 
-    /// The share of one kind, added to what there is.
+    /// Adds the share of one kind to k.
     fn add_alike(
         &self,
         kind: usize,
@@ -147,7 +149,7 @@ impl Comparison {
         scale: impl Fn(usize) -> f32,
         out: &mut [f32],
     ) {
-        wide(
+        with_avx2(
             #[inline(always)]
             || {
                 let count = several.len();
@@ -175,14 +177,14 @@ impl Comparison {
     }
 }
 
-/// What was learned.
+/// The learned prior.
 pub struct Prior {
     pub(super) comparison: Comparison,
-    /// The learned shapes, each as if its RMS motion were 1.
+    /// The learned shapes, normalised to an RMS motion of 1.
     pub(super) learned: Vec<Motion>,
-    /// Shape of the other side.
+    /// Number of each shape's mirror image.
     pub(super) mirror: Vec<u8>,
-    /// What a shape adds per k, per place and shape.
+    /// Residual of a shape per unit of k, per place and shape.
     pub(super) adds: Vec<Vec3>,
     scale: Vec<[f32; 3]>,
     /// √k of each learned shape with itself, per place and shape.
@@ -201,7 +203,7 @@ impl Prior {
         let mut scale = vec![[0.0; 3]; places];
         let mut square = vec![0.0_f32; places * count];
         for kind in 0..3 {
-            // k of every learned shape with itself, by this kind alone.
+            // k of every learned shape with itself, by one kind alone.
             let own = learned.iter().map(|shape| {
                 let mut own = vec![0.0_f32; places];
                 let itself = std::slice::from_ref(shape);
@@ -209,10 +211,10 @@ impl Prior {
                 own
             });
             let own: Vec<Vec<f32>> = own.collect();
-            // Each kind says as much as it is told to, whatever its size.
+            // Normalised, so that kinds count by their weights regardless of their size.
             for q in 0..places {
                 let mean = own.iter().map(|own| own[q]).sum::<f32>() / count as f32;
-                scale[q][kind] = SAYS[kind] as f32 / mean.max(1e-20);
+                scale[q][kind] = KIND_WEIGHTS[kind] as f32 / mean.max(1e-20);
                 for (s, own) in own.iter().enumerate() {
                     square[q * count + s] += scale[q][kind] * own[q];
                 }
@@ -240,14 +242,14 @@ impl Prior {
             for s in 0..count {
                 let k = &mut k[q * count + s];
                 let cos = *k / (own * self.size[q * count + s]).max(1e-20);
-                *k *= cos.min(1.0).powi(SHARPENED);
+                *k *= cos.min(1.0).powi(SHARPENING);
             }
         }
         k
     }
 
-    /// What skin does beyond the solve, at every place.
-    pub(super) fn beyond(&self, controls: Vec<Vec3>, skin: Vec<Vec3>) -> Vec<Vec3> {
+    /// Residual of the solve at every place.
+    pub(super) fn residual(&self, controls: Vec<Vec3>, skin: Vec<Vec3>) -> Vec<Vec3> {
         let k = self.compared(&self.comparison.motion(controls, skin));
         let count = self.learned.len();
         let rows = k.chunks(count).zip(self.adds.chunks(count));
@@ -256,7 +258,7 @@ impl Prior {
             .collect()
     }
 
-    /// The shipped one.
+    /// The prior in the program.
     ///
     /// # Panics
     /// If the program was built with a damaged file, which a test rules out.
@@ -266,7 +268,7 @@ impl Prior {
         &PARSED
     }
 
-    /// The file: numbers little-endian, motions as 16-bit parts of the largest of their shape.
+    /// The bytes of the file: little-endian, motions as 16-bit fractions of the largest of their shape.
     pub fn emit(&self) -> Vec<u8> {
         let places = &self.comparison.places;
         let half = places.iter().take_while(|p| p.at.x >= 0.0).count();
@@ -294,7 +296,7 @@ impl Prior {
         out
     }
 
-    /// Reads [`Prior::emit`]; `None` if it is damaged.
+    /// Parses the bytes of [`Prior::emit`]; `None` if they are damaged.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let mut rest = Rest(bytes.strip_prefix(MAGIC)?);
         let [half, count] = [rest.number()?, rest.number()?];
@@ -308,15 +310,17 @@ impl Prior {
         let landmarks = rest.singles(LANDMARKS)?;
         let places = rest.singles(2 * half)?;
         let pairs = places.as_chunks::<2>().0.iter();
-        let mut places: Vec<Place> = pairs.map(|&[at, normal]| Place { at, normal }).collect();
+        let mut places: Vec<SkinPoint> = pairs
+            .map(|&[at, normal]| SkinPoint { at, normal })
+            .collect();
         let mut block = || Some([rest.block(LANDMARKS)?, rest.block(half)?, rest.block(half)?]);
         let blocks: Vec<[Vec<Vec3>; 3]> = (0..count).map(|_| block()).collect::<Option<_>>()?;
         if !rest.0.is_empty() {
             return None;
         }
-        // Places of the left half come first; those off the middle follow once more, mirrored.
+        // Places of the left half come first, then the mirror images of those off the middle.
         let twice: Vec<usize> = (0..half).filter(|&q| places[q].at.x != 0.0).collect();
-        let right: Vec<Place> = twice.iter().map(|&q| places[q].mirrored()).collect();
+        let right: Vec<SkinPoint> = twice.iter().map(|&q| places[q].mirrored()).collect();
         places.extend(right);
         let comparison = Comparison::new(landmarks, places);
         let whole = |s: usize, kind: usize| {
@@ -335,7 +339,7 @@ impl Prior {
     }
 }
 
-/// What of a file is still to be read.
+/// Unread bytes of a file.
 struct Rest<'a>(&'a [u8]);
 
 impl<'a> Rest<'a> {
@@ -353,7 +357,7 @@ impl<'a> Rest<'a> {
         Some(in_threes(numbers.map(single)))
     }
 
-    /// Vectors as parts of a step that stands before them.
+    /// Vectors as multiples of a step that precedes them.
     fn block(&mut self, vectors: usize) -> Option<Vec<Vec3>> {
         let step = f64::from(f32::from_le_bytes(*self.take(4)?.first_chunk()?));
         let parts = self.take(vectors * 6)?.as_chunks().0.iter();
@@ -391,7 +395,7 @@ mod tests {
         let motion = |s: usize, k: f64| {
             let [controls, skin, _] = &prior.learned[s].0;
             let scaled = |d: &Vec<Vec3>| d.iter().map(|d| d * k).collect::<Vec<_>>();
-            prior.beyond(scaled(controls), scaled(skin))
+            prior.residual(scaled(controls), scaled(skin))
         };
         let (one, two, back) = (motion(3, 0.1), motion(3, 0.2), motion(3, -0.1));
         let most = one.iter().map(Vec3::norm).fold(0.0, f64::max);
@@ -419,8 +423,8 @@ mod tests {
         let mirror = (0..LANDMARKS)
             .map(|k| flipped(&controls[mirrored(k)]))
             .collect();
-        let here = prior.beyond(controls, skin);
-        let there = prior.beyond(mirror, partner);
+        let here = prior.residual(controls, skin);
+        let there = prior.residual(mirror, partner);
         let most = here.iter().map(Vec3::norm).fold(0.0, f64::max);
         let twice: Vec<usize> = (0..half)
             .filter(|&q| prior.comparison.places[q].at.x != 0.0)

@@ -12,7 +12,7 @@ use super::head::Head;
 use super::jaw::{self, turned};
 use super::mesh::Vec3;
 use super::names::{self, LANDMARKS, NAMES, mirrored};
-use super::shape::{Asked, Deed, Promise, Target, Undo};
+use super::shape::{MustRow, Requirement, RequirementKind, Target, Undo};
 use super::visemes::{self, Viseme};
 use mien_stages::expression::units::other_side;
 use mien_workbench::fault::Fault;
@@ -20,14 +20,14 @@ use mien_workbench::fault::Fault;
 /// The shipped recipe.
 pub const SHIPPED: &str = include_str!("../../../config/blendshapes.toml");
 
-/// More shapes than this no recipe has; each is solved.
-const MOST_SHAPES: usize = 512;
+/// Most shapes of a recipe; each is solved.
+const MAX_SHAPES: usize = 512;
 /// Largest length or share in a recipe: a head is four distances of its inner eye corners wide.
-const FARTHEST: f64 = 5.0;
+const MAX_LENGTH: f64 = 5.0;
 /// Largest angle in a recipe, degrees.
-const WIDEST_DEG: f64 = 90.0;
+const MAX_ANGLE_DEG: f64 = 90.0;
 
-/// Two shapes that do not simply add.
+/// Two shapes whose sum needs a corrective.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Pair {
@@ -51,8 +51,7 @@ impl Recipe {
     /// Reads TOML.
     ///
     /// # Errors
-    /// If it is not TOML, has unknown keys, gives a name twice, sums up what is not there, or has numbers that no face
-    /// moves by.
+    /// If it is not TOML, has unknown keys, repeats a name, sums unknown shapes, or has numbers out of range.
     pub fn read(text: &str) -> Result<Self, Fault> {
         let recipe: Self = toml::from_str(text)?;
         recipe.check_numbers()?;
@@ -76,7 +75,7 @@ impl Recipe {
         Ok(recipe)
     }
 
-    /// The name of the shape on the other side; of a shape of both sides its own.
+    /// The name of the mirrored shape; of a symmetric shape its own.
     fn other_side<'a>(&'a self, name: &'a str) -> &'a str {
         let pairs = self.shape.iter();
         let mut pairs = pairs.filter_map(|e| Some([&*e.name, e.mirror.as_deref()?]));
@@ -87,12 +86,12 @@ impl Recipe {
         other.unwrap_or(name)
     }
 
-    /// That there are not too many shapes, and that a face can move by every number.
+    /// Checks the number of shapes and the range of every number.
     fn check_numbers(&self) -> Result<(), Fault> {
         let count = self.names().len();
-        if count > MOST_SHAPES {
+        if count > MAX_SHAPES {
             return Err(Fault::new(format!(
-                "expected at most {MOST_SHAPES} shapes, found {count}"
+                "expected at most {MAX_SHAPES} shapes, found {count}"
             )));
         }
         let mut numbers = self
@@ -114,7 +113,7 @@ impl Recipe {
         sides.map(|side| side.name()).collect()
     }
 
-    /// Name and unit of every shape that has one.
+    /// Name and unit of every shape driven by one.
     pub fn units(&self) -> Vec<(String, String)> {
         let sides = self.shape.iter().flat_map(Entry::sides);
         sides
@@ -122,7 +121,7 @@ impl Recipe {
             .collect()
     }
 
-    /// Measures every shape out on a head.
+    /// Computes the targets of every shape on a head.
     ///
     /// # Errors
     /// If a point, side or shape does not exist.
@@ -134,7 +133,7 @@ impl Recipe {
         Ok(targets)
     }
 
-    /// The pairs that do not simply add, both sides of each, as shapes of their own; `targets` are all of the recipe's.
+    /// Correctives of the listed pairs on both sides, as shapes; `targets` are all of the recipe's.
     pub fn correctives(&self, targets: &[Target]) -> Vec<Target> {
         let other_side = |name: &String| self.other_side(name).to_owned();
         let mut pairs: Vec<[String; 2]> = Vec::new();
@@ -146,14 +145,14 @@ impl Recipe {
             }
         }
         let named = |name: &String| targets.iter().find(|t| t.name == *name);
-        let together = |of: [String; 2]| Some(named(&of[0])?.with(named(&of[1])?, of));
+        let together = |of: [String; 2]| Some(named(&of[0])?.combined(named(&of[1])?, of));
         pairs.into_iter().filter_map(together).collect()
     }
 
-    /// The visemes, as shapes that are sums of others.
+    /// The visemes, as sums of shapes.
     ///
     /// # Errors
-    /// If a point of what they must do does not exist.
+    /// If a point in their requirements does not exist.
     pub fn visemes(&self, head: &Head) -> Result<Vec<Target>, Fault> {
         let one = |viseme: &Viseme| {
             let entry = &Entry {
@@ -162,7 +161,7 @@ impl Recipe {
             };
             let must = entry.sides().flat_map(|side| {
                 let must = viseme.must.iter();
-                must.map(move |asked| side.promise(asked, head))
+                must.map(move |asked| side.requirement(asked, head))
             });
             let sum = viseme.summed(|name| self.other_side(name));
             Ok(Target {
@@ -176,7 +175,7 @@ impl Recipe {
     }
 }
 
-/// What the numbers of `move` count.
+/// Unit of the numbers of `move`.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Measure {
@@ -213,10 +212,10 @@ struct Entry {
     undo: Vec<(String, String, f64)>,
     tongue: Option<[f64; 2]>,
     #[serde(default)]
-    must: Vec<Asked>,
+    must: Vec<MustRow>,
 }
 
-/// +1 for a point of the left side or the middle, −1 for one of the right.
+/// +1 for a point of the left side or the middle, −1 for the right.
 fn outward(point: usize) -> f64 {
     let name = NAMES[point];
     let right = mirrored(point) != point && name.contains("_R");
@@ -228,7 +227,7 @@ const DEEDS: &str = "part, meet, less, lids, up, down, out, in, forward or back 
 const ABOVE: &str = "the name of a shape above it in the recipe, to take back";
 
 impl Entry {
-    /// The shape as it is written, and mirrored if it has a name for that.
+    /// The shape as written, and mirrored if it has a name for that.
     fn sides(&self) -> impl Iterator<Item = Side<'_>> {
         let side = |mirror| Side {
             entry: self,
@@ -237,7 +236,7 @@ impl Entry {
         std::iter::once(side(false)).chain(self.mirror.is_some().then(|| side(true)))
     }
 
-    /// All numbers, each with the largest that a face can move by.
+    /// All numbers, each with its largest allowed value.
     fn numbers(&self) -> impl Iterator<Item = (f64, f64)> {
         let lengths = self.moves.iter().flat_map(|m| [m.1, m.2, m.3]);
         let lengths = lengths.chain(self.jaw_shift).chain(self.jaw_opens);
@@ -246,13 +245,13 @@ impl Entry {
         let shares = self.jaw.iter().map(|j| j.1).chain(closing);
         let shares = shares.chain(self.undo.iter().map(|u| u.2));
         let bounds = self.must.iter().map(|asked| asked.parts().3);
-        let near = lengths.chain(shares).chain(bounds).map(|x| (x, FARTHEST));
+        let near = lengths.chain(shares).chain(bounds).map(|x| (x, MAX_LENGTH));
         let gaze = self.gaze.iter().flat_map(|g| [g.1, g.2]);
         near.chain(
             self.jaw_turn
                 .into_iter()
                 .chain(gaze)
-                .map(|x| (x, WIDEST_DEG)),
+                .map(|x| (x, MAX_ANGLE_DEG)),
         )
     }
 }
@@ -265,7 +264,7 @@ struct Side<'a> {
 
 /// The jaw's motion, and the landmarks' shares of it.
 type Carried = (Isometry3<f64>, Vec<(u32, f64)>);
-/// Displacements of all control points; those without are free.
+/// Displacements of all control points; `None` is free.
 type Moves = Vec<Option<Vec3>>;
 
 fn add(d: &mut Moves, point: usize, moved: Vec3) {
@@ -288,7 +287,7 @@ impl<'a> Side<'a> {
         Some(units.collect::<Vec<_>>().join("|"))
     }
 
-    /// −1 where left and right are swapped.
+    /// −1 on the mirrored side.
     fn flip(&self) -> f64 {
         if self.mirror { -1.0 } else { 1.0 }
     }
@@ -323,29 +322,30 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// What counts as outwards at a point: to its own side, in the middle to the left.
+    /// Sign of outwards at a point: to its own side, in the middle to the left.
     fn outwards(&self, point: usize) -> f64 {
         let middle = mirrored(point) == point;
         if middle { self.flip() } else { outward(point) }
     }
 
-    /// What the shape must do.
-    fn promise(&self, asked: &Asked, head: &Head) -> Result<Promise, Fault> {
+    /// A requirement of the shape.
+    fn requirement(&self, asked: &MustRow, head: &Head) -> Result<Requirement, Fault> {
         let (what, first, other, bound) = asked.parts();
-        // Of lids a side is named, not points.
+        // A row of lids names a side, not points.
         let named = if what == "lids" { "" } else { first };
         let (one, other) = (self.points(named)?, self.points(other)?);
-        let along =
-            |axis: usize, sign: f64| Deed::Move(vec![head.axes.column(axis) * sign; one.len()]);
+        let along = |axis: usize, sign: f64| {
+            RequirementKind::MinTravel(vec![head.axes.column(axis) * sign; one.len()])
+        };
         let aside = |sign: f64| {
             let way = |&point: &usize| head.axes.column(0) * (sign * self.outwards(point));
-            Deed::Move(one.iter().map(way).collect())
+            RequirementKind::MinTravel(one.iter().map(way).collect())
         };
-        let deed = match what {
-            "lids" => Deed::Lids(self.side(first)?),
-            "part" => Deed::Part,
-            "meet" => Deed::Meet,
-            "less" => Deed::Less,
+        let kind = match what {
+            "lids" => RequirementKind::MaxLidGap(self.side(first)?),
+            "part" => RequirementKind::MinGap,
+            "meet" => RequirementKind::MaxGapIncrease,
+            "less" => RequirementKind::MaxRatio,
             "up" => along(1, 1.0),
             "down" => along(1, -1.0),
             "forward" => along(2, 1.0),
@@ -357,8 +357,8 @@ impl<'a> Side<'a> {
         let words = one.iter().chain(&other).map(|&point| NAMES[point]);
         let words: Vec<&str> = std::iter::once(what).chain(words).collect();
         let vertices = |points: &[usize]| points.iter().map(|&p| head.points[p]).collect();
-        Ok(Promise {
-            deed,
+        Ok(Requirement {
+            kind,
             one: vertices(&one),
             other: vertices(&other),
             bound,
@@ -366,7 +366,7 @@ impl<'a> Side<'a> {
         })
     }
 
-    /// What `move` says.
+    /// Adds the rows of `move`.
     fn moved(&self, head: &Head, d: &mut Moves) -> Result<(), Fault> {
         for (words, outwards, up, forwards) in &self.entry.moves {
             for point in self.points(words)? {
@@ -382,7 +382,7 @@ impl<'a> Side<'a> {
         Ok(())
     }
 
-    /// The jaw's motion, and what points take of it.
+    /// The jaw's motion, and the points' shares of it.
     fn jaw(&self, head: &Head, d: &mut Moves) -> Result<Option<Carried>, Fault> {
         let (turn, shift) = (self.entry.jaw_turn, self.entry.jaw_shift);
         if turn == [0.0; 2] && shift == [0.0; 3] {
@@ -392,7 +392,7 @@ impl<'a> Side<'a> {
         let [most, left] = turn.map(f64::to_radians);
         let opens = self.entry.jaw_opens;
         let open = opens.map_or(most, |lowers| jaw::opening(head, lowers, most));
-        // Opening turns the chin down and back: from "out" towards "down", positive about the left axis.
+        // Opening rotates the chin down and back: from "out" towards "down", positive about the left axis.
         let turn = UnitQuaternion::from_axis_angle(&axis(head, 1), left * self.flip())
             * UnitQuaternion::from_axis_angle(&axis(head, 0), open);
         let [l, u, o] = shift;
@@ -413,7 +413,7 @@ impl<'a> Side<'a> {
         Ok(Some((jaw, shares.collect())))
     }
 
-    /// What is taken back of a shape above; also if that is of the lips.
+    /// Subtracts a shape above; returned if it is one of the lips.
     fn undo(&self, head: &Head, above: &[Target], d: &mut Moves) -> Result<Option<Undo>, Fault> {
         let mut undo = None;
         for (words, shape, share) in &self.entry.undo {
@@ -452,13 +452,13 @@ impl<'a> Side<'a> {
             gaze[side] = Some(aside * up);
         }
         let controls = d.into_iter().zip(&head.points);
-        let must = entry.must.iter().map(|asked| self.promise(asked, head));
+        let must = entry.must.iter().map(|asked| self.requirement(asked, head));
         Ok(Target {
             name: self.name().to_owned(),
             unit: self.unit(),
             upon: entry.upon.clone(),
             controls: controls.filter_map(|(d, &v)| Some((v, d?))).collect(),
-            // What is taken back was placed already.
+            // A subtracted shape contains the prior already.
             derive: undo.is_none(),
             close,
             gaze,
@@ -466,7 +466,7 @@ impl<'a> Side<'a> {
             still_inside: shares.is_none(),
             shares: shares.unwrap_or_default(),
             tongue: entry.tongue.map(|[up, forwards]| {
-                // The tongue lies in the jaw: its directions turn with the jaw of the shape it is added to.
+                // The tongue lies in the jaw: its directions rotate with the jaw of the shape it is added to.
                 let base = above.iter().find(|t| Some(&t.name) == entry.upon.as_ref());
                 let turn = base.and_then(|t| t.jaw).unwrap_or_default().rotation;
                 turn * (head.axes * Vec3::new(0.0, up, forwards) * head.eye_distance)
@@ -489,12 +489,12 @@ mod tests {
     use mien_stages::expression::units::Units;
 
     #[test]
-    fn what_drives_a_shape_of_arkit_on_a_head_is_what_outputs_send_under_its_name() {
+    fn arkit_shapes_are_driven_by_the_unit_that_outputs_send_under_their_name() {
         let units = Units::shipped().columns(false);
         let units: Vec<&str> = units.iter().map(|unit| unit.as_str()).collect();
         let recipe = Recipe::read(SHIPPED).unwrap();
         let drives = recipe.units();
-        for parameter in Parameter::of_arkit(false, &units) {
+        for parameter in Parameter::arkit(false, &units) {
             let name = &parameter.name;
             // Heads have a shape for each side.
             if name == "browInnerUp" {
@@ -566,12 +566,12 @@ mod tests {
     }
 
     #[test]
-    fn what_a_shape_must_do_is_read_with_one_group_of_points_or_two() {
+    fn requirements_have_one_group_of_points_or_two() {
         let text = "[[shape]]\nname = \"a\"\nwhy = \"\"\nmust = [[\"part\", \"chin\", \"nose_tip\", 0.4], [\"lids\", \"L\", 0.03]]\n";
         let recipe = Recipe::read(text).unwrap();
         assert!(matches!(
             recipe.shape[0].must[..],
-            [Asked::Between(..), Asked::Of(..)]
+            [MustRow::Between(..), MustRow::Of(..)]
         ));
     }
 }

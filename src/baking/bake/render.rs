@@ -1,7 +1,7 @@
-//! Pictures of a head for the report: orthographic, z-buffered, smooth shading from one lamp above the camera.
+//! Orthographic, z-buffered renderings of a head for the report, smoothly shaded by one lamp above the camera.
 //!
-//! Units: the mesh's; the view is given in the face frame (left, up, out). Cost: about 10 ms a picture of 320 pixels.
-//! What is known of colours and pictures is drawn ([`super::looks`]), parts that are not the face's only then.
+//! Units: the mesh's; the view is given in the face frame (left, up, out). Cost: about 10 ms for 320 pixels. Known
+//! colours and images are used ([`super::looks`]); only then are parts other than the face shown.
 
 use image::{Rgb, RgbImage};
 use nalgebra::Matrix3;
@@ -11,7 +11,7 @@ use super::looks::{Looks, Surfaces};
 use super::mesh::{Mesh, Vec3};
 use mien_simulator::virtual_head::raster::{self, DepthBuffer};
 
-/// What is drawn of a head: its file's mesh, and the head's vertex for each of its own.
+/// A head for rendering: its file's mesh, and the head's vertex for each of its own.
 pub struct Outside<'a> {
     mesh: &'a Mesh,
     vertex: &'a [u32],
@@ -19,7 +19,7 @@ pub struct Outside<'a> {
 }
 
 impl<'a> Outside<'a> {
-    /// As its file has it.
+    /// From a mesh as its file has it.
     pub fn new(mesh: &'a Mesh, vertex: &'a [u32], looks: &Looks) -> Self {
         let surfaces = Surfaces::new(mesh, looks);
         Self {
@@ -29,8 +29,8 @@ impl<'a> Outside<'a> {
         }
     }
 
-    /// Draws it with the head's vertices moved by `d` (or neutral if empty) as a square picture of the face; a `yaw` above 0,
-    /// radians, shows the subject's left cheek.
+    /// Renders the face with the head's vertices displaced by `d` (neutral if empty), `pixels` square; a positive
+    /// `yaw`, radians, shows the subject's left cheek.
     pub fn draw(&self, head: &Head, d: &[Vec3], yaw: f64, pixels: u32) -> RgbImage {
         let (sin, cos) = yaw.sin_cos();
         let turn = Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos);
@@ -59,7 +59,7 @@ impl<'a> Outside<'a> {
     }
 }
 
-/// A picture with the depth of what it shows.
+/// An image with its depth.
 pub struct Canvas {
     /// The image.
     pub image: RgbImage,
@@ -69,8 +69,8 @@ pub struct Canvas {
     pub(super) scale: f64,
 }
 
-/// The rasteriser wants a number above 0 that is linear in the picture and grows towards the viewer, the inverse distance of a
-/// camera; without perspective the depth in pixels is one, from a plane so far behind that nothing is beyond it.
+/// The rasteriser needs a positive depth that is linear in the image and grows towards the viewer, as a camera's
+/// inverse distance is; an orthographic view uses the depth in pixels from a plane this far behind.
 const BEHIND: f64 = 1e4;
 
 impl Canvas {
@@ -81,7 +81,7 @@ impl Canvas {
         Vec3::new(half + q.x, half - q.y, q.z)
     }
 
-    /// What the rasteriser has at a pixel, 0 where nothing is drawn; `None` beside the picture.
+    /// The rasteriser's depth at a pixel, 0 where nothing is drawn; `None` outside the image.
     fn inverse(&self, x: f64, y: f64) -> Option<f64> {
         let side = f64::from(self.image.width());
         let (x, y) = (x.round(), y.round());
@@ -89,22 +89,22 @@ impl Canvas {
         inside.then(|| f64::from(self.depth.inverse[(y * side + x) as usize]))
     }
 
-    /// Depth of what is drawn at a pixel, in pixels towards the viewer.
+    /// Depth at a pixel, in pixels towards the viewer; `None` where nothing is drawn.
     pub(super) fn depth(&self, x: f64, y: f64) -> Option<f64> {
         self.inverse(x, y).filter(|&d| d > 0.0).map(|d| d - BEHIND)
     }
 
-    /// Whether nothing stands before a point (pixels, depth).
+    /// Whether nothing covers a point (pixels, depth).
     pub(super) fn shows(&self, p: &Vec3) -> bool {
-        /// A surface seen at a slant changes its depth within a pixel.
+        /// Depth range within a pixel of a slanted surface.
         const SLANT: f64 = 2.5;
         self.inverse(p.x, p.y)
             .is_some_and(|d| p.z + BEHIND > d - SLANT)
     }
 }
 
-/// Draws triangles of a mesh whose vertices are given as (right, up, towards the viewer); `tint` of a triangle is its
-/// colour if its surface says none, or nothing to leave it out; it hears whether it does.
+/// Renders triangles with vertices given as (right, up, towards the viewer); `tint` is the colour of a triangle
+/// without one, or `None` to skip it, and is told whether it has one.
 pub fn paint(
     mesh: &Mesh,
     seen: &[Vec3],
@@ -139,7 +139,7 @@ pub fn paint(
         let at = |k: usize| screen[corner[k].vertex as usize];
         let along = |k: usize| [at(k).x - at(0).x, at(k).y - at(0).y];
         let ([bx, by], [cx, cy]) = (along(1), along(2));
-        // Drawn from both sides; the rasteriser wants one.
+        // Two-sided; the rasteriser wants one orientation.
         if bx * cy < by * cx {
             corner.swap(1, 2);
         }
@@ -153,7 +153,7 @@ pub fn paint(
             let Some(tint) = seen else { return false };
             let facing = (normal[0] * (1.0 - b - c) + normal[1] * b + normal[2] * c).normalize();
             let light = 0.22 + 0.78 * facing.dot(&lamp).max(0.0);
-            // Seen from behind: dark, so that holes and turned faces show.
+            // Back faces are dark, so that holes and inverted faces show.
             let light = if facing.z < 0.0 { 0.10 } else { light };
             let shade = Rgb(tint.map(|t: f64| (t * light).min(255.0) as u8));
             image.put_pixel((pixel % side) as u32, (pixel / side) as u32, shade);

@@ -1,4 +1,4 @@
-//! The report: one HTML file with the verdict, a picture of every shape with what is wrong with it, and figures: leakage,
+//! The report: one HTML file with the verdict, a rendering of every shape with its defects, and figures on leakage,
 //! lids and lips.
 
 use std::fmt::Write as _;
@@ -33,7 +33,7 @@ pub struct Figures {
     pub lips_cross: f64,
 }
 
-/// Figures of shape `k`; shapes meant for another one are judged upon it.
+/// Figures of shape `k`, together with the shape that it is added to.
 pub fn figures(head: &Head, shapes: &[Shape], k: usize) -> Figures {
     let (shape, w) = (&shapes[k], head.eye_distance);
     let neutral = &head.mesh.positions;
@@ -67,7 +67,7 @@ pub fn figures(head: &Head, shapes: &[Shape], k: usize) -> Figures {
     out
 }
 
-/// How much deeper skin lies in an eyeball where vertices are at `moved`.
+/// Increase of the skin's depth in an eyeball with vertices at `moved`.
 fn eye_depth(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> f64 {
     let turned = ball.turned(gaze(head, side, ball, moved).as_ref());
     let reach = 0.75 * head.eye_distance;
@@ -80,7 +80,7 @@ fn eye_depth(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// How an eyeball is turned where vertices are at `moved`.
+/// Rotation of an eyeball with vertices at `moved`.
 fn gaze(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> Option<Rotation3<f64>> {
     let mut sum = Matrix3::zeros();
     let mut turns = false;
@@ -93,7 +93,7 @@ fn gaze(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> Option<Rotatio
     turns.then(|| Rotation3::from_matrix(&sum))
 }
 
-/// Turn of the head in its pictures, radians.
+/// Yaw of the head in its renderings, radians.
 const YAW: f64 = 0.35;
 const PIXELS: u32 = 300;
 const JPEG_QUALITY: u8 = 75;
@@ -119,12 +119,12 @@ const STYLE: &str = "<!doctype html><meta charset=\"utf-8\"><title>Baked shapes<
     td,th{padding:3px 10px;border-bottom:1px solid #ddd;text-align:right}\
     td:first-child,th:first-child{text-align:left}.bad{background:#fbd3c8}</style>";
 
-/// The report as HTML, and the figures it shows; `faults` are every shape's in words, `notes` what else is to be known of the head.
+/// The report as HTML, and its figures; `defects` are those of every shape, `notes` are title and remarks.
 pub fn html(
     head: &Head,
     drawn: &Outside,
     shapes: &[Shape],
-    faults: &[Vec<String>],
+    defects: &[Vec<String>],
     [title, notes]: [&str; 2],
 ) -> (String, Vec<Figures>) {
     let one = |k: usize| {
@@ -140,18 +140,19 @@ pub fn html(
          Lengths are in distances between the inner eye corners. A shape made to be added to another one is shown and \
          judged upon it.</p><div class=\"sheet\">\
          <figure><img alt=\"neutral\" src=\"{neutral}\"><figcaption>neutral</figcaption></figure>",
-        verdict(shapes, faults)
+        verdict(shapes, defects)
     );
-    for ((Shape { name, unit, .. }, picture), faults) in shapes.iter().zip(&pictures).zip(faults) {
-        let (unit, faults) = (unit.as_deref().unwrap_or(""), faults.join("; "));
-        let class = if faults.is_empty() {
+    for ((Shape { name, unit, .. }, picture), defects) in shapes.iter().zip(&pictures).zip(defects)
+    {
+        let (unit, defects) = (unit.as_deref().unwrap_or(""), defects.join("; "));
+        let class = if defects.is_empty() {
             ""
         } else {
             " class=\"bad\""
         };
         let _ = write!(
             out,
-            "<figure><img alt=\"{name}\" src=\"{picture}\"><figcaption{class}><b>{name}</b> {unit} {faults}</figcaption></figure>"
+            "<figure><img alt=\"{name}\" src=\"{picture}\"><figcaption{class}><b>{name}</b> {unit} {defects}</figcaption></figure>"
         );
     }
     out += "</div>";
@@ -159,7 +160,7 @@ pub fn html(
     (out, figures)
 }
 
-/// A row of figures for every shape; what should not be is marked.
+/// A row of figures for every shape; bad values are marked.
 fn table(out: &mut String, shapes: &[Shape], figures: &[Figures]) {
     *out += "<table><tr><th>shape<th>unit<th>largest<th>outside AOI<th>vertices\
         <th>deeper in eye<th>lid gap<th>lips cross</tr>";

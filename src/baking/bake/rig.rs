@@ -1,8 +1,8 @@
-//! All shapes of a head: influence, skin, what follows the skin.
+//! All shapes of a head: influence, skin, and the parts that follow it.
 //!
-//! What is added to the paper here, shape by shape: contacts ([`super::skin`]), skin as learned where that turns no triangle over
-//! ([`super::surroundings`]), and the parts that are not skin: lower teeth and tongue move rigidly with the jaw, lashes and other
-//! loose parts with the nearest skin, eyeballs turn with the gaze.
+//! Additions to the paper, shape by shape: contacts ([`super::skin`]), the learned residual of the skin where it
+//! inverts no triangle ([`super::surroundings`]), and parts other than skin: lower teeth and tongue move rigidly with
+//! the jaw, lashes and other loose parts with the nearest skin, eyeballs rotate with the gaze.
 //!
 //! Units: the mesh's. Cost: one factor of the area per shape, and up to two around contacts; shapes run in parallel.
 
@@ -24,10 +24,10 @@ use super::solve::{DISC, REACH};
 use super::surroundings::Surroundings;
 use mien_workbench::fault::Fault;
 
-/// Displacements below this part of the eye distance are nothing: 0.04 micrometres.
-const NOTHING: f64 = 1e-6;
+/// Displacements below this part of the eye distance are set to 0: 0.04 micrometres.
+const FLUSH_BELOW: f64 = 1e-6;
 
-/// Rings around a place where what was learned is at fault within which it gives way to the plain solution.
+/// Rings around a defect within which the plain solution replaces the learned one, the second tried after the first.
 const BLENDED_RINGS: [usize; 2] = [6, 16];
 
 /// Which method places the skin.
@@ -42,7 +42,7 @@ pub enum Method {
     Laplacian,
 }
 
-/// Bakes all shapes, with a prior of the skin or none; `done` is called after each with its name.
+/// Bakes all shapes, with a prior of the skin or none; `done` is called with the name of each finished shape.
 ///
 /// # Errors
 /// If a system is singular.
@@ -54,7 +54,7 @@ pub fn bake(
     done: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Shape>, Fault> {
     faer::set_global_parallelism(faer::Par::Seq);
-    // Sums of others come last.
+    // Sums of other shapes come last.
     let (targets, sums) = targets.split_at(targets.partition_point(|t| t.sum.is_none()));
     let rig = Rig::new(head, targets, method, prior)?;
     let bases: Vec<Option<usize>> = (0..targets.len()).map(|k| base(targets, k)).collect();
@@ -74,7 +74,7 @@ pub fn bake(
         }
     }
     let mut shapes: Vec<Shape> = shapes.into_iter().flatten().collect();
-    take_off_pairs(&mut shapes, targets, NOTHING * head.eye_distance);
+    subtract_sums(&mut shapes, targets, FLUSH_BELOW * head.eye_distance);
     for target in sums {
         shapes.push(summed(head, target, &shapes));
         done(&target.name);
@@ -103,28 +103,28 @@ fn summed(head: &Head, target: &Target, shapes: &[Shape]) -> Shape {
     }
 }
 
-/// What a shape must do and does not, if anything is asked of it.
+/// Unmet requirements of a shape; `None` if it has none.
 fn misses(head: &Head, target: &Target, d: &[Vec3], base: Option<&[Vec3]>) -> Option<Vec<String>> {
     let at = head.moved(d, base);
     let missed = target.must.iter().filter_map(|m| m.missed(head, &at));
     (!target.must.is_empty()).then(|| missed.collect())
 }
 
-/// Makes lengths below `nothing` 0.
-fn hold(d: &mut [Vec3], nothing: f64) {
+/// Sets displacements shorter than `nothing` to 0.
+fn flush_to_zero(d: &mut [Vec3], nothing: f64) {
     for d in d.iter_mut().filter(|d| d.norm() < nothing) {
         *d = Vec3::zeros();
     }
 }
 
-/// The shape, above it among the targets, that one takes back or is added to.
+/// The earlier target that target `k` subtracts or is added to.
 fn base(targets: &[Target], k: usize) -> Option<usize> {
     let undone = targets[k].undo.as_ref().map(|(name, _)| name);
     let name = undone.or(targets[k].upon.as_ref())?;
     targets[..k].iter().position(|t| t.name == *name)
 }
 
-/// What is made once for all shapes.
+/// Data shared by all shapes.
 struct Rig<'a> {
     head: &'a Head,
     targets: &'a [Target],
@@ -133,30 +133,30 @@ struct Rig<'a> {
     contacts: Contacts<'a>,
     learned: Option<Canonical<'a>>,
     jaw: Jaw<'a>,
-    /// A method of comparison: its operator and rounds.
+    /// Operator and rounds of a reference method.
     printed: Option<(Operator, usize)>,
 }
 
-/// What is wrong with a skin, the worst first: promises missed, triangles inverted and edges torn.
-struct Faults {
+/// Defects of a skin, the worst kind first: unmet requirements, then inverted triangles and torn edges.
+struct Defects {
     missed: usize,
-    /// Vertices of these triangles and edges.
+    /// Vertices of inverted triangles and torn edges.
     places: Vec<u32>,
 }
 
-impl Faults {
+impl Defects {
     fn rank(&self) -> (usize, usize) {
         (self.missed, self.places.len())
     }
 }
 
-/// The skin of a shape that is kept so far.
+/// The best skin of a shape so far.
 struct Best<'a> {
     rig: &'a Rig<'a>,
     target: &'a Target,
     base: Option<&'a [Vec3]>,
     solved: Solved,
-    faults: Faults,
+    defects: Defects,
 }
 
 impl<'a> Rig<'a> {
@@ -188,7 +188,7 @@ impl<'a> Rig<'a> {
         })
     }
 
-    /// One shape; `base` is the displacement of the one it is added to.
+    /// Solves one shape; `base` is the displacement of the one it is added to.
     fn shape(&self, k: usize, base: Option<&[Vec3]>) -> Result<Shape, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
         let Solved { mut d, mut area } = match &self.printed {
@@ -203,7 +203,7 @@ impl<'a> Rig<'a> {
             None => self.safest(k, base)?,
         };
         followers(head, target, &mut d, &mut area);
-        hold(&mut d, NOTHING * head.eye_distance);
+        flush_to_zero(&mut d, FLUSH_BELOW * head.eye_distance);
         Ok(Shape {
             name: target.name.clone(),
             unit: target.unit.clone(),
@@ -214,67 +214,68 @@ impl<'a> Rig<'a> {
         })
     }
 
-    /// The skin with the fewest faults. The learned one is tried first; where it has faults, the plain solution is blended in around
-    /// them, ever wider; at last the plain solution alone.
+    /// The skin with the fewest defects. The learned one is tried first; around its defects the plain solution is
+    /// blended in ever wider, and finally used alone.
     fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Fault> {
         let (head, target) = (self.head, &self.targets[k]);
         let carried = self.jaw.motion(target);
         let placing = |target| Placing {
             contacts: &self.contacts,
             target,
-            // Only what takes a shape back is solved from it.
+            // Only a shape that subtracts another is solved from it.
             base: base.filter(|_| self.targets[k].undo.is_some()),
             jaw: carried.as_deref(),
         };
-        // Where the jaw moves the skin, its share field replaces the learned displacement.
+        // Where the jaw moves the skin, its share field replaces the learned residual.
         let learned = self.learned.as_ref();
         let learned = learned.filter(|_| target.derive && carried.is_none());
         let u = &self.influence[k];
         let system = placing(target).system(u, learned.is_some())?;
-        let place = |target, beyond: Option<&[Vec3]>| placing(target).place(u, beyond, &system);
+        let place =
+            |target, residual: Option<&[Vec3]>| placing(target).solved(u, residual, &system);
         let Some(learned) = learned else {
             return place(target, None);
         };
         let alone = landmarks_alone(head, target);
-        let first = placing(&alone).place(u, None, &system)?;
+        let first = placing(&alone).solved(u, None, &system)?;
         let landmarks = head.points[..LANDMARKS].iter();
         let moved: Vec<Vec3> = landmarks.map(|&v| first.d[v as usize]).collect();
-        let solved = place(target, Some(&learned.beyond(head, &moved, &first.d)))?;
-        let faults = self.faults(target, base, &solved.d);
-        if target.exact || faults.rank() == (0, 0) {
+        let solved = place(target, Some(&learned.residual(head, &moved, &first.d)))?;
+        let defects = self.defects(target, base, &solved.d);
+        if target.exact || defects.rank() == (0, 0) {
             return Ok(solved);
         }
         let mut best = Best {
             rig: self,
             target,
             base,
-            faults,
+            defects,
             solved,
         };
         best.blend(place(target, None)?);
         Ok(best.solved)
     }
 
-    fn faults(&self, target: &Target, base: Option<&[Vec3]>, d: &[Vec3]) -> Faults {
+    fn defects(&self, target: &Target, base: Option<&[Vec3]>, d: &[Vec3]) -> Defects {
         let (head, at) = (self.head, self.head.moved(d, base));
         let missed = target.must.iter().filter(|m| m.missed(head, &at).is_some());
-        Faults {
+        Defects {
             missed: missed.count(),
-            places: self.around.faults(d, &at),
+            places: self.around.defects(d, &at),
         }
     }
 }
 
 impl Best<'_> {
-    /// Tries the plain solution around the faults that it does not have itself, then all of it.
+    /// Tries the plain solution around defects that it does not have itself, then alone.
     fn blend(&mut self, plain: Solved) {
-        // Its contacts may have moved what lies beyond the other's area.
+        // Its contacts may have moved vertices outside the other's area.
         let Solved { d: plain, area } = plain;
         for (inside, also) in self.solved.area.iter_mut().zip(area) {
             *inside |= also;
         }
-        let others = self.rig.faults(self.target, self.base, &plain);
-        let mut own = self.faults.places.clone();
+        let others = self.rig.defects(self.target, self.base, &plain);
+        let mut own = self.defects.places.clone();
         own.retain(|v| others.places.binary_search(v).is_err());
         let whole = self.solved.d.clone();
         for rings in BLENDED_RINGS.into_iter().filter(|_| !own.is_empty()) {
@@ -291,7 +292,7 @@ impl Best<'_> {
         self.take_with(others, plain);
     }
 
-    /// Parts what touches in another skin, and keeps it if it has fewer faults.
+    /// Resolves contacts in another skin, and keeps it if it has fewer defects.
     fn take(&mut self, mut d: Vec<Vec3>) {
         let contacts = &self.rig.contacts;
         let mut touched = contacts.pierced(&d, self.base);
@@ -302,19 +303,19 @@ impl Best<'_> {
                 d[v as usize] = moved;
             }
         }
-        let faults = self.rig.faults(self.target, self.base, &d);
-        self.take_with(faults, d);
+        let defects = self.rig.defects(self.target, self.base, &d);
+        self.take_with(defects, d);
     }
 
-    fn take_with(&mut self, faults: Faults, d: Vec<Vec3>) {
-        if faults.rank() < self.faults.rank() {
-            (self.solved.d, self.faults) = (d, faults);
+    fn take_with(&mut self, defects: Defects, d: Vec<Vec3>) {
+        if defects.rank() < self.defects.rank() {
+            (self.solved.d, self.defects) = (d, defects);
         }
     }
 }
 
-/// Leaves of what two shapes make together what they do not make by being added.
-fn take_off_pairs(shapes: &mut [Shape], targets: &[Target], nothing: f64) {
+/// Subtracts from correctives the sum of their two shapes.
+fn subtract_sums(shapes: &mut [Shape], targets: &[Target], nothing: f64) {
     for (k, target) in targets.iter().enumerate() {
         for name in target.corrects.iter().flatten() {
             let Some(one) = targets.iter().position(|t| t.name == *name) else {
@@ -325,12 +326,12 @@ fn take_off_pairs(shapes: &mut [Shape], targets: &[Target], nothing: f64) {
                 both.displacement[v] -= d;
                 both.area[v] |= one.area[v];
             }
-            hold(&mut both.displacement, nothing);
+            flush_to_zero(&mut both.displacement, nothing);
         }
     }
 }
 
-/// The shape as its landmarks alone would have it, without contacts: what the prior of the skin compares.
+/// The target with landmarks alone and without contacts, from which the prior compares motions.
 fn landmarks_alone(head: &Head, target: &Target) -> Target {
     let mut alone = target.clone();
     alone
@@ -345,7 +346,7 @@ fn fields(head: &Head, targets: &[Target]) -> Result<Vec<Vec<f64>>, Fault> {
     let (operator, rings) = (&head.operator, &head.rings);
     let (positions, skin) = (&head.mesh.positions, &head.skin);
     let [reach, radius] = [REACH, DISC].map(|far| far * head.eye_distance);
-    // One field per set of control vertices; a recipe has one set, a table of controls may have several.
+    // One field per set of control vertices: a recipe has one set, a table of controls several.
     let mut sets: BTreeMap<BTreeSet<u32>, Vec<usize>> = BTreeMap::new();
     for (k, target) in targets.iter().enumerate() {
         let controls = target.controls.iter().map(|c| c.0);
@@ -368,7 +369,7 @@ fn fields(head: &Head, targets: &[Target]) -> Result<Vec<Vec<f64>>, Fault> {
     Ok(influence)
 }
 
-/// Everything that is not skin.
+/// Moves all parts other than skin.
 fn followers(head: &Head, target: &Target, d: &mut [Vec3], area: &mut [bool]) {
     let tip = target.tongue.unwrap_or_default();
     for v in 0..d.len() {

@@ -1,7 +1,7 @@
-//! What of a glTF is outside its meshes: where nodes put them, and data in files beside it or in the text itself.
+//! A glTF outside its meshes: transforms by nodes, and data in files beside it or in data URIs.
 //!
-//! Units: the file's. Limits: a mesh that several nodes show is where the first one puts it; a skinned one is where its first
-//! joint holds it; files beside are those below its folder.
+//! Units: the file's. Limits: of several nodes with a mesh the first counts, for a skinned mesh its first joint;
+//! external files must be below the glTF's folder.
 
 use std::path::{Component, Path};
 
@@ -9,23 +9,23 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use nalgebra::{Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
 use serde_json::{Value, json};
 
-use super::glb::{Glb, json_of, list, unexpected};
+use super::glb::{Glb, list, parse_json, unexpected};
 use mien_stages::base::bounded_read::read_below;
 use mien_workbench::fault::Fault;
 use mien_workbench::text_files;
 
-/// A chain of nodes longer than this is a ring.
+/// Longest chain of nodes; a longer one is a cycle.
 const DEEPEST: usize = 256;
-/// What a matrix may differ from none at all, in parts of the head's unit.
-const NOTHING: f64 = 1e-6;
+/// Largest difference of a matrix from the identity that is ignored, relative to the head's unit.
+const IDENTITY_TOLERANCE: f64 = 1e-6;
 
-/// Numbers of a node; `None` if they are not so many.
+/// The numbers of a JSON array; `None` if there are not exactly `N`.
 pub fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
     let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(Value::as_f64).collect();
     numbers?.try_into().ok()
 }
 
-/// What a node does to what hangs on it.
+/// The local transform of a node.
 fn local(node: &Value) -> Matrix4<f64> {
     if let Some(columns) = numbers::<16>(&node["matrix"]) {
         return Matrix4::from_column_slice(&columns);
@@ -38,12 +38,12 @@ fn local(node: &Value) -> Matrix4<f64> {
         * Matrix4::new_nonuniform_scaling(&vector("scale", 1.0))
 }
 
-/// What each node hangs on.
+/// Parent of each node.
 pub struct Parents(Vec<Option<usize>>);
 
 impl Parents {
-    /// The parents of a glTF's nodes.
-    pub fn of(nodes: &[Value]) -> Self {
+    /// Parents of a glTF's nodes.
+    pub fn new(nodes: &[Value]) -> Self {
         let mut parents = vec![None; nodes.len()];
         for (k, node) in nodes.iter().enumerate() {
             for child in list(&node["children"]).iter().filter_map(Value::as_u64) {
@@ -55,16 +55,16 @@ impl Parents {
         Self(parents)
     }
 
-    /// A node, what it hangs on, and so on upwards.
+    /// A node and its ancestors, upwards.
     pub fn chain(&self, node: usize) -> impl Iterator<Item = usize> {
         std::iter::successors(Some(node), |&k| self.0[k]).take(DEEPEST)
     }
 }
 
-/// From each mesh to the scene; `None` where that is nothing, or cannot be undone.
+/// Transform from each mesh to the scene; `None` if it is the identity or not invertible.
 pub(super) fn placed(glb: &Glb) -> Vec<Option<Matrix4<f64>>> {
     let nodes = list(&glb.json["nodes"]);
-    let parents = Parents::of(nodes);
+    let parents = Parents::new(nodes);
     let world = |node: usize| {
         let chain = parents.chain(node);
         chain.fold(Matrix4::identity(), |below, k| local(&nodes[k]) * below)
@@ -90,13 +90,13 @@ pub(super) fn placed(glb: &Glb) -> Vec<Option<Matrix4<f64>>> {
             false => held.unwrap_or_else(Matrix4::identity),
         };
         let can_be_undone = held.iter().all(|x| x.is_finite()) && held.try_inverse().is_some();
-        let moves = (held - Matrix4::identity()).amax() > NOTHING;
+        let moves = (held - Matrix4::identity()).amax() > IDENTITY_TOLERANCE;
         placed[mesh] = Some(held).filter(|_| moves && can_be_undone);
     }
     placed
 }
 
-/// The bytes that a reference names: in the text, or in a file below the folder.
+/// The bytes of a URI: from its text, or from a file below the folder.
 fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, Fault> {
     let refuse = |found: String| unexpected("data in the file or in files below its folder", found);
     let data = uri.strip_prefix("data:");
@@ -105,7 +105,7 @@ fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, Fault> {
         return decoded.map_err(|e| refuse(format!("base64: {e}")));
     }
     let unknown = || refuse(format!("{uri:.80?}"));
-    // Spaces and letters beyond ASCII are written as %20.
+    // Percent-encoded characters.
     let mut parts = uri.split('%');
     let mut name = parts.next().unwrap_or_default().as_bytes().to_vec();
     for part in parts {
@@ -120,11 +120,11 @@ fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, Fault> {
     if name.contains([':', '\\']) || !Path::new(&name).components().all(below) {
         return Err(unknown());
     }
-    read_below(folder, &name, text_files::MOST).map_err(|e| refuse(format!("{name}: {e}")))
+    read_below(folder, &name, text_files::MAX_BYTES).map_err(|e| refuse(format!("{name}: {e}")))
 }
 
 impl Glb {
-    /// A file in the folder, as a GLB or as glTF text: all its buffers become one, and pictures beside it come in, if they can be
+    /// Reads a GLB or glTF text in `folder`: all buffers become one, and external images are embedded if they can be
     /// read.
     ///
     /// # Errors
@@ -133,7 +133,7 @@ impl Glb {
         let mut glb = match bytes.starts_with(b"glTF") {
             true => Self::parse(bytes)?,
             false => Self {
-                json: json_of(bytes)?,
+                json: parse_json(bytes)?,
                 bin: Vec::new(),
             },
         };
@@ -156,7 +156,7 @@ impl Glb {
         Ok(glb)
     }
 
-    /// Makes one of all buffers.
+    /// Joins all buffers into one.
     fn join(&mut self, buffers: &[Value], folder: &Path) -> Result<(), Fault> {
         let inside = std::mem::take(&mut self.bin);
         let mut starts = Vec::new();
@@ -185,7 +185,7 @@ mod tests {
     use super::super::mesh::Vec3;
     use super::super::mesh::tests::sheet;
     use super::super::morphs::build;
-    use super::super::patch::Foreign;
+    use super::super::patch::ImportedGltf;
     use super::super::shape::Shape;
     use super::*;
 
@@ -216,12 +216,12 @@ mod tests {
             std::fs::write(folder.path().join("a head.bin"), bin).unwrap();
             "a%20head.bin".to_owned()
         };
-        let stored = Foreign::read(build(&sheet(4, 1.0), &[], 1.0, false, None))
+        let stored = ImportedGltf::read(build(&sheet(4, 1.0), &[], 1.0, false, None))
             .unwrap()
             .0;
         for text in [text(inside), text(beside)] {
             let glb = Glb::read(&text, folder.path()).unwrap();
-            let (mesh, foreign) = Foreign::read(glb).unwrap();
+            let (mesh, imported) = ImportedGltf::read(glb).unwrap();
             for (p, q) in mesh.positions.iter().zip(&stored.positions) {
                 let there = Vec3::new(q.x, q.z, 1.0 - q.y) * 2.0;
                 assert!((p - there).norm() < 1e-5, "{p} {there}");
@@ -232,7 +232,7 @@ mod tests {
                 area: vec![true; 16],
                 ..Shape::default()
             };
-            let glb = Glb::parse(&foreign.patched(&mesh, &[shape], true).emit()).unwrap();
+            let glb = Glb::parse(&imported.patched(&mesh, &[shape], true).emit()).unwrap();
             let target = &glb.json["meshes"][0]["primitives"][0]["targets"][0];
             let rows = glb
                 .floats(target["POSITION"].as_u64().unwrap() as usize, 3)
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_in_the_folder_is_refused_by_name() {
+    fn references_out_of_the_folder_are_refused_by_name() {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("head");
         std::fs::create_dir(&folder).unwrap();

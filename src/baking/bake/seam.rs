@@ -1,6 +1,6 @@
-//! Lines along which skin meets skin: the lids of an eye, the lips. Found as shortest ways along edges through landmarks.
+//! Lines where skin meets skin, at lids and lips: shortest paths along edges through landmarks.
 //!
-//! Units: the mesh's; a position across is a pure number, 0 at the subject's right end and 1 at the left one.
+//! Units: the mesh's; a lateral position is a pure number, 0 at the subject's right end and 1 at the left.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
@@ -17,14 +17,14 @@ pub struct Seam {
 }
 
 impl Seam {
-    /// Position of a point across the face, along the line through both ends.
+    /// Lateral position of a point, along the line through both ends.
     pub(super) fn across(&self, mesh: &Mesh, p: &Vec3) -> f64 {
         let at = |k: usize| mesh.positions[self.upper[k] as usize];
         let line = at(self.upper.len() - 1) - at(0);
         (p - at(0)).dot(&line) / line.norm_squared()
     }
 
-    /// Point of one of the two lines at the position `t` across.
+    /// Point of a line of vertices at lateral position `t`.
     pub(super) fn on_line(&self, mesh: &Mesh, line: &[u32], t: f64) -> Vec3 {
         let p = |k: usize| mesh.positions[line[k] as usize];
         for k in 1..line.len() {
@@ -37,7 +37,7 @@ impl Seam {
         p(0)
     }
 
-    /// Both lines beginning and ending where their ring turns back, at most a quarter of a line beside the landmarks.
+    /// Trims both lines to where their ring of edges turns back, at most a quarter of a line beside the landmarks.
     fn turned(self, mesh: &Mesh) -> Self {
         let (right, left) = (0, self.upper.len() - 1);
         let back = self.lower[1..self.lower.len() - 1].iter().rev();
@@ -71,7 +71,7 @@ impl Seam {
     }
 }
 
-/// The vertices of a line between its ends, each with its share of the way along it: a lid may rise steeply from its corner.
+/// The inner vertices of a line with their shares of its length, as lids may rise steeply from a corner.
 pub(super) fn along(line: &[u32], at: impl Fn(u32) -> Vec3) -> impl Iterator<Item = (u32, f64)> {
     let ways = line.windows(2).scan(0.0, |way, ends| {
         *way += (at(ends[1]) - at(ends[0])).norm();
@@ -82,47 +82,49 @@ pub(super) fn along(line: &[u32], at: impl Fn(u32) -> Vec3) -> impl Iterator<Ite
     ways.into_iter().map(move |(v, way)| (v, way / whole))
 }
 
-/// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 along.
+/// Weight along a lid line, 1 in the middle and 0 at its ends, where the lids are one skin; `t` from 0 to 1.
 pub(super) fn near_corner(t: f64) -> f64 {
     smoothstep(0.0, 0.035, t) * smoothstep(1.0, 0.965, t)
 }
 
-/// Faces whose corners all lie on the two lines of one seam, on both of them.
-pub(super) fn films(mesh: &Mesh, seams: &[&Seam]) -> Vec<bool> {
-    let mut film = vec![false; mesh.faces()];
+/// Whether all corners of each face lie on the two lines of one seam, on both of them.
+pub(super) fn membranes(mesh: &Mesh, seams: &[&Seam]) -> Vec<bool> {
+    let mut membrane = vec![false; mesh.faces()];
     for seam in seams {
         let mut on = vec![(false, false); mesh.positions.len()];
         seam.upper.iter().for_each(|&v| on[v as usize].0 = true);
         seam.lower.iter().for_each(|&v| on[v as usize].1 = true);
-        for (f, film) in film.iter_mut().enumerate() {
+        for (f, membrane) in membrane.iter_mut().enumerate() {
             let corner = || mesh.face(f).iter().map(|c| on[c.vertex as usize]);
-            *film |= corner().all(|(upper, lower)| upper || lower)
+            *membrane |= corner().all(|(upper, lower)| upper || lower)
                 && corner().any(|(_, lower)| !lower)
                 && corner().any(|(upper, _)| !upper);
         }
     }
-    film
+    membrane
 }
 
-/// What an edge costs for leading not along but across, from one ring to another, as part of its length.
+/// Cost of an edge that leads from one ring to another, as part of its length.
 const CROSSES: f64 = 3.0;
-/// Lines with fewer vertices together are those of a coarse mesh, whose landmarks leave no choice.
+/// Vertices of both lines below which a mesh is coarse and its landmarks are not moved.
 const FINE: usize = 24;
-/// Most vertices that a landmark may be; what going beside it costs, as part of the distance: at the ends, where short cuts lead
-/// inwards, more.
+/// Most candidate vertices of a landmark.
 const PLACES: usize = 12;
+/// Cost of using another vertex than the landmark, as part of their distance.
 const PULL: f64 = 0.7;
+/// Cost of using another vertex than the landmark at the ends of a line, where short cuts lead inwards, as part of
+/// their distance.
 const END_PULL: f64 = 3.0;
 
-/// Where a way has come, the shortest first. Lengths are not below 0, so that their bits are in their order.
+/// Priority queue of path ends, the shortest first. Lengths are not negative, so that their bits sort as they do.
 pub(super) type Steps<T> = BinaryHeap<Reverse<(u64, T)>>;
 
 pub(super) fn step<T>(length: f64, at: T) -> Reverse<(u64, T)> {
     Reverse((length.to_bits(), at))
 }
 
-/// Distance of every vertex from the nearest of `sources`, along edges between vertices that pass `within`; infinite where no
-/// way leads.
+/// Distance of every vertex from the nearest of `sources`, along edges between vertices that pass `within`; infinite
+/// if unconnected.
 pub(super) fn distances(
     positions: &[Vec3],
     rings: &Rings,
@@ -139,7 +141,11 @@ pub(super) fn distances(
         if length as f32 > best[v as usize] {
             continue;
         }
-        for &o in rings.of(v as usize).iter().filter(|&&o| within(o as usize)) {
+        for &o in rings
+            .members(v as usize)
+            .iter()
+            .filter(|&&o| within(o as usize))
+        {
             let edge = positions[v as usize] - positions[o as usize];
             let total = length + edge.norm();
             if (total as f32) < best[o as usize] {
@@ -151,25 +157,25 @@ pub(super) fn distances(
     best
 }
 
-/// A landmark on a line that may be some vertices: each with what it costs to go through it instead, the landmark itself 0.
-type Place = Vec<(u32, f64)>;
+/// Candidate vertices of a landmark on a line with their costs, 0 for the landmark itself.
+type Candidates = Vec<(u32, f64)>;
 
-/// A way along edges: how many places are passed, and the vertex.
+/// A path along edges: number of landmarks passed, and vertex.
 type Way = Vec<(usize, u32)>;
 
-/// The shortest ways along edges from `start` through one vertex of each of the other places, one for each vertex
-/// where they may end, and their lengths; `ends` are the first and the last landmark. The same from either end.
+/// The shortest paths along edges from `start` through one candidate of each other landmark, one per end vertex, with
+/// their lengths; `ends` are the first and last landmark. Independent of direction.
 fn ways(
     mesh: &Mesh,
     rings: &Rings,
     start: u32,
-    through: &[Place],
+    through: &[Candidates],
     ends: [u32; 2],
     rim: Option<(Vec3, f64)>,
 ) -> Vec<(f64, Way)> {
     let [from, to] = ends.map(|v| mesh.positions[v as usize]);
     let along = (to - from).try_normalize(0.0).unwrap_or_default();
-    // How far a point is from where a lid's edge is: foremost and nearest to the slit.
+    // Cost of a point's distance from the lid's edge, the foremost and nearest to the slit.
     let behind = |p: &Vec3| {
         rim.map_or(0.0, |(out, reach)| {
             let t = ((p - from).dot(&along) / (to - from).dot(&along)).clamp(0.0, 1.0);
@@ -210,7 +216,7 @@ fn ways(
         }
         let here = mesh.positions[v as usize];
         let share = 1.0 + 0.5 * behind(&here);
-        for &o in rings.of(v as usize) {
+        for &o in rings.members(v as usize) {
             let there = mesh.positions[o as usize];
             let (far, across) = ((here - there).norm(), (here - there).dot(&along).abs());
             let cost = far * (share + 0.5 * behind(&there)) + CROSSES * (far - across);
@@ -220,11 +226,11 @@ fn ways(
     ends
 }
 
-/// The vertices within `slack` of a landmark, nearest first; going through another than itself costs `pull` times its distance.
-fn place(mesh: &Mesh, rings: &Rings, landmark: u32, slack: f64, pull: f64) -> Place {
+/// The vertices within `slack` of a landmark, nearest first; another than itself costs `pull` times its distance.
+fn candidates(mesh: &Mesh, rings: &Rings, landmark: u32, slack: f64, pull: f64) -> Candidates {
     let at = |v: u32| mesh.positions[v as usize];
     let near = rings.disc(&mesh.positions, landmark, slack).into_iter();
-    let mut place: Place = near
+    let mut place: Candidates = near
         .map(|v| (v, (at(v) - at(landmark)).norm() * pull))
         .collect();
     place.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -232,9 +238,9 @@ fn place(mesh: &Mesh, rings: &Rings, landmark: u32, slack: f64, pull: f64) -> Pl
     place
 }
 
-/// Both lines of lids or lips through landmarks, each the subject's right end, two or more between, the left end: as short as
-/// can be together, so that they stay on one ring of edges where a landmark lies up to `slack` beside it. Also, where each
-/// landmark came to lie.
+/// Both lines of lids or lips through landmarks, each from the subject's right end over two or more to the left end.
+/// They are the shortest pair, so that they stay on one ring of edges where landmarks lie up to `slack` beside it.
+/// Also returns the vertices used for the landmarks.
 pub(super) fn lines(
     mesh: &Mesh,
     rings: &Rings,
@@ -246,9 +252,9 @@ pub(super) fn lines(
     let places = landmarks.map(|line| {
         let of = |(k, &v): (usize, &u32)| {
             let pull = if k == 0 || k == last { END_PULL } else { PULL };
-            place(mesh, rings, v, slack, pull)
+            candidates(mesh, rings, v, slack, pull)
         };
-        line.iter().enumerate().map(of).collect::<Vec<Place>>()
+        line.iter().enumerate().map(of).collect::<Vec<Candidates>>()
     });
     let rim = out.map(|out| (out, slack));
     let (mut least, mut shortest) = (f64::INFINITY, None);
@@ -258,7 +264,7 @@ pub(super) fn lines(
         let [upper, lower] = [0, 1].map(ways);
         for (length, way) in upper {
             let same_end = lower.iter().find(|l| l.1.last() == way.last());
-            // Both ways count what their end costs.
+            // Both paths include the cost of their common end.
             let total = |other| 2.0 * cost + length + other;
             if let Some((other, below)) = same_end
                 && total(other) < least
@@ -267,7 +273,7 @@ pub(super) fn lines(
             }
         }
     }
-    // In pieces, nothing follows a landmark: there is no slit to close.
+    // If the skin is disconnected, the landmarks alone: there is no slit to close.
     let ways = shortest.unwrap_or(landmarks.map(|line| line.iter().copied().enumerate().collect()));
     let [upper, lower] = [0, 1].map(|line| straight(ways[line].iter().map(|at| at.1)));
     let seam = Seam { upper, lower };
@@ -285,7 +291,7 @@ pub(super) fn lines(
     (seam, through)
 }
 
-/// A way without the detours that come back to where they began.
+/// A path without detours that return to their start.
 fn straight(way: impl Iterator<Item = u32>) -> Vec<u32> {
     let mut path: Vec<u32> = Vec::new();
     for v in way {
@@ -302,7 +308,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_rises_from_its_corner_is_measured_along() {
+    fn a_steep_line_is_measured_along_its_length() {
         let places = [[0.0, 0.0], [0.0, 1.0], [2.0, 1.0], [3.0, 1.0]];
         let at = |v: u32| Vec3::new(places[v as usize][0], places[v as usize][1], 0.0);
         let shares: Vec<(u32, f64)> = along(&[0, 1, 2, 3], at).collect();

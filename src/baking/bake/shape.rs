@@ -1,6 +1,6 @@
-//! One shape: as it is asked for, what it must do as its recipe says, and as the solver leaves it for report and files.
+//! One shape: as requested, with its requirements by the recipe, and as solved, for report and files.
 //!
-//! Units: the mesh's; of what it must do, eye distances.
+//! Units: the mesh's; of requirements, eye distances.
 
 use nalgebra::{Isometry3, Rotation3};
 use serde::Deserialize;
@@ -8,10 +8,11 @@ use serde::Deserialize;
 use super::head::Head;
 use super::mesh::Vec3;
 
-/// Between the names of two shapes in that of their corrective, as rigging tools and engines write it.
+/// Separator of two shapes in the name of their corrective, as in rigging tools and engines.
 pub const PAIR: &str = "_";
 
-/// The two shapes that `name` is the corrective of, if it is one; `exists` says whether there is a shape of a name.
+/// The two shapes that the corrective `name` belongs to; `None` if it is no corrective. `exists` tells which shapes
+/// exist.
 pub fn pair(name: &str, exists: impl Fn(&str) -> bool) -> Option<[&str; 2]> {
     let (a, b) = name.split_once(PAIR)?;
     (exists(a) && exists(b)).then_some([a, b])
@@ -24,9 +25,9 @@ pub struct Shape {
     pub name: String,
     /// Expression unit that drives it.
     pub unit: Option<String>,
-    /// Shape it is meant to be added to.
+    /// Shape that it is added to.
     pub upon: Option<String>,
-    /// What it must do and does not, in words; `None` if nothing is asked of it.
+    /// Unmet requirements, in words; `None` without requirements.
     pub misses: Option<Vec<String>>,
     /// Per vertex, mesh units.
     pub displacement: Vec<Vec3>,
@@ -35,14 +36,14 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Where it moves vertices that are at `places`.
+    /// Positions of vertices at `places` displaced by it.
     pub(super) fn moved(&self, places: &[Vec3]) -> Vec<Vec3> {
         let moved = places.iter().zip(&self.displacement);
         moved.map(|(p, d)| p + d).collect()
     }
 
-    /// The shapes it is added to.
-    pub fn beneath<'a>(&'a self, all: &'a [Self]) -> impl Iterator<Item = &'a Self> {
+    /// The shapes that it is added to.
+    pub fn bases<'a>(&'a self, all: &'a [Self]) -> impl Iterator<Item = &'a Self> {
         let pair = pair(&self.name, |name| all.iter().any(|s| s.name == name));
         let pair = pair.into_iter().flatten();
         let names = self.upon.as_deref().into_iter().chain(pair);
@@ -50,10 +51,10 @@ impl Shape {
     }
 }
 
-/// Displacement of a shape as it is meant to be seen: with the shape it is meant to be added to.
+/// Displacement of shape `k` including the shapes that it is added to.
 pub fn shown(shapes: &[Shape], k: usize) -> Vec<Vec3> {
     let mut d = shapes[k].displacement.clone();
-    for base in shapes[k].beneath(shapes) {
+    for base in shapes[k].bases(shapes) {
         for (d, b) in d.iter_mut().zip(&base.displacement) {
             *d += b;
         }
@@ -61,49 +62,50 @@ pub fn shown(shapes: &[Shape], k: usize) -> Vec<Vec3> {
     d
 }
 
-/// The name of a shape that is taken back, and its share.
+/// Name and share of a subtracted shape.
 pub type Undo = (String, f64);
 
-/// One shape measured out on a head: what moves, in the mesh's unit and axes.
+/// The target of a shape on a head, in the mesh's unit and axes.
 #[derive(Clone, Debug, Default)]
 pub struct Target {
     /// Name of the morph target.
     pub name: String,
     /// Expression unit that drives it.
     pub unit: Option<String>,
-    /// Shape it is meant to be added to.
+    /// Shape that it is added to.
     pub upon: Option<String>,
-    /// Displacements of control vertices; those not named are free.
+    /// Displacements of control vertices; others are free.
     pub controls: Vec<(u32, Vec3)>,
-    /// The controls are met exactly: contacts are not parted, and faults do not change the skin.
+    /// The controls are met exactly: neither contacts nor defects change the skin.
     pub exact: bool,
     /// The skin between the controls moves as learned from sculpted shapes, see [`super::prior`].
     pub derive: bool,
-    /// Lid closing per eye (left, right): amount and line.
+    /// Lid closing per eye (left, right): amount, and height of the meeting line as share of the opening.
     pub close: [Option<(f64, f64)>; 2],
     /// Eyeball rotation per eye.
     pub gaze: [Option<Rotation3<f64>>; 2],
-    /// Motion of the jaw and what it carries.
+    /// Rigid motion of the jaw.
     pub jaw: Option<Isometry3<f64>>,
-    /// Share of that motion at the points on the skin; all shapes of a recipe have it at the same ones.
+    /// Shares of that motion at the points on the skin, at the same ones for all shapes of a recipe.
     pub shares: Vec<(u32, f64)>,
-    /// What lies in the mouth stays, as it does in a recipe's shape without a jaw; a table of controls says itself what moves.
+    /// The mouth's inside is fixed, as in a recipe's shape without a jaw; a table of controls states all motion
+    /// itself.
     pub still_inside: bool,
     /// Displacement of the tongue's tip.
     pub tongue: Option<Vec3>,
-    /// Shape whose effect on the lip line is taken back, and its share.
+    /// Shape whose effect on the lip line is subtracted, and its share.
     pub undo: Option<Undo>,
-    /// The two shapes that this one makes together; what is left of it when both are taken off is their corrective.
+    /// The two shapes combined here; the corrective is this displacement less theirs.
     pub corrects: Option<[String; 2]>,
-    /// It is not solved: other shapes and what it takes of each.
+    /// Weights of other shapes whose sum it is, instead of being solved.
     pub sum: Option<Vec<(String, f64)>>,
-    /// What is checked once it is baked.
-    pub must: Vec<Promise>,
+    /// Requirements checked after baking.
+    pub must: Vec<Requirement>,
 }
 
 impl Target {
-    /// Both shapes at once. Of two that close a lid the one that closes it further says how.
-    pub(super) fn with(&self, other: &Self, of: [String; 2]) -> Self {
+    /// Both shapes at once, named after `of`. Where both close a lid, the one that closes it further counts.
+    pub(super) fn combined(&self, other: &Self, of: [String; 2]) -> Self {
         let mut controls = self.controls.clone();
         for &(v, d) in &other.controls {
             match controls.iter_mut().find(|c| c.0 == v) {
@@ -137,26 +139,26 @@ impl Target {
     }
 }
 
-/// What is asked.
+/// What is required, with [`Requirement::bound`] in eye distances.
 #[derive(Clone, Debug)]
-pub enum Deed {
-    /// The middles of two groups of points end at least so far apart.
-    Part,
-    /// They end at most so much further apart than in the neutral, where lips need not touch.
-    Meet,
-    /// One moves at most so many times as far as the other.
-    Less,
-    /// The lid lines of an eye end at most so far apart anywhere.
-    Lids(usize),
-    /// The points move at least so far, each in its direction.
-    Move(Vec<Vec3>),
+pub enum RequirementKind {
+    /// Least final distance of the middles of two groups of points.
+    MinGap,
+    /// Largest increase of that distance over the neutral's, where lips need not touch.
+    MaxGapIncrease,
+    /// Largest displacement of the first group over that of the second.
+    MaxRatio,
+    /// Largest final distance of the lid lines of an eye (0 left, 1 right).
+    MaxLidGap(usize),
+    /// Least displacement of the points, each in its direction.
+    MinTravel(Vec<Vec3>),
 }
 
-/// Added to the name of what the file has under the name of a shape.
+/// Suffix for the name of an existing target or expression under the name of a shape.
 pub(super) const ORIGINAL: &str = ".original";
 
-/// Whether two names are one as programs write them: `eyeBlinkLeft`, `EyeBlink_L`, `shapes.eyeBlink_L`.
-pub(super) fn alike(one: &str, other: &str) -> bool {
+/// Whether two names are spellings of one: `eyeBlinkLeft`, `EyeBlink_L`, `shapes.eyeBlink_L`.
+pub(super) fn is_same_name(one: &str, other: &str) -> bool {
     let plain = |name: &str| {
         let last = name.rsplit('.').next().unwrap_or_default();
         let plain = last.replace(['_', '-', ' '], "").to_lowercase();
@@ -166,16 +168,16 @@ pub(super) fn alike(one: &str, other: &str) -> bool {
     plain(one) == plain(other)
 }
 
-/// A row of `must`: with one group of points or with two.
+/// A row of `must`, with one group of points or two.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
-pub(super) enum Asked {
+pub(super) enum MustRow {
     Of(String, String, f64),
     Between(String, String, String, f64),
 }
 
-impl Asked {
-    /// What is asked, the first and the other group of points, and the bound.
+impl MustRow {
+    /// Word of the requirement, first and second group of points, and bound.
     pub(super) fn parts(&self) -> (&str, &str, &str, f64) {
         match self {
             Self::Of(what, one, bound) => (what, one, "", *bound),
@@ -184,23 +186,23 @@ impl Asked {
     }
 }
 
-/// One thing that a shape must do.
+/// One requirement of a shape.
 #[derive(Clone, Debug)]
-pub struct Promise {
-    /// What.
-    pub deed: Deed,
-    /// The points meant, as vertices.
+pub struct Requirement {
+    /// What is required.
+    pub kind: RequirementKind,
+    /// First group of points, as vertices.
     pub one: Vec<u32>,
-    /// The points they are compared with.
+    /// Second group of points, as vertices.
     pub other: Vec<u32>,
-    /// How far, at least or at most.
+    /// Bound, eye distances or a ratio.
     pub bound: f64,
-    /// The same as the recipe says it.
+    /// The row of the recipe, for messages.
     pub words: String,
 }
 
-impl Promise {
-    /// What is found instead, in words; `at` is where vertices are.
+impl Requirement {
+    /// The value found and the bound, in words; `None` if the requirement is met. `at` gives positions.
     pub fn missed(&self, head: &Head, at: &impl Fn(u32) -> Vec3) -> Option<String> {
         let w = head.eye_distance;
         let middle = |some: &[u32], p: &dyn Fn(u32) -> Vec3| {
@@ -210,19 +212,21 @@ impl Promise {
         let moves = |some: &[u32]| (middle(some, at) - middle(some, &neutral)).norm();
         let apart =
             |p: &dyn Fn(u32) -> Vec3| (middle(&self.one, p) - middle(&self.other, p)).norm() / w;
-        let found = match &self.deed {
-            Deed::Part => apart(at),
-            Deed::Meet => apart(at) - apart(&neutral),
-            Deed::Less => moves(&self.one) / moves(&self.other).max(f64::MIN_POSITIVE),
-            Deed::Lids(side) => head.lid_gap(*side, at) / w,
-            Deed::Move(ways) => {
+        let found = match &self.kind {
+            RequirementKind::MinGap => apart(at),
+            RequirementKind::MaxGapIncrease => apart(at) - apart(&neutral),
+            RequirementKind::MaxRatio => {
+                moves(&self.one) / moves(&self.other).max(f64::MIN_POSITIVE)
+            }
+            RequirementKind::MaxLidGap(side) => head.lid_gap(*side, at) / w,
+            RequirementKind::MinTravel(ways) => {
                 let along = self.one.iter().zip(ways);
                 let along = along.map(|(&v, way)| (at(v) - neutral(v)).dot(way));
                 along.sum::<f64>() / self.one.len().max(1) as f64 / w
             }
         };
-        let kept = match self.deed {
-            Deed::Part | Deed::Move(_) => found >= self.bound,
+        let kept = match self.kind {
+            RequirementKind::MinGap | RequirementKind::MinTravel(_) => found >= self.bound,
             _ => found <= self.bound,
         };
         (!kept).then(|| format!("{}: {found:.2} instead of {:.2}", self.words, self.bound))

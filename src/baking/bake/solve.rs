@@ -1,23 +1,24 @@
 //! Deformation of a mesh by control points: AOI-constrained Laplacian editing, paper section 4, Procedure 1.
 //!
-//! Solved for is the displacement `d`: `M V0 = L0`, so `L = M V` is `M d = L − L0`, the same system better conditioned.
-//! One shape minimises `Σ ρ/A |L d − (L_t − L0)|²` over the vertices of its area of influence; control points have exactly
-//! their displacement, everything outside the area exactly 0. The paper's δ alone would not hold the outside: δ = 0
-//! keeps a Laplacian, not a position. Only positions are fixed and two rings of equations reach over the edge, so the
-//! edge stays smooth. Then Procedure 1: lengths of the Laplacian rows are restored where δ > 0 and the system is
-//! solved again with the same factor.
+//! Unknown is the displacement `d`: `M V0 = L0`, so `L = M V` is `M d = L − L0`, the same system better conditioned.
+//! One shape minimises `Σ ρ/A |L d − (L_t − L0)|²` over the vertices of its area of influence; control points have
+//! exactly their displacement, everything outside the area exactly 0. The paper's δ alone would not fix the outside:
+//! δ = 0 preserves a Laplacian, not a position. Only positions are fixed and two rings of equations reach over the
+//! edge, so the edge stays smooth. Then Procedure 1: lengths of the Laplacian rows are restored where δ > 0 and the
+//! system is solved again with the same factor.
 //!
-//! The stiffness ρ grows with the distance from lids and lips ([`stiffness`]): skin there is thin and folds, cheeks and
-//! forehead move in one sheet. Divided by the vertex's area A it makes the result the same on any sampling of the surface;
-//! the energy as printed (ρ/A = 1) takes the artist's sampling for stiffness and comes out less close to sculpted shapes.
+//! The stiffness ρ grows with the distance from lids and lips ([`stiffness`]): skin there is thin and folds, cheeks
+//! and forehead move in one sheet. Divided by the vertex's area A it makes the result the same on any sampling of the
+//! surface; the energy as printed (ρ/A = 1) treats sampling density as stiffness and matches sculpted shapes less
+//! closely.
 //!
-//! One factor serves shapes with different control points: an unknown vertex may be pinned, which adds to the solution what a force
-//! there does, as much as brings it where it is given.
+//! One factor serves shapes with different control points: an unknown vertex may be pinned by a force that moves it
+//! to its given displacement.
 //!
 //! Units: the mesh's. Memory: the factor of the largest area, one per thread. Cost: about 10 ms for 4,400 unknowns.
 //! Degenerate cases: rows whose Laplacian vanishes in the neutral or the deformed shape keep their direction from the
 //! neutral one; an area without unknowns returns the controls alone.
-//! Limits: rotation of details is not restored beyond what the rounds do; large rotations want more control points.
+//! Limits: rotation of details is restored only as far as the rounds do; large rotations need more control points.
 
 use std::cell::Cell;
 
@@ -28,23 +29,24 @@ use super::mesh::Vec3;
 use super::sparse::{Factor, Unknowns};
 use mien_workbench::fault::Fault;
 
-/// Stiffness is this power of the distance from lids and lips plus [`THIN`]; both chosen on sculpted shapes, where a wide
-/// valley of pairs is equally good.
+/// Stiffness is this power of the distance from lids and lips plus [`THIN`]; both were fitted to sculpted shapes,
+/// with a wide valley of equally good pairs.
 const STIFFENING: i32 = 3;
-/// In inner-eye-corner distances.
+/// Distance added in the stiffness, in inner-eye-corner distances.
 const THIN: f64 = 0.6;
 
-/// Stiffness ρ of the skin at a distance from the nearest landmark of a lid or lip (inner-eye-corner distances).
+/// Stiffness ρ of the skin, a pure number, at a distance from the nearest landmark of a lid or lip (inner-eye-corner
+/// distances).
 pub fn stiffness(distance: f64) -> f64 {
     (distance + THIN).powi(STIFFENING)
 }
 
-/// A row shorter than this part of the neutral's mean row has no direction worth scaling.
+/// Length, as part of the neutral's mean, below which a row keeps its direction.
 const FLAT_ROW: f64 = 1e-3;
 
 /// λ of the influence field, in inner-eye-corner distances.
 pub const REACH: f64 = 0.41;
-/// Radius of the disc around a control on which the field is held, in inner-eye-corner distances.
+/// Radius of the disc around a control on which the field is given, in inner-eye-corner distances.
 pub const DISC: f64 = 0.11;
 /// The AOI ends where the influence falls to this, in inner-eye-corner distances: 0.05 mm. Five times as much saves a quarter of
 /// the time of a head, but shapes are .02 further from sculpted ones (`tests/it/bakes_local_shapes.rs`).
@@ -55,24 +57,24 @@ pub const FULL: f64 = 0.14;
 pub const ROUNDS: usize = 1;
 
 thread_local! {
-    /// Rows of a right-hand side, kept on each thread.
+    /// Target rows of a right-hand side, reused on each thread.
     static WANTED: Cell<Vec<Vec3>> = const { Cell::new(Vec::new()) };
 }
 
-/// The unknowns of one area of influence, factored. Serves every shape with the same area and the same control vertices.
+/// The factored system of one area of influence, for all shapes with the same area and control vertices.
 pub struct System {
     unknowns: Unknowns,
-    /// The unknown vertices, ascending: what is near in the mesh is near in memory.
+    /// The unknown vertices, ascending, so that neighbours are close in memory.
     free: Vec<u32>,
     factor: Factor,
-    /// Rows of the operator that see an unknown: all that can change.
+    /// Rows of the operator with an unknown.
     rows: Vec<u32>,
     /// Unknown vertices that may be pinned.
     pins: Vec<u32>,
 }
 
-/// The pinned vertices of one shape: their places among the unknowns, what is given there, what a force at each does to every
-/// unknown, four side by side, and the forces that it takes.
+/// The pinned vertices of one shape: positions among the unknowns, given displacements, response of every unknown to
+/// a unit force at each (four side by side), and the forces.
 struct Pinned {
     places: Vec<usize>,
     given: Matrix3xX<f64>,
@@ -81,7 +83,7 @@ struct Pinned {
 }
 
 impl System {
-    /// `area` marks the vertices that may move, `given` lists those whose displacement will be given (in the area or not).
+    /// `area` marks the vertices that may move, `given` lists those with given displacements (in the area or not).
     ///
     /// # Errors
     /// If the system is singular, which a part without a held vertex or control would be.
@@ -104,7 +106,7 @@ impl System {
             rows.extend(row.filter(|&c| !std::mem::replace(&mut seen[c], true)));
         }
         Ok(Self {
-            factor: Factor::of(&operator.energy, &unknowns, |_| 0.0)?,
+            factor: Factor::new(&operator.energy, &unknowns, |_| 0.0)?,
             rows: rows.into_iter().map(|c| c as u32).collect(),
             unknowns,
             free,
@@ -112,10 +114,10 @@ impl System {
         })
     }
 
-    /// The same with unknown vertices that may be pinned.
+    /// The system with unknown vertices that may be pinned.
     pub(super) fn with_pins(mut self, pins: impl Iterator<Item = u32>) -> Self {
         for v in pins.filter(|&v| self.unknowns.place(v as usize).is_some()) {
-            // On a coarse mesh two may be one.
+            // On a coarse mesh two pins may be one vertex.
             if !self.pins.contains(&v) {
                 self.pins.push(v);
             }
@@ -123,7 +125,7 @@ impl System {
         self
     }
 
-    /// Those that are pinned where `d` has them.
+    /// The unknowns that `is_pinned` marks, pinned to `d`.
     fn pinned(&self, d: &[Vec3], is_pinned: impl Fn(u32) -> bool) -> Option<Pinned> {
         let which = self.pins.iter().copied().filter(|&v| is_pinned(v));
         let which = which.filter_map(|v| Some((self.unknowns.place(v as usize)?, d[v as usize])));
@@ -149,8 +151,8 @@ impl System {
         })
     }
 
-    /// Procedure 1: places the unknowns of `d`, the displacements of all vertices; what is not unknown, or is pinned, is kept as
-    /// given. `delta` is equation (13) per vertex, `rounds` how often lengths are restored.
+    /// Procedure 1: solves for the unknowns of `d`, the displacements of all vertices; known and pinned ones are
+    /// kept. `delta` is equation (13) per vertex, `rounds` the number of length restorations.
     pub fn deform(
         &self,
         operator: &Operator,
@@ -160,13 +162,13 @@ impl System {
         rounds: usize,
     ) {
         let pinned = self.pinned(d, is_pinned);
-        // What the given displacements pull, the same in every round.
+        // Right-hand side by the given displacements, the same in every round.
         let pull = self.factor.pulled(|v| [d[v].x, d[v].y, d[v].z, 0.0]);
         // Step 1 with L = L0.
         self.place(pull.clone(), pinned.as_ref(), d);
         let before = |&r: &u32| operator.neutral[r as usize];
         let mean = self.rows.iter().map(|r| before(r).norm()).sum::<f64>() / self.rows.len() as f64;
-        // Of the rows alone, which are all that the unknowns see.
+        // Only for the rows that the unknowns see.
         let mut wanted = WANTED.take();
         wanted.resize(d.len().max(wanted.len()), Vec3::zeros());
         for _ in 0..rounds {
@@ -192,7 +194,7 @@ impl System {
         WANTED.set(wanted);
     }
 
-    /// Solves and stores the unknowns; `x` has the right-hand sides in the order of elimination.
+    /// Solves for the unknowns and stores them in `d`; `x` holds the right-hand sides in the order of elimination.
     fn place(&self, mut x: Vec<[f64; 4]>, pinned: Option<&Pinned>, d: &mut [Vec3]) {
         self.factor.solve(&mut x);
         if let Some(pinned) = pinned {
@@ -217,7 +219,7 @@ impl System {
     }
 }
 
-/// Three coordinates; a fourth, empty one fills the registers.
+/// Three coordinates; a fourth, unused one fills the vector registers.
 fn add(to: &mut [f64; 4], what: &Vec3) {
     for k in 0..3 {
         to[k] += what[k];
@@ -327,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pinned_vertex_is_as_a_given_one_and_an_unpinned_one_is_free() {
+    fn a_pinned_vertex_equals_a_given_one_and_an_unpinned_one_is_free() {
         let mesh = sheet(31, 0.2);
         let (middle, u) = round_area(&mesh, 2.0);
         let op = operator(&mesh);

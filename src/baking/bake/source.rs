@@ -1,4 +1,4 @@
-//! The head as its file has it: OBJ, GLB, glTF or VRM, and what goes back into a file of that kind.
+//! A head as read from OBJ, GLB, glTF or VRM, and output in the same kind of file.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use super::locate::{Located, guess};
 use super::looks::Looks;
 use super::mesh::Mesh;
 use super::neck::Neck;
-use super::patch::Foreign;
+use super::patch::ImportedGltf;
 use super::shape::{Shape, Target};
 use super::{lips, morphs, obj};
 use mien_stages::face_model::FaceModel;
@@ -21,7 +21,7 @@ use mien_workbench::text_files;
 /// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a comment.
 ///
 /// # Errors
-/// At the first line that is none.
+/// At the first line that is no vertex number.
 pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, Fault> {
     let lines = text.lines().map(str::trim).zip(1..);
     let said = lines.filter(|(line, _)| !line.is_empty() && !line.starts_with('#'));
@@ -33,41 +33,41 @@ pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, Fault> {
     said.map(number).collect()
 }
 
-/// The text of a landmark file: these vertices of the mesh in the numbering that its file has.
-pub fn landmark_text(vertices: &[u64], foreign: Option<&Foreign>) -> String {
-    let numbers = foreign.map_or_else(|| vertices.to_vec(), |f| f.rows(vertices));
+/// The text of a landmark file for these vertices of the mesh, in the file's numbering.
+pub fn landmark_text(vertices: &[u64], imported: Option<&ImportedGltf>) -> String {
+    let numbers = imported.map_or_else(|| vertices.to_vec(), |f| f.rows(vertices));
     numbers.iter().map(|v| format!("{v}\n")).collect()
 }
 
-/// A mesh as it came.
+/// A mesh as read.
 pub struct Source {
     /// Vertices and triangles.
     pub mesh: Mesh,
     /// Materials and textures.
     pub looks: Looks,
-    /// The text of the OBJ that it came in.
+    /// The text of the OBJ, if it is one.
     obj: Option<String>,
-    /// The glTF that it came in.
-    pub foreign: Option<Foreign>,
-    /// How many faces look inwards in the file, and were turned in the mesh.
+    /// The glTF, if it is one.
+    pub imported: Option<ImportedGltf>,
+    /// Number of inward faces in the file, turned in the mesh.
     turned: usize,
 }
 
 impl Source {
-    /// The mesh of a file.
+    /// Reads the mesh of a file.
     pub fn read(path: &Path) -> Result<Self, Fault> {
         let bytes = read_bytes(path)?;
         if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
             let folder = path.parent().unwrap_or(Path::new(""));
             let glb = Glb::read(&bytes, folder).map_err(Fault::within(path))?;
-            let looks = Looks::in_glb(&glb);
-            let (mesh, foreign) = Foreign::read(glb).map_err(Fault::within(path))?;
+            let looks = Looks::from_glb(&glb);
+            let (mesh, imported) = ImportedGltf::read(glb).map_err(Fault::within(path))?;
             return Ok(Self {
                 obj: None,
                 mesh,
                 looks,
-                turned: foreign.turned,
-                foreign: Some(foreign),
+                turned: imported.turned,
+                imported: Some(imported),
             });
         }
         let obj = text_files::decoded(&bytes);
@@ -75,30 +75,30 @@ impl Source {
         Ok(Self {
             turned: mesh.turn_outward(),
             mesh,
-            looks: Looks::of(path, &obj),
+            looks: Looks::from_obj(path, &obj),
             obj: Some(obj),
-            foreign: None,
+            imported: None,
         })
     }
 
-    /// The landmarks as they are found on the mesh of this file.
+    /// Finds the landmarks on the mesh of this file.
     pub fn guess(&self, path: &Path) -> Result<Located, Fault> {
-        let front = self.foreign.as_ref().map(Foreign::front);
+        let front = self.imported.as_ref().map(ImportedGltf::front);
         guess(&self.mesh, &self.looks, front, &FaceModel::shipped())
             .ok_or("expected vertices to find a face on, found none")
             .map_err(Fault::within(path))
     }
 
     /// Vertex numbers of the landmarks in a file.
-    pub fn told(&self, path: &Path) -> Result<Vec<u64>, Fault> {
+    pub fn landmarks_from_file(&self, path: &Path) -> Result<Vec<u64>, Fault> {
         let numbers = landmarks(&read(path)?, path)?;
-        Ok(match &self.foreign {
-            Some(foreign) => foreign.landmarks(&numbers),
+        Ok(match &self.imported {
+            Some(imported) => imported.landmarks(&numbers),
             None => numbers,
         })
     }
 
-    /// Cuts joined lips open, as a head of this mesh has them; where its landmarks are then.
+    /// Cuts joined lips open, as `head` has them; returns the new landmarks.
     pub(super) fn cut(
         &mut self,
         path: &Path,
@@ -121,7 +121,7 @@ impl Source {
         Ok(())
     }
 
-    /// The file that is asked for, with the shapes.
+    /// The output file with the shapes.
     pub(super) fn with_shapes(
         &mut self,
         shapes: &[Shape],
@@ -129,20 +129,20 @@ impl Source {
         dense: bool,
         neck: Option<&Neck>,
     ) -> Vec<u8> {
-        if let Some(foreign) = self.foreign.take() {
-            return foreign.patched(&self.mesh, shapes, dense).emit();
+        if let Some(imported) = self.imported.take() {
+            return imported.patched(&self.mesh, shapes, dense).emit();
         }
         let mut glb = morphs::build(&self.mesh, shapes, metres, dense, neck);
         self.looks.paint(&mut glb);
         glb.emit()
     }
 
-    /// What in the file is not as expected, and what became of it.
+    /// Remarks on unexpected contents of the file and how they were handled.
     pub(super) fn oddities(&self, targets: &[Target], keep: bool, out: &Path) -> String {
         let mut said = String::new();
         if self.turned > 0 {
             let (turned, out) = (self.turned, out.display());
-            let rest = match &self.foreign {
+            let rest = match &self.imported {
                 Some(_) => "the file keeps them as they run".into(),
                 None => format!("{out} has them turned"),
             };
@@ -161,12 +161,12 @@ impl Source {
         said
     }
 
-    /// Whether others made a shape of this name in the file.
+    /// Whether the file has a shape of this name from elsewhere.
     pub(super) fn has(&self, name: &str) -> bool {
-        self.foreign.as_ref().is_some_and(|f| f.has(name))
+        self.imported.as_ref().is_some_and(|f| f.has(name))
     }
 
-    /// The neutral and every shape as OBJ, and a list of them.
+    /// Writes the neutral and every shape as OBJ, and a list of them.
     pub(super) fn folder_of_obj(&self, folder: &Path, shapes: &[Shape]) -> Result<(), Fault> {
         std::fs::create_dir_all(folder).map_err(Fault::cannot("write", folder, ""))?;
         let emitted = || obj::emit(&self.mesh);

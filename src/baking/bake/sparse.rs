@@ -1,8 +1,10 @@
-//! Symmetric sparse matrices by rows, and Cholesky factors of their parts through `faer` (supernodal). The whole matrix is
-//! ordered once (AMD): in that order a part never fills in more than the whole does.
+//! Symmetric sparse matrices by rows, and Cholesky factors of their principal submatrices through `faer`
+//! (supernodal). The whole matrix is ordered once (AMD); in that order a submatrix never fills in more than the whole
+//! does.
 //!
-//! Solving is done here, a few right-hand sides side by side: faer's own is made for many at once and takes five times as
-//! long for three. Four columns of the factor are taken at once: loading and storing the right-hand sides takes longer than the products.
+//! Solving is implemented here, a few right-hand sides side by side: faer's own is made for many at once and takes
+//! five times as long for three. Four columns of the factor are processed at once, as memory access for the
+//! right-hand sides takes longer than the products.
 //!
 //! Memory: 12 bytes per stored entry. Cost of a factor: about n^1.5 for meshes.
 
@@ -18,10 +20,10 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Par, Side};
 
 use super::mesh::Vec3;
-use mien_stages::base::vectors::wide;
+use mien_stages::base::vectors::with_avx2;
 use mien_workbench::fault::Fault;
 
-/// No place: a row that is given.
+/// Marks a row that is given, not unknown.
 const GIVEN: u32 = u32::MAX;
 
 /// A square matrix by rows; columns of a row ascend.
@@ -32,7 +34,7 @@ pub struct Rows {
     values: Vec<f64>,
 }
 
-/// The sums of triplets (row, column, value) that stand together where they are in the same place.
+/// Sums adjacent triplets (row, column, value) of equal position.
 pub(super) fn summed(triplets: &[(u32, u32, f64)]) -> impl Iterator<Item = (u32, u32, f64)> {
     let places = triplets.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
     places.map(|same| (same[0].0, same[0].1, same.iter().map(|t| t.2).sum()))
@@ -76,7 +78,7 @@ impl Rows {
             .fold(Vec3::zeros(), |sum, (c, v)| sum + field[c] * v)
     }
 
-    /// A Laplacian whose entries off the diagonal are all at most `-least`, with the diagonal that makes rows sum to 0.
+    /// A Laplacian with entries off the diagonal of at most `-least`, and the diagonal that makes rows sum to 0.
     pub(super) fn positive(&self, least: f64) -> Self {
         let mut out = self.clone();
         for (r, ends) in self.starts.windows(2).enumerate() {
@@ -100,7 +102,7 @@ impl Rows {
     /// The rows of a symmetric matrix in an order of elimination that leaves few entries in a factor (AMD).
     ///
     /// # Panics
-    /// If memory ends.
+    /// If memory is exhausted.
     pub fn elimination(&self) -> Vec<u32> {
         let n = self.count();
         let (mut order, mut place) = (vec![0_u32; n], vec![0_u32; n]);
@@ -147,7 +149,7 @@ impl Rows {
         out
     }
 
-    /// The same rows in another order: those that a part takes lie side by side.
+    /// The same matrix permuted to `order`, so that rows of a submatrix are adjacent.
     pub fn arranged(&self, order: &[u32]) -> Self {
         let mut out = Self {
             starts: vec![0],
@@ -162,9 +164,9 @@ impl Rows {
         out
     }
 
-    /// Of a symmetric matrix, arranged, the part that belongs to the unknowns, with `diagonal` added by their places: its upper
-    /// half without values, its lower half, and what is left of the rows, by place and column.
-    fn part(
+    /// Splits an arranged symmetric matrix, with `diagonal` added to the unknowns': the pattern of their upper half,
+    /// their lower half, and the entries that couple them to given rows, by position and column.
+    fn unknown_part(
         &self,
         unknowns: &Unknowns,
         diagonal: impl Fn(usize) -> f64,
@@ -195,24 +197,24 @@ impl Rows {
         (upper, lower, given)
     }
 
-    /// Its entries as faer has them: symmetry lets a row stand for a column.
+    /// The pattern as faer's: by symmetry a row equals a column.
     fn pattern(&self) -> SymbolicSparseColMatRef<'_, u32> {
         let n = self.count();
         SymbolicSparseColMatRef::new_unsorted_checked(n, n, &self.starts, None, &self.columns)
     }
 }
 
-/// The unknowns among the rows of a system, in the order in which they are eliminated.
+/// The unknown rows of a system, in the order of elimination.
 pub struct Unknowns {
     /// Their rows.
     pub rows: Vec<u32>,
-    /// Where these are in the order of all rows.
+    /// Position of each row among the unknowns.
     positions: Vec<u32>,
     place: Vec<u32>,
 }
 
 impl Unknowns {
-    /// Those rows that pass; `order` has all rows of the system.
+    /// The rows that pass; `order` lists all rows of the system.
     pub fn new(order: &[u32], passes: impl Fn(usize) -> bool) -> Self {
         let passing = order
             .iter()
@@ -230,13 +232,13 @@ impl Unknowns {
         }
     }
 
-    /// The place of a row among them; `None` if it is given.
+    /// The position of a row among the unknowns; `None` if it is given.
     pub fn place(&self, row: usize) -> Option<usize> {
         Some(self.place[row] as usize).filter(|_| self.place[row] != GIVEN)
     }
 }
 
-/// A matrix that cannot be factored, of so many unknowns.
+/// An error: a matrix of this many unknowns is singular.
 fn singular(unknowns: usize) -> Fault {
     Fault::new(format!(
         "expected a positive definite system, found a singular one of {unknowns} unknowns; \
@@ -244,28 +246,28 @@ fn singular(unknowns: usize) -> Fault {
     ))
 }
 
-/// Cholesky factor of the part of a symmetric matrix that belongs to chosen rows and columns.
+/// Cholesky factor of the unknowns' part of a symmetric matrix.
 pub struct Factor {
     symbolic: SymbolicCholesky<u32>,
     values: Vec<f64>,
-    /// What ties unknowns to rows that are given: place, row, value.
+    /// Entries between unknowns and given rows: position, row, value.
     given: Vec<(u32, u32, f64)>,
 }
 
 impl Factor {
-    /// Factors the part of a matrix that belongs to the unknowns, with `diagonal` added by their places; the matrix is
-    /// [arranged](Rows::arranged) in the unknowns' order. In that of [`Rows::elimination`] few entries arise.
+    /// Factors the unknowns' part of a matrix, with `diagonal` added by position; the matrix is
+    /// [arranged](Rows::arranged) in the unknowns' order. That of [`Rows::elimination`] keeps fill-in low.
     ///
     /// # Errors
     /// If that part is not positive definite.
-    pub fn of(
+    pub fn new(
         matrix: &Rows,
         unknowns: &Unknowns,
         diagonal: impl Fn(usize) -> f64,
     ) -> Result<Self, Fault> {
         let count = unknowns.rows.len();
         // faer analyses the upper half of a matrix that it does not reorder, and factors the lower one.
-        let (upper, lower, given) = matrix.part(unknowns, diagonal);
+        let (upper, lower, given) = matrix.unknown_part(unknowns, diagonal);
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..Default::default()
@@ -293,7 +295,7 @@ impl Factor {
         })
     }
 
-    /// Right-hand sides: what the given rows pull where `field` has their values.
+    /// Right-hand sides due to the given rows' values in `field`.
     pub fn pulled<const K: usize>(&self, field: impl Fn(usize) -> [f64; K]) -> Vec<[f64; K]> {
         let mut out = vec![[0.0; K]; self.symbolic.nrows()];
         for &(k, row, value) in &self.given {
@@ -302,22 +304,22 @@ impl Factor {
         out
     }
 
-    /// Solves for `K` right-hand sides side by side, in place; a row of `x` has one value of each.
+    /// Solves for `K` right-hand sides in place; a row of `x` has one value of each.
     pub fn solve<const K: usize>(&self, x: &mut [[f64; K]]) {
-        // Without unknowns there are no supernodes, whatever is asked for.
+        // Without unknowns there are no supernodes.
         if x.is_empty() {
             return;
         }
         let SymbolicCholeskyRaw::Supernodal(blocks) = self.symbolic.raw() else {
             unreachable!("supernodes were forced");
         };
-        wide(
+        with_avx2(
             #[inline(always)]
             || self.substitute(blocks, x),
         );
     }
 
-    /// Forwards and back.
+    /// Forward and backward substitution.
     #[inline(always)]
     fn substitute<const K: usize>(
         &self,
@@ -345,27 +347,27 @@ impl Factor {
     }
 }
 
-/// A supernode: columns with the same rows below the diagonal.
+/// A supernode: adjacent columns with the same rows below the diagonal.
 struct Block<'a> {
-    /// The first column; its row is the first of the diagonal's.
+    /// The first column, and first row of the diagonal block.
     from: usize,
-    /// Columns.
+    /// Number of columns.
     width: usize,
-    /// Rows below the diagonal's.
+    /// Rows below the diagonal block.
     rows: &'a [u32],
-    /// By columns.
+    /// Values, column by column.
     values: &'a [f64],
 }
 
 impl Block<'_> {
-    /// Of a column the rows of the diagonal, and those below.
+    /// Rows of a column in the diagonal block, and below it.
     #[inline(always)]
     fn column(&self, j: usize) -> (&[f64], &[f64]) {
         let height = self.width + self.rows.len();
         self.values[j * height..(j + 1) * height].split_at(self.width)
     }
 
-    /// The rows below of four columns, side by side.
+    /// The rows below the diagonal block of four columns, side by side.
     #[inline(always)]
     fn four(&self, j: usize) -> impl Iterator<Item = [f64; 4]> {
         let [a, b, c, d] = [0, 1, 2, 3].map(|k| self.column(j + k).1);
@@ -373,7 +375,7 @@ impl Block<'_> {
         columns.map(|(((a, b), c), d)| [*a, *b, *c, *d])
     }
 
-    /// Solves its columns, and takes them from the rows below; `below` is room for these.
+    /// Forward substitution of its columns, subtracting them from the rows below; `below` is scratch space for those.
     #[inline(always)]
     fn forwards<const K: usize>(&self, y: &mut [[f64; K]], below: &mut Vec<[f64; K]>) {
         below.clear();
@@ -407,7 +409,7 @@ impl Block<'_> {
         }
     }
 
-    /// Takes the rows below from its columns, and solves these; `below` is room for the rows.
+    /// Backward substitution of its columns, subtracting the rows below; `below` is scratch space for those.
     #[inline(always)]
     fn back<const K: usize>(&self, y: &mut [[f64; K]], below: &mut Vec<[f64; K]>) {
         below.clear();
@@ -483,7 +485,7 @@ mod tests {
         let l = path(6);
         let all = [0, 1, 2, 3, 4, 5];
         let inner = Unknowns::new(&all, |v| (1..5).contains(&v));
-        let factor = Factor::of(&l, &inner, |_| 0.0).unwrap();
+        let factor = Factor::new(&l, &inner, |_| 0.0).unwrap();
         // Ends held at 0 and 5, and at 1: the last unknown feels the pull of 5.
         let mut x = factor.pulled(|v| [v as f64, 1.0]);
         assert_eq!(x, [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0], [5.0, 1.0]]);
@@ -492,7 +494,7 @@ mod tests {
             assert!((value[0] - (k + 1) as f64).abs() < 1e-12);
             assert!((value[1] - 1.0).abs() < 1e-12);
         }
-        assert!(Factor::of(&l, &Unknowns::new(&all, |_| true), |_| 0.0).is_err());
+        assert!(Factor::new(&l, &Unknowns::new(&all, |_| true), |_| 0.0).is_err());
     }
 
     #[test]
@@ -520,7 +522,7 @@ mod tests {
         for order in [&by_number, &eliminated] {
             let all = Unknowns::new(order, |_| true);
             assert!((0..n).all(|v| all.place(v).is_some()));
-            let factor = Factor::of(&square.arranged(order), &all, |_| 0.1).unwrap();
+            let factor = Factor::new(&square.arranged(order), &all, |_| 0.1).unwrap();
             let mut x: Vec<[f64; 3]> = order
                 .iter()
                 .map(|&r| (square.row_times(r as usize, &truth) + truth[r as usize] * 0.1).into())
@@ -533,7 +535,7 @@ mod tests {
         // A part of the order serves a part of the matrix: half of the grid, the other half given as 0.
         let left = Unknowns::new(&eliminated, |v| v as u32 % SIDE < SIDE / 2);
         let arranged = square.arranged(&eliminated);
-        let factor = Factor::of(&arranged, &left, |_| 0.0).unwrap();
+        let factor = Factor::new(&arranged, &left, |_| 0.0).unwrap();
         let mut half = truth.clone();
         for v in (0..n).filter(|&v| left.place(v).is_none()) {
             half[v] = Vec3::zeros();
@@ -547,10 +549,10 @@ mod tests {
     }
 
     #[test]
-    fn nothing_unknown_is_solved_by_nothing() {
+    fn a_system_without_unknowns_is_solved() {
         let nothing = Rows::from_triplets(3, Vec::new());
         let none = Unknowns::new(&[0, 1, 2], |_| false);
-        let factor = Factor::of(&nothing, &none, |_| 0.0).unwrap();
+        let factor = Factor::new(&nothing, &none, |_| 0.0).unwrap();
         factor.solve::<3>(&mut []);
     }
 }

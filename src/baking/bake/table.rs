@@ -13,10 +13,10 @@ use super::shape::Target;
 use mien_workbench::csv;
 use mien_workbench::fault::Fault;
 
-/// Shapes of one table.
-const SHAPES: usize = 1024;
+/// Most shapes of a table.
+const MAX_SHAPES: usize = 1024;
 
-/// Targets from a table of controls; `vertex` is the head's vertex for each number that the table may have.
+/// Targets from a table of controls; `vertex` maps the table's vertex numbers to the head's.
 pub(super) fn table(
     path: &Path,
     head: &Head,
@@ -35,7 +35,7 @@ pub(super) fn table(
 
 /// Targets from the text of the table at `path` for a mesh of `count` vertices, without a jaw.
 ///
-/// # Errors
+/// At the first line that is no control of this mesh.
 /// At the first line that is no control of this mesh.
 pub fn targets(text: &str, path: &Path, count: usize, derive: bool) -> Result<Vec<Target>, Fault> {
     let refuse = |line, expected, found: &str| Fault::at_line(path, line, expected, found);
@@ -56,10 +56,10 @@ pub fn targets(text: &str, path: &Path, count: usize, derive: bool) -> Result<Ve
             ((vertex as usize) < count).then_some((name, (vertex, moved)))
         };
         let (name, control) = control().ok_or_else(|| refuse(row.line, ROW, row.text))?;
-        // Rows of one shape stand together in practice; look from the end.
+        // Rows of one shape usually are adjacent: search from the end.
         let known = targets.iter().rposition(|t| t.name == name);
         let at = known.unwrap_or(targets.len());
-        if at == SHAPES {
+        if at == MAX_SHAPES {
             return Err(refuse(row.line, "at most 1024 shapes in one table", name));
         }
         if known.is_none() {
@@ -75,9 +75,10 @@ pub fn targets(text: &str, path: &Path, count: usize, derive: bool) -> Result<Ve
     Ok(targets)
 }
 
-/// The jaw's motion behind a table of controls: a turn about its axis, if chin and lower lip go down and back together.
+/// The jaw's motion behind a table of controls: a rotation about its axis, if chin and lower lip move down and back
+/// together.
 fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
-    /// What a sculpted chin takes part in a jaw's motion, see `jawOpen` in the recipe.
+    /// Share of a sculpted chin in the jaw's motion, see `jawOpen` in the recipe.
     const SHARE: f64 = 0.98;
     let w = head.eye_distance;
     let [left, up] = [0, 1].map(|k| head.axes.column(k).into_owned());

@@ -1,10 +1,11 @@
-//! Shapes as morph targets of a glTF that has some already.
+//! Adds shapes as morph targets to a glTF that may have some.
 //!
-//! Every mesh that a shape moves gets a target for each, sparse, with normals where the mesh has some. Targets keep their numbers, which
-//! expressions and animations use; one that others made under the name of a shape gets `.original` added to its name, one that was baked
-//! before is replaced.
+//! Every mesh that a shape moves gets a sparse target, with normals where the mesh has some. Targets keep their
+//! numbers, as expressions and animations use them; a target from elsewhere under the name of a shape is renamed with
+//! `.original`, an earlier baked one is replaced.
 //!
-//! Units: the file's, as each mesh stores them. Limits: no tangents; animations of weights that are not floats stay too short.
+//! Units: the file's, as each mesh stores them. Limits: no tangents; animations of weights that are not floats stay
+//! too short.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,12 +15,12 @@ use serde_json::{Value, json};
 use super::glb::{Glb, list};
 use super::mesh::{Mesh, Vec3};
 use super::morphs::{baked, bent, push_moves, single};
-use super::patch::{Foreign, Rows, position};
-use super::shape::{ORIGINAL, Shape, alike};
+use super::patch::{ImportedGltf, Rows, position};
+use super::shape::{ORIGINAL, Shape, is_same_name};
 use super::vrm::{Added, Bound, add_expressions, expressions};
 
-impl Foreign {
-    /// Whether a target or an expression that others made has the name of a shape, in whatever way they write it.
+impl ImportedGltf {
+    /// Whether a target or an expression from elsewhere has the name of a shape, in any spelling.
     pub fn has(&self, name: &str) -> bool {
         let json = &self.glb.json;
         let mut named = false;
@@ -28,13 +29,13 @@ impl Foreign {
                 if had == name && is_ours(mesh, k) {
                     return false;
                 }
-                named |= alike(had, name);
+                named |= is_same_name(had, name);
             }
         }
-        named || expressions(json).iter().any(|had| alike(had, name))
+        named || expressions(json).iter().any(|had| is_same_name(had, name))
     }
 
-    /// The file with the shapes of this mesh added to every mesh of its own that they move.
+    /// The file with the shapes of this mesh added to every mesh that they move.
     pub fn patched(mut self, whole: &Mesh, shapes: &[Shape], dense: bool) -> Glb {
         let added = shapes.iter().map(|shape| Added {
             name: &shape.name,
@@ -71,14 +72,14 @@ impl Foreign {
 
     fn is_moved(&self, mesh: &Value, shapes: &[Shape]) -> bool {
         let positions = list(&mesh["primitives"]).iter().filter_map(position);
-        let mut sources = positions.filter_map(|accessor| self.rows_of(accessor));
+        let mut sources = positions.filter_map(|accessor| self.position_rows(accessor));
         sources.any(|source| {
             let moved = |v: usize| shapes.iter().any(|s| s.displacement[v] != Vec3::zeros());
             source.vertices.iter().any(|&v| moved(v as usize))
         })
     }
 
-    /// Writes how shapes move and turn the rows that these meshes are drawn from: the target of each shape.
+    /// Writes displacements and changes of normals for the rows drawn by these meshes: the target of each shape.
     fn push(
         &mut self,
         meshes: &[usize],
@@ -110,10 +111,12 @@ impl Foreign {
         written
     }
 
-    /// Normals of rows that are drawn, if all of them have one.
+    /// Normals of drawn rows; empty unless all have one.
     fn normals(&self, drawn: Drawn) -> Vec<Vec3> {
         let [rows, normals] = drawn.map(|accessor| accessor.unwrap_or(usize::MAX));
-        let count = self.rows_of(rows).map_or(0, |rows| rows.vertices.len());
+        let count = self
+            .position_rows(rows)
+            .map_or(0, |rows| rows.vertices.len());
         let read = self.glb.floats(normals, 3).unwrap_or_default();
         let read = read
             .as_chunks()
@@ -128,7 +131,7 @@ impl Foreign {
         }
     }
 
-    /// How a shape moves rows, and how it turns their `own` normals where the mesh's turn.
+    /// Displacements of rows by a shape, and changes of their `own` normals with the mesh's.
     fn moves(
         &self,
         [rows, _]: Drawn,
@@ -137,8 +140,8 @@ impl Foreign {
         [smooth, now]: [&[Vec3]; 2],
     ) -> [Vec<[f32; 3]>; 2] {
         let accessor = rows.unwrap_or(usize::MAX);
-        let Some(Rows { vertices, back, .. }) = self.rows_of(accessor) else {
-            // Lines and points: they have targets too, which move nothing.
+        let Some(Rows { vertices, back, .. }) = self.position_rows(accessor) else {
+            // Targets of lines and points move nothing.
             return [
                 vec![[0.0; 3]; self.glb.count(accessor).unwrap_or(1).max(1)],
                 Vec::new(),
@@ -148,7 +151,7 @@ impl Foreign {
             let d = shape.displacement[v as usize];
             single(&back.map_or(d, |back| back * d))
         };
-        // Normals go back by the transposed of what places come by.
+        // Normals transform back by the transpose of the positions' matrix.
         let turn = back.and_then(|back| back.try_inverse());
         let turn = turn.map(|turn| turn.transpose());
         let stored_normal = |n: &Vec3| turn.map_or(*n, |turn| (turn * n).normalize());
@@ -160,7 +163,7 @@ impl Foreign {
     }
 }
 
-/// What a primitive is drawn from: its accessors of positions and of normals.
+/// Accessors of a primitive's positions and normals.
 type Drawn = [Option<usize>; 2];
 
 fn drawn_from(primitive: &Value) -> Drawn {
@@ -171,18 +174,20 @@ fn drawn_from(primitive: &Value) -> Drawn {
     ]
 }
 
-/// Whether a target was baked here before.
+/// Whether a target is from an earlier bake.
 fn is_ours(mesh: &Value, target: usize) -> bool {
     mesh["extras"]["mien"]["baked"][target] == true
 }
 
-/// The number of each shape's target: that of the same one baked before, or a new one. Namesakes keep their numbers, not their names.
+/// The number of each shape's target: that of its earlier bake, or a new one. Targets from elsewhere with that name
+/// keep their numbers and are renamed.
 fn places(mesh: &Value, names: &mut Vec<String>, shapes: &[Shape]) -> Vec<usize> {
     let had = names.len();
     let place = |Shape { name, .. }: &Shape| {
         let baked = (0..had).find(|&k| names[k] == *name && is_ours(mesh, k));
         baked.unwrap_or_else(|| {
-            let namesakes = (0..had).filter(|&k| !is_ours(mesh, k) && alike(&names[k], name));
+            let namesakes =
+                (0..had).filter(|&k| !is_ours(mesh, k) && is_same_name(&names[k], name));
             for k in namesakes.collect::<Vec<_>>() {
                 let mut kept = names[k].clone() + ORIGINAL;
                 while names.contains(&kept) {
@@ -197,7 +202,7 @@ fn places(mesh: &Value, names: &mut Vec<String>, shapes: &[Shape]) -> Vec<usize>
     shapes.iter().map(place).collect()
 }
 
-/// Says of a mesh what its targets are called and what drives them.
+/// Writes a mesh's target names and the units that drive them.
 fn describe(mesh: &mut Value, names: &[String], shapes: &[Shape]) {
     mesh["weights"] = lengthened(&mesh["weights"], names.len());
     set_extra(&mut mesh["extras"], "targetNames", json!(names));
@@ -205,7 +210,7 @@ fn describe(mesh: &mut Value, names: &[String], shapes: &[Shape]) {
     set_extra(&mut mesh["extras"], "mien", ours);
 }
 
-/// Sets a key of `extras`. The standard lets these be of any type: what is no object goes along under a key of its own.
+/// Sets a key of `extras`, which may be of any type: a value that is no object is kept under a key of its own.
 fn set_extra(extras: &mut Value, key: &str, value: Value) {
     if !extras.is_object() {
         *extras = match extras.take() {
@@ -216,7 +221,7 @@ fn set_extra(extras: &mut Value, key: &str, value: Value) {
     extras[key] = value;
 }
 
-/// Names of a mesh's targets, made up where the file has none.
+/// Names of a mesh's targets, generated where the file has none.
 fn names(mesh: &Value) -> Vec<String> {
     let first = &mesh["primitives"][0];
     let of_mesh = mesh["extras"]["targetNames"].as_array();
@@ -227,14 +232,14 @@ fn names(mesh: &Value) -> Vec<String> {
         .collect()
 }
 
-/// Weights with zeros up to `count`.
+/// Weights padded with zeros to `count`.
 fn lengthened(weights: &Value, count: usize) -> Value {
     let mut weights = list(weights).to_vec();
     weights.resize(count, json!(0.0));
     json!(weights)
 }
 
-/// Gives nodes that show a mesh, and animations of them, weights for as many targets as it has now.
+/// Extends the weights of nodes with this mesh, and of their animations, to its number of targets.
 fn lengthen(glb: &mut Glb, mesh: usize, [had, now]: [usize; 2]) {
     let shows = |node: &Value| node["mesh"] == json!(mesh);
     for node in glb.json["nodes"].as_array_mut().into_iter().flatten() {
@@ -246,7 +251,7 @@ fn lengthen(glb: &mut Glb, mesh: usize, [had, now]: [usize; 2]) {
     for (a, animation) in list(&glb.json["animations"]).iter().enumerate() {
         for channel in list(&animation["channels"]) {
             let target = &channel["target"];
-            if target["path"] == "weights" && shows(glb.listed("nodes", &target["node"])) {
+            if target["path"] == "weights" && shows(glb.list_entry("nodes", &target["node"])) {
                 samplers.insert((a, channel["sampler"].as_u64().unwrap_or(u64::MAX) as usize));
             }
         }
@@ -256,7 +261,7 @@ fn lengthen(glb: &mut Glb, mesh: usize, [had, now]: [usize; 2]) {
         let output = glb.json["animations"][a]["samplers"][sampler]["output"].as_u64();
         let moments = output.and_then(|output| glb.floats(output as usize, 1).ok());
         let moments = moments.unwrap_or_default();
-        // The same data may be used over and over.
+        // Several samplers may share data.
         let size = moments.len().checked_div(had).map(|moments| moments * now);
         let Some(rest) = size.and_then(|size| left.checked_sub(size)) else {
             continue;

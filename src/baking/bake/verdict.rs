@@ -1,12 +1,12 @@
-//! Checks of baked shapes: measures and bars calibrated on shapes that artists sculpted.
+//! Checks of baked shapes, with measures and bounds calibrated on artists' shapes.
 //!
-//! The definitions are those of `tests/heads/verdict.py`, which says them in full and measures the artists' shapes; this is
-//! separate code, and neither uses the solver's own checks. Measured on the skin that one of nine views sees in the neutral: edges
-//! that fold, area that turns over, skin seen from behind at the mouth; in `jawOpen` the chin's path, the lips and a mask's rim; what
-//! lies in the mouth; the open area left in a blink.
+//! The definitions are those of `tests/heads/verdict.py`, which states them in full and measures the artists' shapes;
+//! this code is independent of it and of the solver's own checks. On the skin visible in one of nine views of the
+//! neutral: folded edges, inverted area, back faces at the mouth. In `jawOpen`: the chin's path, the lips and a
+//! mask's rim. Also the inside of the mouth, and the open area left in a blink.
 //!
-//! Frame: that of the face (left, up, out), origin between the inner eye corners, unit one eye distance.
-//! Cost: nine small depth buffers a head, one a shape.
+//! Frame: that of the face (left, up, out), origin between the inner eye corners, unit one eye distance. Cost: nine
+//! small depth buffers a head, one a shape.
 
 use std::collections::HashMap;
 
@@ -18,7 +18,7 @@ use super::mesh::Vec3;
 use super::shape::{Shape, shown};
 use mien_simulator::virtual_head::raster::{Corner, DepthBuffer};
 
-/// Turns of the views to the left and upwards, degrees.
+/// Yaw to the left and pitch upwards of the views, degrees.
 const VIEWS: [[f64; 2]; 9] = [
     [0.0, 0.0],
     [-40.0, 0.0],
@@ -30,31 +30,38 @@ const VIEWS: [[f64; 2]; 9] = [
     [-40.0, -35.0],
     [40.0, -35.0],
 ];
-/// Side of a cell of a depth buffer; a surface in front of a point by more than the second value hides it.
+/// Side of a cell of a depth buffer.
 const CELL: f64 = 0.02;
+/// Distance in front of a point from which a surface hides it.
 const IN_FRONT: f64 = 0.06;
-/// What is further from the eyes up or down, or aside, is no face.
+/// Distance from the eyes, vertically or laterally, up to which vertices belong to the face.
 const FACE: f64 = 5.0;
-/// Cosines: an edge that is flat in the neutral, one that is folded, a triangle that has turned over.
+/// Least cosine between the faces at an edge that is flat in the neutral.
 const FLAT: f64 = 0.819_152;
+/// Cosine below which an edge is folded.
 const FOLDED: f64 = 0.0;
+/// Cosine with the neutral normal below which a triangle is inverted.
 const TURNED: f64 = -0.5;
-/// Reaches: of the lids, of the chin (which begins this share of the way to the lip above it), aside of the mouth, into it, below
-/// the chin of a mask.
+/// Radius of the lids' region.
 const AT_LID: f64 = 0.3;
+/// Radius of the chin's region.
 const AT_CHIN: f64 = 0.4;
+/// Share of the way from chin to lower lip up to which the chin's region extends.
 const TO_LIP: f64 = 0.7;
+/// Distance aside of the mouth up to which its region extends.
 const ASIDE: f64 = 0.3;
+/// Distance into the mouth up to which its region extends.
 const DEEP: f64 = 0.35;
+/// Distance below the chin up to which a mask's rim is searched.
 const MASK: f64 = 0.8;
-/// Millimetres between the inner eye corners of a face whose mouth is measured in millimetres.
+/// Millimetres between the inner eye corners, for measures of the mouth in millimetres.
 const MM: f64 = 34.0;
-/// An eye that is open by less on the mean is shut.
+/// Mean opening below which a neutral eye is shut.
 const SHUT: f64 = 0.05;
-/// What shapes are called that move jaw or tongue, in lower case: recipes for other programs begin with capitals.
+/// Beginnings of lower-case names of shapes that move jaw or tongue: recipes for other programs capitalise.
 const JAW: [&str; 5] = ["jaw", "mouthstretchwide", "mouthclose", "tongue", "viseme"];
 
-/// The checks, as report and command list them.
+/// The checks, as listed by report and command.
 pub const CHECKED: &str = "folds, skin turned over or seen from behind, the jaw's path, lips that part, teeth, the inside of the mouth, \
     eyes that shut, the rim of a mask, and what the recipe asks of each shape";
 
@@ -93,7 +100,7 @@ const RIM: Bar = least("rim's share of the chin's way", 0.8);
 const OPEN: Bar = most("share of the eye left open", 0.08);
 
 impl Bar {
-    /// What is wrong with a value, in words.
+    /// What exceeds the bounds, in words.
     fn missed(&self, value: f64) -> Option<String> {
         let Self { what, least, most } = self;
         let bound = match () {
@@ -112,7 +119,7 @@ struct Edge {
     at_lid: bool,
 }
 
-/// What is measured on the neutral.
+/// Measurements of the neutral.
 struct Judge<'a> {
     head: &'a Head,
     q: Vec<Vec3>,
@@ -133,7 +140,7 @@ fn normal(q: &[Vec3], t: &[u32; 3]) -> (Vec3, f64) {
     (n.try_normalize(0.0).unwrap_or_default(), 0.5 * n.norm())
 }
 
-/// A depth buffer of what is between `low` and `high`, seen along −z, with the number of the foremost triangle in each cell.
+/// A depth buffer of the region between `low` and `high`, seen along −z, with the foremost triangle in each cell.
 fn drawn(q: &[Vec3], all: &[[u32; 3]], low: Vec3, high: Vec3) -> (DepthBuffer, Vec<u32>) {
     let cells = |k: usize| ((high[k] - low[k]) / CELL).max(0.0) as usize + 2;
     let mut depth = DepthBuffer::new(cells(0), cells(1));
@@ -150,7 +157,7 @@ fn drawn(q: &[Vec3], all: &[[u32; 3]], low: Vec3, high: Vec3) -> (DepthBuffer, V
     (depth, front)
 }
 
-/// A place in cells from `low`, its depth above 0.
+/// A point in cells from `low`, with positive depth.
 fn cell(p: &Vec3, low: &Vec3) -> Corner {
     let at = |k: usize| ((p[k] - low[k]) / CELL - 0.5) as f32;
     Corner {
@@ -178,15 +185,15 @@ impl<'a> Judge<'a> {
             teeth: Vec::new(),
             behind: 0.0,
         };
-        out.see();
+        out.mark_visible();
         out.find_edges();
-        out.look_inside();
+        out.find_mouth_vertices();
         out.behind = out.seen_from_behind(&out.q);
         out
     }
 
-    /// Which vertices of the skin are seen from anywhere.
-    fn see(&mut self) {
+    /// Marks the skin vertices visible in some view.
+    fn mark_visible(&mut self) {
         let head = self.head;
         let near: Vec<bool> = self.q.iter().map(|p| p.y.abs() < FACE).collect();
         let smooth = head.mesh.vertex_normals(&head.mesh.positions);
@@ -222,7 +229,7 @@ impl<'a> Judge<'a> {
 
     fn find_edges(&mut self) {
         let mesh = &self.head.mesh;
-        let faces = (0..mesh.faces()).filter(|&f| !self.head.film[f]);
+        let faces = (0..mesh.faces()).filter(|&f| !self.head.membrane[f]);
         let triangles = faces.flat_map(|f| mesh.solid(f).map(|t| t.map(|c| c.vertex)));
         let seen = |t: &[u32; 3]| t.iter().all(|&v| self.is_visible[v as usize]);
         self.visible = triangles.filter(seen).collect();
@@ -249,8 +256,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// What lies in the mouth.
-    fn look_inside(&mut self) {
+    /// Lists the vertices in the mouth.
+    fn find_mouth_vertices(&mut self) {
         let head = self.head;
         let is_part = |v: usize| matches!(head.follow[v], Follow::Jaw(_));
         let far = DEEP * head.eye_distance;
@@ -259,13 +266,13 @@ impl<'a> Judge<'a> {
         self.inside = all.filter(|&v| is_part(v) || deep(v)).collect();
         let edges = (0..self.q.len()).filter(|&v| is_part(v));
         let ring = |v: usize| {
-            let ring = head.rings.of(v).iter().map(|&o| o as usize);
+            let ring = head.rings.members(v).iter().map(|&o| o as usize);
             ring.filter(move |&o| v < o).map(move |o| [v, o])
         };
         self.teeth = edges.flat_map(ring).collect();
     }
 
-    /// Area before the mouth in which the foremost is skin seen from behind.
+    /// Area in front of the mouth in which the foremost surface is a back face of the skin.
     fn seen_from_behind(&self, q: &[Vec3]) -> f64 {
         let at = |k: usize| q[self.head.points[k] as usize];
         let across = || (48..60).map(|k| at(k).x);
@@ -289,15 +296,15 @@ impl<'a> Judge<'a> {
         front.iter().filter(away).count() as f64 * CELL * CELL
     }
 
-    /// Where vertices are with these displacements of the mesh.
+    /// Positions with these displacements of the mesh.
     fn moved(&self, d: &[Vec3]) -> Vec<Vec3> {
         let to_face = self.head.axes.transpose() / self.head.eye_distance;
         let both = self.q.iter().zip(d);
         both.map(|(q, d)| q + to_face * d).collect()
     }
 
-    /// What is wrong with one shape, in words; `d` is as it is meant to be seen.
-    fn faults(&self, name: &str, d: &[Vec3]) -> Vec<String> {
+    /// Defects of one shape, in words; `d` includes the shape that it is added to.
+    fn defects(&self, name: &str, d: &[Vec3]) -> Vec<String> {
         let (q, name) = (self.moved(d), name.to_ascii_lowercase());
         let (mut folds, mut lids, mut turned) = (0.0, 0.0, 0.0);
         let now: Vec<Vec3> = self.visible.iter().map(|t| normal(&q, t).0).collect();
@@ -337,7 +344,7 @@ impl<'a> Judge<'a> {
         out.into_iter().flatten().collect()
     }
 
-    /// What is wrong with the chin's path, the lips and the rim of a mask.
+    /// Defects of the chin's path, the lips and a mask's rim.
     fn jaw(&self, q: &[Vec3]) -> [Option<String>; 5] {
         let vertex = |k: usize| self.head.points[k] as usize;
         let way = |k: usize| q[vertex(k)] - self.q[vertex(k)];
@@ -364,7 +371,7 @@ impl<'a> Judge<'a> {
         ]
     }
 
-    /// The lower edge of a mask, below its chin; nothing of a head with a neck.
+    /// The lower edge of a mask, below its chin; empty for a head with a neck.
     fn rim(&self, chin: &Vec3) -> Vec<usize> {
         let skin = || (0..self.q.len()).filter(|&v| self.head.skin[v]);
         let middle = |v: usize| (self.q[v].x - chin.x).abs() < 0.3;
@@ -378,7 +385,7 @@ impl<'a> Judge<'a> {
         rim.collect()
     }
 
-    /// Open area between the lids, of the neutral's.
+    /// Defect of the open area between the lids, relative to the neutral's.
     fn open(&self, side: usize, q: &[Vec3]) -> Option<String> {
         const STEPS: u32 = 200;
         let seam = &self.head.lids[side];
@@ -403,7 +410,7 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Height of a line, ordered by x, at x; beyond its ends that of the end.
+/// Height at x of a line ordered by x; constant beyond its ends.
 fn height(line: &[Vec3], x: f64) -> f64 {
     let after = line.partition_point(|p| p.x < x);
     if after == 0 || after == line.len() {
@@ -413,7 +420,7 @@ fn height(line: &[Vec3], x: f64) -> f64 {
     a.y + (b.y - a.y) * (x - a.x) / (b.x - a.x).max(1e-12)
 }
 
-/// Where, in (up, out), the best rigid motion of some places turns about; nothing if it turns by less than two degrees.
+/// Pivot, in (up, out), of the best rigid motion of some points; `None` if it rotates by less than two degrees.
 fn turns_about(some: &[usize], before: &[Vec3], after: &[Vec3]) -> Option<Vector2<f64>> {
     let flat = |q: &[Vec3]| some.iter().map(|&v| q[v].yz()).collect::<Vec<_>>();
     let (a, b) = (flat(before), flat(after));
@@ -433,22 +440,22 @@ fn turns_about(some: &[usize], before: &[Vec3], after: &[Vec3]) -> Option<Vector
     Some(inverse * (b0 - turn * a0))
 }
 
-/// What is wrong with every shape, in words: by the measures, and by what its recipe asks.
-pub fn faults(head: &Head, shapes: &[Shape]) -> Vec<Vec<String>> {
+/// Defects of every shape, in words: by the measures and by its requirements.
+pub fn defects(head: &Head, shapes: &[Shape]) -> Vec<Vec<String>> {
     let judge = Judge::new(head);
     let one = |k: usize| {
-        let mut faults = judge.faults(&shapes[k].name, &shown(shapes, k));
-        faults.extend(shapes[k].misses.iter().flatten().cloned());
-        faults
+        let mut defects = judge.defects(&shapes[k].name, &shown(shapes, k));
+        defects.extend(shapes[k].misses.iter().flatten().cloned());
+        defects
     };
     (0..shapes.len()).into_par_iter().map(one).collect()
 }
 
-/// How many shapes pass, and what is wrong with the others; in one sentence each.
-pub fn verdict(shapes: &[Shape], faults: &[Vec<String>]) -> String {
-    let failing = shapes.iter().zip(faults).filter(|(_, f)| !f.is_empty());
+/// The number of shapes that pass, and the defects of the others, one sentence each.
+pub fn verdict(shapes: &[Shape], defects: &[Vec<String>]) -> String {
+    let failing = shapes.iter().zip(defects).filter(|(_, f)| !f.is_empty());
     let failing: Vec<String> = failing
-        .map(|(shape, faults)| format!("{} ({})", shape.name, faults.join("; ")))
+        .map(|(shape, defects)| format!("{} ({})", shape.name, defects.join("; ")))
         .collect();
     let (all, passing) = (shapes.len(), shapes.len() - failing.len());
     let mut out = format!("{passing} of {all} shapes pass the checks: {CHECKED}.");

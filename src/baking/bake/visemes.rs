@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use serde::Deserialize;
 
-use super::shape::Asked;
+use super::shape::MustRow;
 use mien_workbench::fault::Fault;
 
 /// A mouth shape of speech: a sum of shapes, each of which stands for its mirror image as well.
@@ -14,18 +14,19 @@ pub(super) struct Viseme {
     pub(super) name: String,
     sum: Vec<(String, f64)>,
     #[serde(default)]
-    pub(super) must: Vec<Asked>,
+    pub(super) must: Vec<MustRow>,
     #[serde(rename = "why")]
     _why: String,
 }
 
-/// Visemes of a recipe, and shapes of one of them.
-const VISEMES: usize = 15;
-/// The most that a viseme takes of a shape.
-const WEIGHT: f64 = 1.5;
+/// Most visemes of a recipe, and most shapes of one.
+const MAX_VISEMES: usize = 15;
+/// Largest weight of a shape in a viseme.
+const MAX_WEIGHT: f64 = 1.5;
 
 impl Viseme {
-    /// The shapes of the sum and their weights, both of a pair; `other_side` is the mirror image of a shape, or the shape itself.
+    /// The shapes of the sum and their weights, both sides of a pair; `other_side` is the mirror image of a shape, or
+    /// the shape itself.
     pub(super) fn summed<'a>(
         &'a self,
         other_side: impl Fn(&'a str) -> &'a str,
@@ -39,29 +40,29 @@ impl Viseme {
     }
 }
 
-/// That there are not too many visemes, and that each sums up shapes of these names; `other_side` as of [`Viseme::summed`].
+/// Checks the number of visemes, and that each sums shapes of these names; `other_side` as in [`Viseme::summed`].
 pub(super) fn check<'a>(
     visemes: &'a [Viseme],
     names: &[&str],
     other_side: impl Fn(&'a str) -> &'a str,
 ) -> Result<(), Fault> {
     let found = visemes.len();
-    if found > VISEMES {
+    if found > MAX_VISEMES {
         return Err(Fault::new(format!(
-            "expected at most {VISEMES} visemes, found {found}"
+            "expected at most {MAX_VISEMES} visemes, found {found}"
         )));
     }
     for Viseme { name, sum, .. } in visemes {
         let mut seen = HashSet::new();
         let mut rows = sum.iter().enumerate();
         let bad = rows.find(|(k, (name, weight))| {
-            let known = names.contains(&name.as_str()) && (0.0..=WEIGHT).contains(weight);
-            // Of a pair either side stands for both.
-            !known || *k == VISEMES || !seen.insert(other_side(name).min(name))
+            let known = names.contains(&name.as_str()) && (0.0..=MAX_WEIGHT).contains(weight);
+            // Either side of a pair stands for both.
+            !known || *k == MAX_VISEMES || !seen.insert(other_side(name).min(name))
         });
         if let Some((_, row)) = bad {
             return Err(Fault::new(format!(
-                "viseme {name}: expected at most {VISEMES} shapes of the recipe, each or its mirror image once, with weights from 0 to {WEIGHT}, found {row:?}"
+                "viseme {name}: expected at most {MAX_VISEMES} shapes of the recipe, each or its mirror image once, with weights from 0 to {MAX_WEIGHT}, found {row:?}"
             )));
         }
     }

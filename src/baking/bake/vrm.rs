@@ -1,20 +1,20 @@
 //! Expressions of VRM avatars: every new shape gets one under its "Perfect Sync" name, the shape's with a capital letter.
 //!
-//! VRM 0 lists `blendShapeGroups` that bind targets by mesh with weights up to 100, VRM 1 has `expressions` that bind them
-//! by node with weights up to 1. Expressions that are there keep what they bind: targets keep their numbers, because shapes are only
-//! appended or replaced in place. One that others made under the name of a shape gets `.original` added to its name, as its target does.
-//! Visemes also become the five preset mouth shapes, unless the file has ones of its own that move something.
+//! VRM 0 lists `blendShapeGroups` that bind targets by mesh with weights up to 100, VRM 1 has `expressions` that bind
+//! them by node with weights up to 1. Existing expressions stay valid, because shapes are only appended or replaced
+//! in place. An expression from elsewhere under the name of a shape is renamed with `.original`, as its target is.
+//! Visemes also become the five preset mouth shapes, unless the file has ones that move something.
 
 use serde_json::{Value, json};
 
 use super::glb::{list, push, unexpected};
-use super::shape::{ORIGINAL, alike};
+use super::shape::{ORIGINAL, is_same_name};
 use mien_workbench::fault::Fault;
 
 /// A glTF mesh that is moved, and the number there of each shape's target.
 pub(super) type Bound = (usize, Vec<usize>);
 
-/// Visemes that are preset mouth shapes, with their names there in VRM 0 and 1.
+/// Visemes that are preset mouth shapes, with their names in VRM 0 and 1.
 const PRESETS: [[&str; 3]; 5] = [
     ["viseme_aa", "a", "aa"],
     ["viseme_ih", "i", "ih"],
@@ -23,7 +23,7 @@ const PRESETS: [[&str; 3]; 5] = [
     ["viseme_oh", "o", "oh"],
 ];
 
-/// Whether expressions can be added: where they belong is what it should be, or not there yet.
+/// Checks that the containers of expressions are absent or of the right type.
 pub(super) fn add_expressions_to(json: &Value) -> Result<(), Fault> {
     let old = &json["extensions"]["VRM"]["blendShapeMaster"];
     let new = &json["extensions"]["VRMC_vrm"]["expressions"];
@@ -44,15 +44,15 @@ pub(super) fn add_expressions_to(json: &Value) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The beginning of what is there instead.
+/// The beginning of an unexpected value, for messages.
 pub(super) fn beginning(value: &Value) -> String {
     value.to_string().chars().take(40).collect()
 }
 
-/// A shape that is added.
+/// An added shape.
 pub(super) struct Added<'a> {
     pub(super) name: &'a str,
-    /// It gets an expression even if others made one of this name, which then changes its own.
+    /// Whether it gets an expression even if one from elsewhere has its name, which is then renamed.
     pub(super) anew: bool,
 }
 
@@ -73,17 +73,17 @@ fn is_preset(group: &Value) -> bool {
 
 /// The new name of an expression that has the name of an added shape.
 fn renamed(had: &str, added: &[Added<'_>]) -> Option<String> {
-    let anew = added.iter().any(|a| a.anew && alike(had, a.name));
+    let anew = added.iter().any(|a| a.anew && is_same_name(had, a.name));
     anew.then(|| had.to_owned() + ORIGINAL)
 }
 
 /// The shapes that have no expression of their name among `had`, with their numbers.
 fn without<'a>(added: &'a [Added<'_>], had: &[String]) -> impl Iterator<Item = (usize, &'a str)> {
     let all = added.iter().map(|added| added.name).enumerate();
-    all.filter(move |(_, name)| !had.iter().any(|h| alike(h, name)))
+    all.filter(move |(_, name)| !had.iter().any(|h| is_same_name(h, name)))
 }
 
-/// The numbers of shapes that are preset mouth shapes, with their names there in a version.
+/// The numbers of shapes that are preset mouth shapes, with their names in a version.
 fn presets(added: &[Added<'_>], version: usize) -> impl Iterator<Item = (usize, &'static str)> {
     let number = |name| added.iter().position(|added| added.name == name);
     PRESETS
@@ -133,7 +133,7 @@ pub(super) fn add_expressions(json: &mut Value, added: &[Added<'_>], bound: &[Bo
     }
 }
 
-/// Adds expressions as VRM 0 has them.
+/// Adds expressions in the form of VRM 0.
 fn add_groups(groups: &mut Value, added: &[Added<'_>], bound: &[Bound]) {
     for group in groups.as_array_mut().into_iter().flatten() {
         let name = group["name"].as_str().filter(|_| !is_preset(group));

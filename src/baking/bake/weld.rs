@@ -1,38 +1,38 @@
-//! Triangles as glTF stores them, sewn back into the mesh they were made from.
+//! Welds triangles as stored in glTF back into the mesh that they were made from.
 //!
-//! A file repeats a vertex wherever its texture or normal changes, so the place alone cannot tell a copy at a seam from a
-//! vertex of another part that touches there. The triangles around it can: along a seam two open edges lie on each
-//! other and run in opposite directions, each with its triangle on its own side. Only such edges are sewn; closed lips,
-//! teeth in gums and balls in sockets stay apart although they touch.
+//! A file repeats a vertex wherever its texture or normal changes, so the position alone cannot distinguish a
+//! duplicate at a seam from a touching vertex of another part. The triangles can: along a seam two open edges
+//! coincide and run in opposite directions, each with its triangle on its own side. Only such edges are welded;
+//! closed lips, teeth in gums and balls in sockets stay separate although they touch.
 //!
-//! Exporters write the two triangles of a quad one after the other; where nearly all triangles pair up like that, they are
-//! quads again, so that a head bakes as it does from OBJ.
+//! Exporters write the two triangles of a quad consecutively; where nearly all triangles pair up like that, they
+//! become quads again, so that a head bakes as it does from OBJ.
 //!
-//! Cost: linear with a hash map. Limits: two parts whose open edges lie exactly on each other are sewn; copies must agree
-//! to the last bit; faces of both windings along one seam stay apart.
+//! Cost: linear with a hash map. Limits: two parts whose open edges coincide exactly are welded; duplicates must
+//! agree to the last bit; faces of both windings along one seam stay separate.
 
 use std::collections::{HashMap, HashSet};
 
 use super::mesh::Vec3;
 
-/// From this share of paired triangles on a mesh is taken for one of quads.
+/// Share of paired triangles from which a mesh counts as one of quads.
 const MOSTLY_QUADS: f64 = 0.85;
-/// Two triangles are no quad if their normals differ by more than this cosine: 60 degrees.
+/// Least cosine of the normals of a quad's triangles, 60 degrees.
 const BENT: f64 = 0.5;
 
-/// Edges in one place that are looked through for the one of the same part.
+/// Most edges at one position that are searched for one of the same part.
 const FOLDED: usize = 64;
 
-/// From one row to another, and the part it belongs to.
+/// Start row, end row, part.
 type Edge = (u32, u32, u32);
 
-/// For every row the first row that is the same vertex. `places` are the rows' positions, `parts` says where each triangle
-/// comes from (edges of one part are sewn to each other first).
-pub(super) fn sewn(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -> Vec<u32> {
+/// For every row the first row that is the same vertex. `places` are the rows' positions, `parts` the part of each
+/// triangle (edges of one part are welded first).
+pub(super) fn welded(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -> Vec<u32> {
     let mut known: HashMap<[u32; 3], u32> = HashMap::new();
     let place: Vec<u32> = places
         .iter()
-        // Adding 0 makes one zero of both.
+        // Adding 0 turns -0 into 0.
         .map(|p| p.map(|x| (x + 0.0).to_bits()))
         .enumerate()
         .map(|(row, key)| *known.entry(key).or_insert(row as u32))
@@ -40,7 +40,7 @@ pub(super) fn sewn(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -
     let around = |(t, &part): (&[u32; 3], &u32)| [0, 1, 2].map(|k| (t[k], t[(k + 1) % 3], part));
     let edges = || triangles.iter().zip(parts).flat_map(around);
     let there: HashSet<(u32, u32)> = edges().map(|(a, b, _)| (a, b)).collect();
-    // Open edges by place.
+    // Open edges by position.
     let mut open: HashMap<(u32, u32), Vec<Edge>> = HashMap::new();
     for (a, b, part) in edges().filter(|&(a, b, _)| a != b && !there.contains(&(b, a))) {
         let key = (place[a as usize], place[b as usize]);
@@ -58,7 +58,7 @@ pub(super) fn sewn(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -
             join(&mut same, from, here);
             join(&mut same, to, there);
         };
-        // Many edges in one place are no seam of a head.
+        // Many edges at one position are no seam of a head.
         forth.retain(|edge| {
             let mut near = back.iter().take(FOLDED);
             let own = near.position(|e| e.2 == edge.2);
@@ -85,16 +85,16 @@ fn root(same: &[u32], mut row: u32) -> u32 {
     row
 }
 
-/// Makes two sets of rows one.
+/// Merges the sets of two rows.
 fn join(same: &mut [u32], a: u32, b: u32) {
     let (a, b) = (root(same, a), root(same, b));
     same[a.max(b) as usize] = a.min(b);
 }
 
-/// Faces of the mesh: the triangles, or the quads they were cut from where nearly all pair up.
+/// Faces of the mesh: the triangles, or quads where nearly all pair up.
 pub(super) fn faces(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let n = triangles.len();
-    // Neighbours in the list often share an edge without being a quad: the best pairing of the whole list counts, in
+    // Neighbours in the list may share an edge without being a quad. The best pairing of the whole list counts, in
     // which the halves of a quad start or end with the same corner, as exporters cut them.
     let mut best = vec![0_u32; n + 2];
     for k in (0..n.saturating_sub(1)).rev() {
@@ -119,8 +119,8 @@ pub(super) fn faces(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec<u32>>
     faces
 }
 
-/// The four corners of two triangles with a common edge, cut between the first and the third: along the shorter diagonal, whichever
-/// way the triangles are cut.
+/// The four corners of two triangles with a common edge, cut from the first to the third along the shorter diagonal,
+/// regardless of the triangles' own.
 fn corners(positions: &[Vec3], one: [u32; 3], two: [u32; 3]) -> Option<[u32; 4]> {
     (0..3).find_map(|k| {
         let [a, b, c] = [one[k], one[(k + 1) % 3], one[(k + 2) % 3]];
@@ -150,7 +150,7 @@ fn quad(positions: &[Vec3], one: [u32; 3], two: [u32; 3]) -> Option<[u32; 4]> {
     (flat && convex).then_some(quad)
 }
 
-/// Cuts what is left of quads too bent to be sewn along their shorter diagonals: files differ in how they cut them.
+/// Cuts quads that are too bent along their shorter diagonals, as files differ in how they cut them.
 pub(super) fn recut(positions: &[Vec3], faces: &mut [Vec<u32>]) {
     let mut at = 0;
     let some_quads = faces.iter().any(|face| face.len() == 4);
@@ -187,12 +187,18 @@ mod tests {
     }
 
     #[test]
-    fn a_seam_is_sewn_and_a_touch_is_not() {
+    fn a_seam_is_welded_and_a_touch_is_not() {
         let (places, triangles) = squares(1.0);
-        assert_eq!(sewn(&places, &triangles, &[0; 4]), [0, 1, 2, 3, 1, 5, 6, 2]);
+        assert_eq!(
+            welded(&places, &triangles, &[0; 4]),
+            [0, 1, 2, 3, 1, 5, 6, 2]
+        );
         // Sheets that lie on each other, as closed lips do, run in the same direction along every edge.
         let (places, triangles) = squares(0.0);
-        assert_eq!(sewn(&places, &triangles, &[0; 4]), [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(
+            welded(&places, &triangles, &[0; 4]),
+            [0, 1, 2, 3, 4, 5, 6, 7]
+        );
     }
 
     #[test]
@@ -211,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn quads_too_bent_to_be_sewn_are_cut_alike_whichever_way_the_file_cuts_them() {
+    fn bent_quads_are_cut_alike_for_either_diagonal_of_the_file() {
         let mut mesh = sheet(8, 1.0);
         mesh.positions[0].z = 3.0;
         let cut = |first: [[usize; 3]; 2]| {

@@ -1,40 +1,42 @@
-//! Faces whose corners run clockwise seen from outside, found so that they can be turned round: the solver needs to know outside.
+//! Finds and turns faces that run clockwise seen from outside, as the solver needs outward normals.
 //!
-//! Two faces at an edge agree if they pass it in opposite directions: so every connected part is made to agree with itself, first over
-//! shared vertices, then, by the majority of edges, over seams where vertices are repeated. A part looks outwards if the volume that it
-//! encloses, closed by a cone over its border, is above 0. An open part inside another may be the lining of a mouth as well as
-//! half an eyeball, and a plate has no volume: both are turned only if at least nine in ten
-//! of the parts that can be judged are.
+//! Two faces at an edge agree if they pass it in opposite directions. Every connected part is made consistent, first
+//! over shared vertices, then, by the majority of edges, over seams of duplicated vertices. A part faces outwards if
+//! its volume, closed by a cone over its border, is positive. An open part inside another may be the lining of a
+//! mouth or half an eyeball, and a plate has no volume: both are turned only if at least nine in ten of the parts
+//! that can be judged are.
 //!
-//! Units: the mesh's. Cost: two sorts of the edges. Limits: edges of three faces and more end a part; a lone half eyeball that is
-//! reversed stays.
+//! Units: the mesh's. Cost: two sorts of the edges. Limits: edges of three or more faces end a part; a lone reversed
+//! half eyeball stays.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 
-use super::mesh::{Mesh, Vec3, extent_of};
+use super::mesh::{Mesh, Vec3, bounding_box};
 use super::morphs::single;
 
-/// Volume over area to the power of 1.5 below which an open part is a plate: .094 of a ball, .066 of half a one, .04 to .09 of heads.
+/// Volume over area to the power of 1.5 below which an open part is a plate: .094 for a ball, .066 for half a one,
+/// .04 to .09 for heads.
 const PLATE: f64 = 0.02;
-/// Parts large enough to hold others that are looked through, and how much smaller in volume these are.
+/// Most parts that are tested for containing others.
 const HOLDERS: usize = 16;
+/// Largest volume of a contained part, as share of the container's.
 const HELD: f64 = 0.1;
-/// Share of all area above which an open part is judged by its own volume: a strand of hair is bent either way.
+/// Share of the total area from which an open part is judged by its own volume: strands of hair bend either way.
 const LARGE: f64 = 0.01;
-/// Least share of the judged parts that are reversed for which the others are turned as well.
-const MOST: f64 = 0.9;
-/// Share of the open edges of the smaller of two sets of faces that must lie on the other's for a seam; less is a touch.
+/// Least share of reversed parts, among the judged ones, for which the others are turned as well.
+const MIN_REVERSED_SHARE: f64 = 0.9;
+/// Least share of the smaller set's open edges that must coincide with the other's for a seam.
 const SEAM: f64 = 0.1;
 
-/// Two vertices, the lower number first; the face; whether it passes from the first to the second.
+/// Two vertices in ascending order; the face; whether it runs from the first to the second.
 type Edge = ([u32; 2], u32, bool);
 
 fn edge([a, b]: [u32; 2], face: u32) -> Edge {
     ([a.min(b), a.max(b)], face, a < b)
 }
 
-/// Faces in sets: a face of the same set, and whether one must be turned to agree with the other; itself at last.
+/// Union-find of faces: a face of the same set, and whether one is opposite to the other.
 struct Sets(Vec<(u32, bool)>);
 
 impl Sets {
@@ -56,16 +58,16 @@ impl Sets {
     }
 }
 
-/// What faces of one set enclose.
+/// Integrals over the faces of one set.
 #[derive(Default)]
 struct Part {
     area: f64,
-    /// Faces that run as the set does, less the others.
+    /// Number of faces with the set's orientation, less the others.
     running: i64,
-    /// Sum over faces of twice the area along the normal, and of its product with the place.
+    /// Sums over faces of twice the area vector, and of its product with the position.
     normal: Vec3,
     moment: f64,
-    /// Middle of the border times its length, and its length.
+    /// Centroid of the border times its length, and its length.
     rim: Vec3,
     border: f64,
     /// Smallest and largest coordinates.
@@ -87,7 +89,7 @@ impl Part {
         self.volume().abs() <= least * self.area.powf(1.5)
     }
 
-    /// Whether this is an open part inside the other.
+    /// Whether this open part lies inside the other.
     fn is_in(&self, other: &Self) -> bool {
         let ((low, high), (least, most)) = (self.extent, other.extent);
         self.border > 0.0
@@ -97,7 +99,7 @@ impl Part {
     }
 }
 
-/// Faces that agree with each other, and edges where they end.
+/// Sets of agreeing faces, and the edges where they end.
 fn agreed(mesh: &Mesh) -> (Sets, Vec<Edge>) {
     let faces = mesh.faces() as u32;
     let mut sets = Sets((0..faces).map(|f| (f, false)).collect());
@@ -124,7 +126,7 @@ fn agreed(mesh: &Mesh) -> (Sets, Vec<Edge>) {
         *size.entry(sets.root(*face).0).or_default() += 1;
     }
     open.sort_unstable();
-    // For and against.
+    // Votes for and against.
     let mut votes: BTreeMap<[u32; 2], [usize; 2]> = BTreeMap::new();
     for group in open.chunk_by(|a, b| a.0 == b.0) {
         match *group {
@@ -148,7 +150,7 @@ fn agreed(mesh: &Mesh) -> (Sets, Vec<Edge>) {
     (sets, border)
 }
 
-/// Whether two faces lie over each other at an edge, as closed lips do, rather than side by side.
+/// Whether two faces at an edge are folded onto each other, as closed lips are, rather than side by side.
 fn folded(mesh: &Mesh, ends: [u32; 2], faces: [u32; 2]) -> bool {
     let [a, b] = ends.map(|v| mesh.positions[v as usize]);
     let along = (b - a).normalize();
@@ -161,14 +163,14 @@ fn folded(mesh: &Mesh, ends: [u32; 2], faces: [u32; 2]) -> bool {
     one.dot(&two) > 0.0
 }
 
-/// Of each face whether its corners run clockwise seen from outside.
+/// Whether the corners of each face run clockwise seen from outside.
 fn reversed(mesh: &Mesh) -> Vec<bool> {
     let (mut sets, border) = agreed(mesh);
     let mut parts: BTreeMap<u32, Part> = BTreeMap::new();
     for f in 0..mesh.faces() {
         let (root, opposite) = sets.root(f as u32);
         let part = parts.entry(root).or_insert_with(|| Part {
-            extent: extent_of([]),
+            extent: bounding_box([]),
             ..Part::default()
         });
         let normal = mesh.newell(f, &mesh.positions) * if opposite { -1.0 } else { 1.0 };
@@ -182,7 +184,7 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
         part.area += 0.5 * normal.norm();
         part.running += if opposite { -1 } else { 1 };
         part.normal += normal;
-        // About the middle: a bent face and its reverse enclose the same.
+        // About the centroid, so that a bent face and its reverse enclose the same volume.
         part.moment += normal.dot(&middle);
     }
     for (ends, face, _) in border {
@@ -203,14 +205,14 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
         .iter()
         .map(|(&root, p)| (root, shows(p).then(|| p.volume() < 0.0)));
     let own: BTreeMap<u32, Option<bool>> = own.collect();
-    // As most faces of a part run in the file.
+    // The orientation of most of a part's faces in the file.
     let runs = |root: &u32| parts[root].running < 0;
     let sure: Vec<bool> = own
         .iter()
         .filter_map(|(root, own)| Some((*own)? ^ runs(root)))
         .collect();
     let turned = sure.iter().filter(|reversed| **reversed).count();
-    let rest = turned > 0 && turned as f64 >= MOST * sure.len() as f64;
+    let rest = turned > 0 && turned as f64 >= MIN_REVERSED_SHARE * sure.len() as f64;
     let face = |f: u32| {
         let (root, opposite) = sets.root(f);
         opposite ^ own[&root].unwrap_or_else(|| rest ^ runs(&root))
@@ -219,7 +221,7 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
 }
 
 impl Mesh {
-    /// Turns faces round whose corners run clockwise seen from outside; their number. They lose the normals they were given.
+    /// Turns clockwise faces; returns their number. They lose the file's normals.
     pub(super) fn turn_outward(&mut self) -> usize {
         let reversed = reversed(self);
         for f in (0..reversed.len()).filter(|&f| reversed[f]) {

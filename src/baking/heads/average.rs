@@ -1,4 +1,4 @@
-//! Nobody's head in particular: mean shape and mean photograph of many people, small enough to be built into the appliance.
+//! The average head: mean shape and mean photograph of many people, small enough for the appliance.
 
 use std::path::Path;
 
@@ -38,7 +38,7 @@ pub fn average(heads: &[PersonHead]) -> Option<HeadAsset> {
     }
     let texture = mean_photograph(heads, &neutral);
     let photo: Vec<[f32; 2]> = neutral.iter().map(flat).collect();
-    // The mean photograph has the spread colours in it already, so it may count where most photographs did a little.
+    // The mean photograph already contains the spread colours, so that little visibility suffices.
     let share: Vec<f32> = share.iter().map(|s| (s * 1.5).min(1.0)).collect();
     let mut asset = HeadAsset {
         neutral,
@@ -52,12 +52,12 @@ pub fn average(heads: &[PersonHead]) -> Option<HeadAsset> {
     Some(asset)
 }
 
-/// Place in the mean photograph.
+/// Texture coordinates in the mean photograph, pixels.
 fn flat(p: &Point) -> [f32; 2] {
     [p.x * SCALE + ORIGIN[0], p.y * SCALE + ORIGIN[1]]
 }
 
-/// Every photograph drawn on the mean face, seen from infinitely far, in even light.
+/// Mean of all photographs rendered on the mean face, orthographically, in even light.
 fn mean_photograph(heads: &[PersonHead], mean: &[Point]) -> Texture {
     let light = Light {
         ambient: 1.0,

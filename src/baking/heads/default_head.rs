@@ -1,8 +1,8 @@
-//! A head to look at without having one: the [`Hero`], baked by our own baker when it is asked for, so that only its neutral mesh
-//! is shipped.
+//! The default head: the [`Hero`], baked on demand, so that only its neutral mesh is shipped.
 //!
-//! As binary glTF it has colours, 67 morph targets and two joints, neck and head; the neck stays when the head turns. As OBJ
-//! it is neutral, with its materials and pictures beside. Both have their 68 landmarks beside, for `mien-studio bake`.
+//! As binary glTF it has colours, 67 morph targets and two joints, neck and head; the neck stays when the head turns.
+//! As OBJ it is neutral, with materials and images in files beside it. Both have their 68 landmarks in a file, for
+//! `mien-studio bake`.
 //!
 //! Frame: glTF's (x left, y up, z out), metres. Cost: two to three seconds of processor time for 67 shapes on 24 000
 //! vertices.
@@ -19,7 +19,7 @@ use crate::bake::mesh::Vec3;
 use crate::bake::morphs::single;
 use crate::bake::neck;
 use crate::bake::obj::faces;
-use crate::bake::patch::Foreign;
+use crate::bake::patch::ImportedGltf;
 use crate::bake::prior::Prior;
 use crate::bake::recipe::{Recipe, SHIPPED};
 use crate::bake::rig::{self, Method};
@@ -27,18 +27,18 @@ use crate::bake::shape::Shape;
 use mien_workbench::atomic_write::{is_free, write_out};
 use mien_workbench::fault::Fault;
 
-/// Adds a layer as a mesh; of shares of the joints, the head's are [`turns`].
+/// Adds a layer as a mesh, with the head's share of rotation by [`turns`].
 fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
     let mesh = &layer.mesh;
     let places: Vec<[f32; 3]> = mesh.positions.iter().map(single).collect();
     let normals = mesh.vertex_normals(&mesh.positions);
-    // Vertices of no face have none; the standard wants one.
+    // Vertices of no face have no normal; the standard requires one.
     let normal = |n: &Vec3| single(&n.try_normalize(1e-9).unwrap_or_else(Vec3::y));
     let normals: Vec<[f32; 3]> = normals.iter().map(normal).collect();
     let shares = mesh.positions.iter().map(|p| turns(p) as f32);
     let [joints, weights] = neck::weighed(glb, shares);
     let attributes = json!({
-        "POSITION": glb.push_bounded(&places, VERTICES),
+        "POSITION": glb.push_rows_with_bounds(&places, VERTICES),
         "NORMAL": glb.push_rows(&normals, VERTICES),
         "COLOR_0": glb.push_rows(&layer.tints, VERTICES),
         "TEXCOORD_0": glb.push_rows(&layer.uv, VERTICES),
@@ -81,7 +81,7 @@ fn textured(glb: &mut Glb, jpeg: &[u8], name: &str) -> usize {
     let view = glb.push_view(jpeg, 0);
     let image = json!({"bufferView": view, "mimeType": "image/jpeg", "name": name});
     let image = push(&mut glb.json["images"], image);
-    // Clamped: what lies beyond has the colour of the edge.
+    // Clamped, so that texels beyond have the colour of the edge.
     glb.json["samplers"] = json!([{"wrapS": 33071, "wrapT": 33071}]);
     let texture = json!({"source": image, "sampler": 0});
     push(&mut glb.json["textures"], texture)
@@ -102,11 +102,11 @@ pub fn glb(hero: &Hero) -> Result<Vec<u8>, Fault> {
         bin: Vec::new(),
     };
     add(&mut face, hero, &hero.face, "face");
-    // Through the door that heads of others take, so that the numbers of the vertices are settled there.
-    let (mesh, foreign) = Foreign::read(face).map_err(Fault::within("built-in head"))?;
-    let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
-    let mut glb = foreign.patched(&head.mesh, &shapes(&head)?, false);
-    // What does not move with the face.
+    // Read as an imported head, which settles the numbers of vertices.
+    let (mesh, imported) = ImportedGltf::read(face).map_err(Fault::within("built-in head"))?;
+    let head = Head::new(mesh, &imported.landmarks(&hero.landmarks))?;
+    let mut glb = imported.patched(&head.mesh, &shapes(&head)?, false);
+    // Parts that do not move with the face.
     add(&mut glb, hero, &hero.dress, "hair_and_shirt");
     neck::joined(&mut glb, &[NECK, JOINT]);
     Ok(glb.emit())
@@ -146,7 +146,7 @@ fn obj(hero: &Hero, materials: &str) -> String {
     out
 }
 
-/// The materials of an OBJ, and the pictures that they name, whose names begin with `stem`.
+/// The materials of an OBJ, and their images, whose names begin with `stem`.
 fn materials(hero: &Hero, stem: &str) -> (String, Vec<(String, Vec<u8>)>) {
     let (mut text, mut pictures) = (String::new(), Vec::new());
     for look in &hero.looks {
@@ -168,17 +168,17 @@ fn materials(hero: &Hero, stem: &str) -> (String, Vec<(String, Vec<u8>)>) {
     (text, pictures)
 }
 
-/// Where files go, and their bytes.
+/// Paths of files with their bytes.
 type Files = Vec<(PathBuf, Vec<u8>)>;
 
-/// The files of the head, the named one first, and the name's stem for those beside it.
+/// The files of the head, the named one first, with the stem of the others' names.
 fn files(hero: &Hero, out: &Path, stem: &str) -> Result<(&'static str, Files), Fault> {
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
     let (what, mut files) = if ending == "glb" {
         let glb = (out.to_path_buf(), glb(hero)?);
         ("67 shapes, coloured", vec![glb])
     } else if ending == "obj" {
-        // The name stands in the OBJ as one word.
+        // The name must be a single word in the OBJ.
         let stem = stem.replace(char::is_whitespace, "_");
         let library = format!("{stem}.mtl");
         let (text, pictures) = materials(hero, &stem);
@@ -200,8 +200,8 @@ fn files(hero: &Hero, out: &Path, stem: &str) -> Result<(&'static str, Files), F
     Ok((what, files))
 }
 
-/// Writes the head: baked to a `.glb`, or neutral to an `.obj`, with the numbers of its landmarks beside it. Other files that
-/// stand beside it stay, and all beside it get a number, unless `force`.
+/// Writes the head: baked to a `.glb`, or neutral to an `.obj`, with its landmarks in a file beside it. Existing
+/// files beside it are kept, and all new ones get a number, unless `force`.
 ///
 /// # Errors
 /// If the name ends otherwise, or it cannot be written.
@@ -231,8 +231,8 @@ mod tests {
     use super::*;
     use crate::bake::locate::guess;
     use crate::bake::looks::Looks;
-    use crate::bake::patch::Foreign;
-    use crate::golden::{coloured, hold, hold_every};
+    use crate::bake::patch::ImportedGltf;
+    use crate::golden::{coloured, compare_with_golden, equals_golden};
     use mien_stages::face_model::FaceModel;
 
     #[test]
@@ -250,7 +250,7 @@ mod tests {
         let down = moved.chunks(3).map(|d| -d[1]).fold(0.0, f32::max);
         assert!((0.008..0.05).contains(&down), "{down} m");
 
-        // All of them as they were, in twentieths of a millimetre, at some of what moves by one or more.
+        // All shapes, in twentieths of a millimetre, at a sample of vertices that move by one or more.
         let moved = mesh["primitives"][0]["targets"].as_array().unwrap().iter();
         let moved = moved.map(|target| target["POSITION"].as_u64().unwrap() as usize);
         let moved: Vec<_> = moved.map(|at| glb.floats(at, 3).unwrap()).collect();
@@ -266,28 +266,28 @@ mod tests {
                 some.collect::<String>()
             )
         });
-        hold("heads/baked", &lines.collect::<Vec<_>>());
+        compare_with_golden("heads/baked", &lines.collect::<Vec<_>>());
         let mut looks = vec![glb.json["materials"].to_string()];
         for mesh in glb.json["meshes"].as_array().unwrap() {
             let parts = mesh["primitives"].as_array().unwrap().iter();
             looks.extend(parts.map(|part| format!("material {}", part["material"])));
         }
-        hold_every("heads/looks", &looks);
-        // Strands of hair are bent either way: none of them looks inwards.
-        assert_eq!(Foreign::read(glb).unwrap().1.turned, 0);
+        equals_golden("heads/looks", &looks);
+        // Strands of hair bend either way: none may count as inward.
+        assert_eq!(ImportedGltf::read(glb).unwrap().1.turned, 0);
     }
 
     /// Landmarks in tenths of a millimetre and how sure they are in two hundredths, on the plain mesh.
     #[test]
-    fn the_heads_landmarks_are_found_where_they_were() {
+    fn the_default_heads_landmarks_equal_the_golden_ones() {
         let mesh = Hero::shipped().face.mesh;
         let found = guess(&mesh, &Looks::default(), None, &FaceModel::shipped()).expect("a face");
         let mut lines = vec![format!("{} {}", found.up, found.facing)];
-        for (&v, sure) in found.vertices.iter().zip(found.of_points) {
+        for (&v, sure) in found.vertices.iter().zip(found.point_confidence) {
             let [x, y, z] = (mesh.positions[v as usize] * 1e4).into();
             lines.push(format!("{x:.0} {y:.0} {z:.0} {:.0}", sure * 200.0));
         }
         lines.extend(coloured::<16, 16>(&found.picture));
-        hold_every("heads/located", &lines);
+        equals_golden("heads/located", &lines);
     }
 }

@@ -1,16 +1,18 @@
-//! Paints eyes by rule over a photograph's: sharp irises of many colours.
+//! Paints synthetic eyes over a photograph's: sharp irises of many colours.
 //!
-//! A photograph shows one glance, with its iris half hidden by the lids it was taken with. Iris and pupil are cones about the
-//! eyeball's axis: 11.7 mm across on a ball of 24 mm, Gross & Rubeiz's mean.
+//! A photograph shows one gaze, with the iris half hidden by the lids. Iris and pupil are cones about the eyeball's
+//! axis: 11.7 mm across on a ball of 24 mm, the mean of Gross & Rubeiz.
 
 use std::sync::Arc;
 
 use crate::heads::ict::eyeballs;
 use mien_simulator::virtual_head::HeadAsset;
 
-/// Angles from the axis up to which there is pupil, iris and the dark rim of the iris, radians.
+/// Angle from the axis up to which there is pupil, radians.
 const PUPIL: f32 = 0.17;
+/// Angle from the axis up to which there is iris, radians.
 const IRIS: f32 = 0.44;
+/// Angle from the axis up to which there is the iris's dark rim, radians.
 const RIM: f32 = 0.51;
 
 /// Paints both eyeballs of a head; seeded.
@@ -29,7 +31,7 @@ pub fn paint(asset: &mut HeadAsset, seed: u64) {
     for (ball, centre) in eyeballs(&asset.neutral) {
         for v in ball {
             let out = asset.neutral[v] - centre;
-            // The face looks towards the camera, against z.
+            // The face looks towards the camera, along −z.
             let angle = (-out.z / out.norm().max(1e-6)).acos();
             share[v] = 0.0;
             colour[v] = match angle {

@@ -19,7 +19,7 @@ const EXPRESSION_SIGMA: f64 = 0.25;
 /// Steps; the residual no longer changes after about eight.
 const STEPS: usize = 15;
 
-/// The mesh as it stands before one camera.
+/// Pose and weights of the mesh in one portrait.
 pub struct PortraitFit {
     /// Pixels per metre.
     pub scale: f64,
@@ -39,10 +39,10 @@ fn weight(landmark: usize) -> f64 {
     }
 }
 
-/// How a mode moves each landmark, and how far it usually goes.
+/// Displacement of each landmark by a mode, and the mode's standard deviation.
 type Mode = (Vec<Vector3<f64>>, f64);
 
-/// Those of the identities, then of the expressions.
+/// Modes of identity, then of expression.
 fn modes(ict: &IctHead, sites: &[Site]) -> Vec<Mode> {
     let at = |offsets: &[Vector3<f32>], site: &Site| site.mix(|v| offsets[v as usize]).cast();
     let identities = ict.identities.iter().map(|d| (d, IDENTITY_SIGMA));
@@ -60,7 +60,7 @@ impl PortraitFit {
         (pixel, q.z)
     }
 
-    /// Upright, with the corners of the eyes where they should be.
+    /// Frontal start with the eye corners aligned.
     fn upright(base: &[Vector3<f64>], points: &[[f64; 2]; LANDMARKS], modes: usize) -> Self {
         let [a, b] = [points[36], points[45]];
         Self {
@@ -71,8 +71,8 @@ impl PortraitFit {
         }
     }
 
-    /// How the places of the points change with the logarithm of the scale, the rotation, the shift and the weights, and by how
-    /// much they are off, in standard deviations.
+    /// Jacobian of the projected points by log scale, rotation, shift and weights, and the residuals, in standard
+    /// deviations.
     fn linearised(
         &self,
         base: &[Vector3<f64>],
@@ -109,7 +109,7 @@ impl PortraitFit {
 
 /// Fits the mesh with its landmarks at `sites` to 68 points.
 pub fn fit(ict: &IctHead, sites: &[Site], points: &[[f32; 2]; LANDMARKS]) -> PortraitFit {
-    let base = sites.iter().map(|s| s.on(&ict.neutral).coords.cast());
+    let base = sites.iter().map(|s| s.position(&ict.neutral).coords.cast());
     let base: Vec<Vector3<f64>> = base.collect();
     let modes = modes(ict, sites);
     let points = points.map(|p| p.map(f64::from));

@@ -37,7 +37,7 @@ pub mod part {
     pub const EYEBALLS: Range<usize> = 21451..24591;
 }
 
-/// A mesh of differences to the neutral, one vector per vertex, metres in the head frame.
+/// A field of displacements from the neutral, one vector per vertex, metres in the head frame.
 pub struct Delta {
     /// Name in the source, for example `jawOpen`, `identity003`.
     pub name: String,
@@ -78,7 +78,8 @@ fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
     Vector3::new(v.x, -v.y, -v.z) * 0.01
 }
 
-/// All differences of a folder by name, in other axes than the source's, but those of pupils, which nothing measures.
+/// Reads all displacement fields of a folder by name, in the source's axes or transformed, except those of pupils,
+/// which no measure uses.
 pub(crate) fn read_deltas<T>(
     folder: &Path,
     vertices: usize,
@@ -106,7 +107,7 @@ pub(crate) fn read_deltas<T>(
     Ok(deltas)
 }
 
-/// How far eyeballs turn in a full expression of looking, radians.
+/// Rotation of eyeballs in a full gaze expression, radians.
 const FULL_LOOK: f32 = 0.52;
 
 /// Both eyeballs and their centres.
@@ -119,7 +120,7 @@ pub(super) fn eyeballs(neutral: &[Point3<f32>]) -> [(Range<usize>, Point3<f32>);
     })
 }
 
-/// Turns the eyeballs of a neutral head in its expressions of looking, where the source moves the lids alone.
+/// Rotates the eyeballs of a neutral head in its gaze expressions, where the source moves only the lids.
 pub(super) fn turn_eyes(neutral: &[Point3<f32>], expressions: &mut [Delta]) {
     for expression in expressions {
         let look = expression.name.strip_prefix("eyeLook");
@@ -204,7 +205,7 @@ impl IctHead {
 }
 
 /// Part of a vertex; `None` for lashes and helper surfaces, which are not drawn.
-pub fn part_of(vertex: usize) -> Option<Part> {
+pub fn vertex_part(vertex: usize) -> Option<Part> {
     [
         (part::FACE, Part::Skin),
         (part::HEAD_AND_NECK, Part::Skin),

@@ -1,15 +1,15 @@
-//! Heads to draw, made from the ICT FaceKit mesh: plain ones, and ones that wear a photograph.
+//! Heads for rendering, made from the ICT FaceKit mesh: plain ones, and ones with photographs of people.
 //!
 //! ```text
-//! ict                  the mesh as it comes
-//! fit                  the mesh fitted to the points of one
-//! wardrobe             the photograph put on the mesh, bent to its points; eyes: drawn ones instead
-//! average, reduce      nobody's head, small enough for the appliance
-//! hero                 a head to show: hair, lashes, eyes, colours; default_head: the same baked, as a file
+//! ict                  the source mesh
+//! fit                  the mesh fitted to the points of a portrait
+//! wardrobe             the photograph projected onto the mesh, warped to its points; eyes: synthetic ones instead
+//! average, reduce      the average head, small enough for the appliance
+//! hero                 the default head: hair, lashes, eyes, colours; default_head: the same baked, as a file
 //! ```
 //!
-//! Head frames: metres, origin between the inner eye corners, turned so that the stable points of the neutral face lie best
-//! on those of the mean head (least squares).
+//! Head frames: metres, origin between the inner eye corners, rotated so that the stable points of the neutral face
+//! match those of the mean head (least squares).
 
 pub mod average;
 pub mod default_head;
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use crate::heads::ict::{IctHead, part, part_of};
+use crate::heads::ict::{IctHead, part, vertex_part};
 use mien_simulator::virtual_head::{Expression, HeadAsset, Part, Site, Texture};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::Rotation;
@@ -44,10 +44,10 @@ fn write(asset: &HeadAsset, out: &Path) -> Result<usize, Fault> {
     Ok(bytes.len())
 }
 
-/// A head with a photograph, and whose it is.
+/// A head with a person's photograph.
 #[derive(Clone)]
 pub struct PersonHead {
-    /// Place of the person in the list of all persons of the collection: decides the split.
+    /// Index of the person among all of the collection, which decides the split.
     pub person: usize,
     /// The head.
     pub asset: HeadAsset,
@@ -85,7 +85,7 @@ pub fn textured_heads(
     portraits.into_par_iter().map(head).collect()
 }
 
-/// An annotated photograph: place of the person in the list of all, file, the 68 points.
+/// An annotated photograph: index of the person, file, the 68 points.
 type Portrait = (usize, PathBuf, [[f32; 2]; LANDMARKS]);
 
 fn portraits(data: &Path) -> Result<Vec<Portrait>, Fault> {
@@ -96,22 +96,25 @@ fn portraits(data: &Path) -> Result<Vec<Portrait>, Fault> {
     Ok(annotated.collect())
 }
 
-/// Sets the head into its frame as the shape model does: the stable points of the neutral face lie best on those of the
-/// mean head. The identity modes of the mesh leave that open (up to 5° of pitch between people), and a pose is only as
-/// well defined as the frame it is of.
+/// Sets the head into its frame as the shape model does: the stable points of the neutral face match those of the
+/// mean head. The mesh's identity modes leave the frame open (up to 5° of pitch between people), and with it the
+/// pose.
 fn set_upright(asset: &mut HeadAsset, mean: &HeadAsset) {
     let [own, target] = [&*asset, mean].map(|head| head.landmarks_on(&head.neutral));
     let rotation = Similarity::between(&own, &target).rotation;
-    asset.turn(&Rotation::from_rotation_matrix(&rotation));
+    asset.rotate(&Rotation::from_rotation_matrix(&rotation));
     asset.centre();
 }
 
-/// Triangles of the vertices that have a number, by these, and what they show; clockwise seen from outside, as the source
-/// does not have them.
-fn shown(ict: &IctHead, number: impl Fn(u32) -> Option<u32>) -> (Vec<[u32; 3]>, Vec<Part>) {
+/// Triangles of the vertices that `number` renumbers, and their parts; clockwise seen from outside, unlike the
+/// source's.
+fn renumbered_triangles(
+    ict: &IctHead,
+    number: impl Fn(u32) -> Option<u32>,
+) -> (Vec<[u32; 3]>, Vec<Part>) {
     let one = |&[a, b, c]: &[u32; 3]| {
         let corners = [number(a)?, number(c)?, number(b)?];
-        Some((corners, part_of(a as usize)?))
+        Some((corners, vertex_part(a as usize)?))
     };
     ict.triangles.iter().filter_map(one).unzip()
 }
@@ -119,12 +122,13 @@ fn shown(ict: &IctHead, number: impl Fn(u32) -> Option<u32>) -> (Vec<[u32; 3]>, 
 /// The generic head in plain skin colour: for depth pictures.
 pub fn plain_head(ict: &IctHead) -> HeadAsset {
     let drawn = part::EYEBALLS.end;
-    let (triangles, parts) = shown(ict, |v| Some(v).filter(|&v| (v as usize) < drawn));
-    // Little light reaches the back of a mouth: colours fall off behind the lips.
+    let (triangles, parts) =
+        renumbered_triangles(ict, |v| Some(v).filter(|&v| (v as usize) < drawn));
+    // Little light reaches the back of a mouth: colours darken behind the lips.
     let lips = ict.neutral[ict.landmarks[62]].z;
     let colour = (0..drawn).map(|v| {
         let lit = (1.15 - (ict.neutral[v].z - lips) / 0.030).clamp(0.12, 1.0);
-        match part_of(v) {
+        match vertex_part(v) {
             Some(Part::MouthSocket) => [110.0, 50.0, 50.0].map(|c| c * lit),
             Some(Part::EyeSocket) => [90.0, 50.0, 45.0],
             Some(Part::Gums) => [160.0, 85.0, 85.0].map(|c| c * lit),

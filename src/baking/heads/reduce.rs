@@ -1,9 +1,9 @@
-//! Fewer vertices for the same head: half-edge collapses in the order of what they change.
+//! Simplifies a head by half-edge collapses in the order of their cost.
 //!
-//! Garland & Heckbert, "Surface simplification using quadric error metrics" (1997), restricted to keeping one of the two ends, so
-//! that the result's vertices are a subset of the head's and everything stored per vertex carries over unchanged. What
-//! an expression does counts as shape too: two vertices that move differently are expensive to join, so lids and lips keep
-//! their rows. Landmarks, rims and coincident vertices of different surfaces stay. Cost: a heap of edges, lazily
+//! Garland & Heckbert, "Surface simplification using quadric error metrics" (1997), restricted to keeping one of the
+//! two ends, so that the result's vertices are a subset of the head's and all vertex data carry over unchanged.
+//! Expressions count as shape too: joining vertices that move differently is expensive, so lids and lips keep their
+//! rows. Landmarks, rims and coincident vertices of different surfaces are kept. Cost: a heap of edges, lazily
 //! re-evaluated; about 0.3 s for 25 000 vertices.
 
 use std::cmp::Reverse;
@@ -14,13 +14,14 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 use mien_simulator::virtual_head::{Expression, HeadAsset, Part, Site};
 use mien_stages::base::geometry::Point;
 
-/// Share of the vertices that stays, by part.
+/// Share of kept vertices, by part.
 const KEPT: [f64; Part::COUNT] = [0.42, 0.14, 0.13, 0.13, 0.18, 0.15];
-/// Distance from eyes and mouth within which detail counts [`DETAIL`] times, metres.
+/// Distance from eyes and mouth within which errors are weighted by [`DETAIL`], metres.
 const DETAIL_M: f32 = 0.018;
+/// Weight of errors near eyes and mouth.
 const DETAIL: f64 = 12.0;
 
-/// Which vertices stay, and the triangles between them.
+/// Kept vertices, and the triangles between them.
 pub struct Reduction {
     kept: Vec<u32>,
     triangles: Vec<[u32; 3]>,
@@ -33,8 +34,8 @@ struct Mesh<'a> {
     triangles: Vec<Option<[u32; 3]>>,
     at: Vec<BTreeSet<u32>>,
     quadrics: Vec<Matrix4<f64>>,
-    /// Displacements by the expressions that tell most, per vertex.
-    motion: Vec<[Vector3<f32>; TELLING.len()]>,
+    /// Displacements by the key expressions, per vertex.
+    motion: Vec<[Vector3<f32>; KEY_EXPRESSIONS.len()]>,
     weight: Vec<f64>,
     locked: Vec<bool>,
 }
@@ -50,7 +51,7 @@ fn part_of_each(asset: &HeadAsset) -> Vec<Part> {
     part_at
 }
 
-/// For every vertex the first of the skin at its place: coincident vertices are one.
+/// For every vertex the first skin vertex at its position, itself if there is none.
 fn merged(asset: &HeadAsset, part_at: &[Part]) -> Vec<u32> {
     let mut first: HashMap<[u32; 3], u32> = HashMap::new();
     let of = |(v, (p, part)): (u32, (&Point, &Part))| match part {
@@ -63,8 +64,8 @@ fn merged(asset: &HeadAsset, part_at: &[Part]) -> Vec<u32> {
         .collect()
 }
 
-/// Expressions that tell most about how vertices move.
-const TELLING: [&str; 8] = [
+/// Expressions that represent how vertices move.
+const KEY_EXPRESSIONS: [&str; 8] = [
     "jawOpen",
     "eyeBlink_L",
     "eyeBlink_R",
@@ -75,10 +76,10 @@ const TELLING: [&str; 8] = [
     "browInnerUp_R",
 ];
 
-/// How each vertex moves in them.
-fn motion(asset: &HeadAsset) -> Vec<[Vector3<f32>; TELLING.len()]> {
-    let mut motion = vec![[Vector3::zeros(); TELLING.len()]; asset.neutral.len()];
-    for (k, name) in TELLING.iter().enumerate() {
+/// Displacements of each vertex by the key expressions.
+fn motion(asset: &HeadAsset) -> Vec<[Vector3<f32>; KEY_EXPRESSIONS.len()]> {
+    let mut motion = vec![[Vector3::zeros(); KEY_EXPRESSIONS.len()]; asset.neutral.len()];
+    for (k, name) in KEY_EXPRESSIONS.iter().enumerate() {
         let Some(e) = asset.expression(name) else {
             continue;
         };
@@ -90,23 +91,23 @@ fn motion(asset: &HeadAsset) -> Vec<[Vector3<f32>; TELLING.len()]> {
     motion
 }
 
-/// What a vertex counts: more about eyes, nose and mouth.
+/// Weight of each vertex's errors: larger near eyes, nose and mouth.
 fn weights(asset: &HeadAsset) -> Vec<f64> {
     let fine = asset.landmarks[36..68].iter();
-    let fine: Vec<_> = fine.map(|site| site.on(&asset.neutral)).collect();
+    let fine: Vec<_> = fine.map(|site| site.position(&asset.neutral)).collect();
     let is_fine = |p: &Point| fine.iter().any(|q| (p - q).norm() < DETAIL_M);
     let weight = |p| if is_fine(p) { DETAIL } else { 1.0 };
     asset.neutral.iter().map(weight).collect()
 }
 
 impl<'a> Mesh<'a> {
-    /// The skin sewn together, what must stay locked, and the planes of its triangles.
+    /// The welded skin, locked vertices, and the planes of its triangles.
     fn new(asset: &'a HeadAsset, part_at: &[Part]) -> Self {
         let n = asset.neutral.len();
         let same = merged(asset, part_at);
-        let sewn = |t: &[u32; 3]| t.map(|v| same[v as usize]);
+        let welded = |t: &[u32; 3]| t.map(|v| same[v as usize]);
         let whole = |t: [u32; 3]| Some(t).filter(|[a, b, c]| a != b && b != c && c != a);
-        let triangles: Vec<_> = asset.triangles.iter().map(|t| whole(sewn(t))).collect();
+        let triangles: Vec<_> = asset.triangles.iter().map(|t| whole(welded(t))).collect();
         let mut at = vec![BTreeSet::new(); n];
         let mut edges: HashMap<(u32, u32), u32> = HashMap::new();
         for (k, t) in triangles.iter().enumerate() {
@@ -159,7 +160,7 @@ impl<'a> Mesh<'a> {
         all.filter(|&v| !self.at[v as usize].is_empty()).collect()
     }
 
-    /// Collapses the cheapest edges until of each part only its share is left.
+    /// Collapses the cheapest edges until each part has its share of vertices.
     fn collapse(&mut self, part_at: &[Part]) {
         let alive = self.alive();
         let mut left = [0usize; Part::COUNT];
@@ -228,7 +229,7 @@ impl<'a> Mesh<'a> {
         around
     }
 
-    /// What moving `from` onto `to` changes, squared metres; infinite if it must not be.
+    /// Cost of moving `from` onto `to`, squared metres; infinite if not allowed.
     fn cost(&self, from: u32, to: u32) -> f64 {
         if self.locked[from as usize] {
             return f64::INFINITY;
@@ -286,12 +287,13 @@ impl Reduction {
         }
     }
 
-    /// Values of the vertices that stay.
+    /// Values of the kept vertices.
     pub fn pick<T: Copy>(&self, values: &[T]) -> Vec<T> {
         self.kept.iter().map(|&v| values[v as usize]).collect()
     }
 
-    /// Another person's head made smaller, sharing mesh and expressions with `first`, which [`Reduction::apply`] gave.
+    /// Another person's head reduced alike, sharing mesh and expressions with `first`, a result of
+    /// [`Reduction::apply`].
     pub fn apply_like(&self, asset: &HeadAsset, first: &HeadAsset) -> HeadAsset {
         HeadAsset {
             neutral: self.pick(&asset.neutral),
@@ -303,7 +305,7 @@ impl Reduction {
         }
     }
 
-    /// The smaller head, with nothing shared yet.
+    /// The reduced head, sharing nothing.
     pub fn apply(&self, asset: &HeadAsset) -> HeadAsset {
         let place: HashMap<u32, u32> = self.kept.iter().zip(0u32..).map(|(&v, k)| (v, k)).collect();
         let expressions = asset.expressions.iter().map(|e| {
@@ -318,7 +320,7 @@ impl Reduction {
         });
         let at = |v: u32| {
             place.get(&v).copied().unwrap_or_else(|| {
-                // A coincident vertex stood for it.
+                // Its position may be a coincident vertex's.
                 let p = asset.neutral[v as usize];
                 let mut kept = self.kept.iter();
                 kept.position(|&k| asset.neutral[k as usize] == p)

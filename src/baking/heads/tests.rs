@@ -1,14 +1,14 @@
-//! Dressed heads against the portraits they were made from. Left out where the data sets are absent.
+//! Heads with photographs, compared with their portraits. Skipped without the data sets.
 
 use super::*;
 use image::RgbImage;
 
 use crate::data::{Set, only};
-use crate::golden::{coloured, hold, hold_every};
+use crate::golden::{coloured, compare_with_golden, equals_golden};
 
 /// Places in half millimetres, colours and places in the picture in hundredths.
 #[test]
-fn the_head_that_a_user_meets_first_looks_as_it_did() {
+fn the_default_head_equals_the_golden_one() {
     let hero = hero::Hero::shipped();
     let mut lines = Vec::new();
     for layer in [&hero.face, &hero.dress] {
@@ -27,7 +27,7 @@ fn the_head_that_a_user_meets_first_looks_as_it_did() {
             );
         }
     }
-    hold("heads/hero", &lines);
+    compare_with_golden("heads/hero", &lines);
 }
 
 fn data() -> Option<tempfile::TempDir> {
@@ -56,21 +56,21 @@ fn landmarks_lie_under_their_annotations_and_survive_reduction() {
         let allowed = if k >= 60 { 0.03 } else { 0.012 };
         assert!(off < allowed * eyes, "landmark {k}: {off} px of {eyes}");
     }
-    let corner = (asset.landmarks[39].on(&asset.neutral).coords
-        + asset.landmarks[42].on(&asset.neutral).coords)
+    let corner = (asset.landmarks[39].position(&asset.neutral).coords
+        + asset.landmarks[42].position(&asset.neutral).coords)
         * 0.5;
     assert!(corner.norm() < 1e-5);
 
     let small = reduce::Reduction::new(asset).apply(asset);
     assert!(small.neutral.len() * 3 < asset.neutral.len());
     for (a, b) in asset.landmarks.iter().zip(small.landmarks.iter()) {
-        assert!((a.on(&asset.neutral) - b.on(&small.neutral)).norm() < 1e-6);
+        assert!((a.position(&asset.neutral) - b.position(&small.neutral)).norm() < 1e-6);
     }
 }
 
 /// Colours, and places in half millimetres.
 #[test]
-fn the_average_of_two_people_looks_as_it_did() {
+fn the_average_of_two_people_equals_the_golden_one() {
     let Some(data) = data() else { return };
     let two = textured_heads(data.path(), |person| (30..32).contains(&person), 2).unwrap();
     let head = average::average(&two).expect("two heads");
@@ -85,5 +85,5 @@ fn the_average_of_two_people_looks_as_it_did() {
         let numbers = [x, y, z, r, g, b, share].map(|n| format!("{n:.0}"));
         lines.push(numbers.join(" "));
     }
-    hold_every("heads/average", &lines);
+    equals_golden("heads/average", &lines);
 }

@@ -1,10 +1,10 @@
-//! Puts a portrait on the mesh: identity from the fit, every vertex's place in the photograph, and colours of their own for
-//! what the photograph does not show.
+//! Projects a portrait onto the mesh: identity from the fit, texture coordinates of every vertex in the photograph,
+//! and vertex colours where it does not show.
 //!
-//! The fit leaves a residual, so the projected mesh is bent by a thin-plate spline until every landmark falls exactly on its
-//! annotated point: what is called the lip corner in the truth is the lip corner in the picture. The photograph counts
-//! where a vertex faces the camera, is not hidden and does not fall on the backdrop; elsewhere colours spread over the mesh from
-//! where it does (a membrane: the mean of the neighbours, relaxed).
+//! The fit leaves a residual, so the projected mesh is warped by a thin-plate spline until every landmark falls
+//! exactly on its annotated point: the true lip corner is then the lip corner of the image. The photograph counts
+//! where a vertex faces the camera, is not hidden and does not show the backdrop; elsewhere colours spread over the
+//! mesh (a membrane: the mean of the neighbours, relaxed).
 
 use mien_stages::base::geometry::smoothstep;
 use std::collections::HashMap;
@@ -12,31 +12,31 @@ use std::collections::HashMap;
 use nalgebra::{Point3, Vector2, Vector3};
 
 use super::fit::PortraitFit;
-use crate::heads::ict::{Delta, IctHead, part, part_of};
+use crate::heads::ict::{Delta, IctHead, part, vertex_part};
 use mien_simulator::virtual_head::raster::{Corner, DepthBuffer, sum_normals};
 use mien_simulator::virtual_head::{HeadAsset, Part, Texture};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_workbench::thin_plate::ThinPlate;
 
-/// Facing (cosine) from which the photograph begins to count, and from which it counts fully.
+/// Cosines of facing at which the photograph begins to count and counts fully.
 const FACING: [f32; 2] = [0.22, 0.55];
 /// A vertex this far behind the front surface is hidden, metres.
 const HIDDEN_M: f32 = 0.0025;
-/// Colour distance below which a vertex of the outline shows the backdrop, grey levels.
+/// Difference from the backdrop below which a vertex of the outline shows it, grey levels.
 const BACKDROP: f32 = 34.0;
-/// The share of such a vertex, until it counts for nothing.
+/// Marks the share of such a vertex, before it is set to 0.
 const SHOWS_BACKDROP: f32 = f32::NEG_INFINITY;
-/// Landmarks closer than this in the picture are one for the bending, metres on the face.
+/// Distance below which landmarks are merged for the warp, metres on the face.
 const DISTINCT_M: f32 = 0.003;
 /// Rings of vertices around the backdrop that may show its fringe.
 const FRINGE: usize = 2;
 /// Sweeps of the relaxation: colours travel about as many vertices.
 const SWEEPS: usize = 300;
 
-/// What all heads share, made once.
+/// Data common to all heads, prepared once.
 pub struct Wardrobe {
     plain: HeadAsset,
-    /// Vertices joined to each vertex by an edge, those at the same place counted as one.
+    /// Vertices connected to each vertex by an edge; those at one position count as one.
     neighbours: Vec<Vec<u32>>,
 }
 
@@ -70,7 +70,7 @@ impl Wardrobe {
         Self { plain, neighbours }
     }
 
-    /// One person's head.
+    /// Projects one portrait onto the mesh.
     pub fn dress(
         &self,
         ict: &IctHead,
@@ -117,7 +117,7 @@ impl Wardrobe {
         asset
     }
 
-    /// How much the photograph counts at each vertex.
+    /// Share of the photograph at each vertex.
     fn share(
         &self,
         fit: &PortraitFit,
@@ -130,7 +130,7 @@ impl Wardrobe {
         let triangles = self.plain.triangles.iter();
         let triangles = triangles.map(|t| t.map(|k| k as usize));
         sum_normals(triangles.clone(), expressed, &mut normals);
-        // Seen from a metre before the head's origin: the nearer, the more.
+        // Seen from a metre in front of the head's origin.
         let near = |v: usize| 1.0 - projected[v].1;
         let mut front = DepthBuffer::new(photograph.width, photograph.height);
         for [a, b, c] in triangles {
@@ -149,7 +149,7 @@ impl Wardrobe {
         let of_vertex = |v: usize| {
             let [x, y] = bent[v];
             let inside = x > 3.0 && y > 3.0 && x < right && y < bottom;
-            let Some(part @ (Part::Skin | Part::Eye)) = part_of(v).filter(|_| inside) else {
+            let Some(part @ (Part::Skin | Part::Eye)) = vertex_part(v).filter(|_| inside) else {
                 return 0.0;
             };
             let pixel = y.round() as usize * photograph.width + x.round() as usize;
@@ -175,7 +175,7 @@ impl Wardrobe {
         share
     }
 
-    /// Nothing counts of what shows the backdrop, nor of what is beside it outside the face.
+    /// Sets the share to 0 where the backdrop shows, and beside it outside the face.
     fn leave_out_backdrop(&self, share: &mut [f32]) {
         for _ in 0..FRINGE {
             let before = share.to_vec();
@@ -189,13 +189,13 @@ impl Wardrobe {
         share.iter_mut().for_each(|s| *s = s.max(0.0));
     }
 
-    /// Soft towards what is not known, without spreading into it.
+    /// Smooths shares without spreading into unknown vertices.
     fn soften(&self, share: &mut [f32]) {
         for _ in 0..3 {
             let before = share.to_vec();
             for (v, share) in share.iter_mut().enumerate() {
                 let around = &self.neighbours[v];
-                if !around.is_empty() && before[v] > 0.0 && part_of(v) == Some(Part::Skin) {
+                if !around.is_empty() && before[v] > 0.0 && vertex_part(v) == Some(Part::Skin) {
                     let sum = around.iter().map(|&k| before[k as usize]).sum::<f32>();
                     *share = before[v].min(sum / around.len() as f32 + 0.12);
                 }
@@ -213,7 +213,7 @@ impl Wardrobe {
             let sum = seen.iter().map(|&v| known[v][k]).fold(0.0, |a, b| a + b);
             sum / (seen.len() as f32).max(1.0)
         });
-        let is_spread = |v: usize| matches!(part_of(v), Some(Part::Skin | Part::Eye));
+        let is_spread = |v: usize| matches!(vertex_part(v), Some(Part::Skin | Part::Eye));
         let all = 0..share.len();
         let first = |v: usize| match is_spread(v) {
             true => [0, 1, 2].map(|k| skin[k] + share[v] * (known[v][k] - skin[k])),
@@ -234,15 +234,15 @@ impl Wardrobe {
                 let count = around.len().max(1) as f32;
                 colour[v] = [0, 1, 2].map(|c| s * known[v][c] + (1.0 - s) * sum[c] / count);
             }
-            // There and back, so that colours travel as fast both ways through the numbering.
+            // In both orders, so that colours spread equally fast either way through the numbering.
             spread.reverse();
         }
         colour
     }
 }
 
-/// The spline that carries the landmarks `from` to their `points`. Those closer than `distinct` become one, at their means:
-/// where their targets differ (closed lips) the plane would be folded over itself.
+/// The spline from the landmarks `from` to their `points`. Those closer than `distinct` are merged to their means, as
+/// different targets (closed lips) would fold the plane.
 fn bend(
     from: &[[f32; 2]; LANDMARKS],
     points: &[[f32; 2]; LANDMARKS],
@@ -274,7 +274,7 @@ fn backdrop(photograph: &Texture) -> [f32; 3] {
     })
 }
 
-/// The part of the photograph that is used, and the vertices' places in it.
+/// The used part of the photograph, and texture coordinates in it.
 fn cropped(bent: &[[f32; 2]], share: &[f32], photograph: &Texture) -> (Vec<[f32; 2]>, Texture) {
     let mut low = [photograph.width as f32, photograph.height as f32];
     let mut high = [0.0f32; 2];
@@ -284,7 +284,7 @@ fn cropped(bent: &[[f32; 2]], share: &[f32], photograph: &Texture) -> (Vec<[f32;
             high[k] = high[k].max(p[k]);
         }
     }
-    // A margin for the coarser levels, and a multiple of four for exact halving.
+    // With a margin for coarser mip levels, and a multiple of four for exact halving.
     let start = low.map(|v| (v.max(12.0) as usize - 12).min(100_000));
     let limit = [photograph.width, photograph.height];
     let size = [0, 1].map(|k| {

@@ -1,4 +1,4 @@
-//! The thread that talks to the broker: connects, speaks, listens, and comes back.
+//! The broker's thread: connects, publishes, receives commands, reconnects.
 
 use std::error::Error;
 use std::io::{self, ErrorKind, Read};
@@ -8,232 +8,249 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, poll};
 
-use super::packet::{self, FromBroker, LONGEST, NotMqtt};
+use super::config::BrokerConfig;
+use super::messages::{Change, Draft, Messages};
+use super::packet::{self, FromBroker, LONGEST, ProtocolError};
 use super::stream::Stream;
-use super::talk::Talk;
-use super::watch::{Change, Draft, Watch};
-use crate::board::{Bell, Shared, count, write_queued};
-use crate::limits::{Allowance, BackOff};
+use crate::limits::{BackOff, TokenBucket};
+use crate::mailbox::{Shared, Waker, count, write_queued};
 use mien_stages::base::capacity::USERS;
 
 /// Keep-alive, seconds: after one and a half times this without traffic, either side considers the other dead.
 const KEEP_ALIVE_S: u16 = 10;
-/// How long a connection, or what is written, may take.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Time limit for the broker's acceptance, and for writes without progress.
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// First and longest pause before reconnecting.
 const PAUSES: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
-/// Bytes that may be queued before weights are dropped, and at all.
-const WAITING: [usize; 2] = [16 * 1024, 32 * 1024];
+/// Queued bytes above which weights are dropped, and the capacity of the queue.
+const QUEUE_LIMITS: [usize; 2] = [16 * 1024, 32 * 1024];
 /// Longest time a message may stay unacknowledged.
 const UNACKNOWLEDGED: Duration = Duration::from_secs(20);
-/// Reads in a row, and the rest after as many.
-const READS: usize = 4;
-const REST: Duration = Duration::from_millis(10);
+/// Reads in a row before writing gets its turn.
+const READS_IN_ROW: usize = 4;
+/// Pause after that many reads.
+const READ_PAUSE: Duration = Duration::from_millis(10);
 
-/// Runs until told to stop.
-pub(super) fn run(talk: &Talk, mut watch: Watch, shared: &Shared, mut bell: Bell) {
-    let mut out = Vec::with_capacity(WAITING[1]);
-    let mut heard = Box::new([0; LONGEST]);
+/// Runs until asked to stop.
+pub(super) fn run(
+    config: &BrokerConfig,
+    mut messages: Messages,
+    shared: &Shared,
+    mut waker: Waker,
+) {
+    let mut out = Vec::with_capacity(QUEUE_LIMITS[1]);
+    let mut received = Box::new([0; LONGEST]);
     let mut draft = Draft {
-        base: talk.base.clone(),
+        base: config.base.clone(),
         topic: String::with_capacity(256),
         payload: String::with_capacity(4096),
     };
-    let (mut back_off, mut told) = (BackOff::new(PAUSES), false);
+    let (mut back_off, mut failure_logged) = (BackOff::new(PAUSES), false);
     loop {
-        let end = Stream::connect(&talk.settings.broker, &talk.trust).and_then(|stream| {
+        let end = Stream::connect(&config.settings.broker, &config.trust).and_then(|stream| {
             let now = Instant::now();
             let mut connection = Connection {
                 stream,
-                talk,
+                config,
                 shared,
-                watch: &mut watch,
+                messages: &mut messages,
                 draft: &mut draft,
                 out: &mut out,
-                settled: false,
-                begun: now,
-                heard: now,
-                wrote: now,
-                pinged: now,
-                length: 0,
-                asked: None,
-                number: 0,
-                introduced: 0,
+                accepted: false,
+                opened: now,
+                last_received: now,
+                last_write: now,
+                last_ping: now,
+                buffered: 0,
+                in_flight: None,
+                packet_id: 0,
+                announced: 0,
                 weights_due: now,
                 health_due: now,
-                commands: Allowance::of_commands(now),
+                commands: TokenBucket::per_sender(now),
             };
-            let end = connection.run(&mut bell, &mut heard);
-            let (asked, settled) = (connection.asked, connection.settled);
-            // What was not acknowledged goes first on the next connection.
-            if let Some((Some(change), ..)) = asked
-                && watch.queue.push_front(change).is_err()
+            let end = connection.run(&mut waker, &mut received);
+            let (in_flight, accepted) = (connection.in_flight, connection.accepted);
+            // An unacknowledged change is sent first on the next connection.
+            if let Some((Some(change), ..)) = in_flight
+                && messages.queue.push_front(change).is_err()
             {
                 count(&shared.dropped);
             }
-            if settled {
+            if accepted {
                 back_off.reset();
-                told = false;
+                failure_logged = false;
             }
             end
         });
         shared.connected.store(false, Ordering::Relaxed);
         let Err(end) = end else { return };
-        if !std::mem::replace(&mut told, true) {
-            let broker = &talk.settings.broker;
+        if !std::mem::replace(&mut failure_logged, true) {
+            let broker = &config.settings.broker;
             tracing::warn!(
                 "MQTT broker {broker}: {end}; retrying every {} s",
                 PAUSES[1].as_secs()
             );
         }
-        if rest(back_off.pause(), &mut watch, shared, &mut bell) {
+        if wait_for_retry(back_off.pause(), &mut messages, shared, &mut waker) {
             return;
         }
     }
 }
 
-/// Keeps what changes until the next attempt; whether told to stop.
-fn rest(pause: Duration, watch: &mut Watch, shared: &Shared, bell: &mut Bell) -> bool {
+/// Waits for the next attempt, recording changes meanwhile; returns whether to stop.
+fn wait_for_retry(
+    pause: Duration,
+    messages: &mut Messages,
+    shared: &Shared,
+    waker: &mut Waker,
+) -> bool {
     let again = Instant::now() + pause;
     while Instant::now() < again && !shared.stop.load(Ordering::Relaxed) {
         let left = again.saturating_duration_since(Instant::now()).as_millis() as i32;
-        let mut asked = [PollFd::new(bell.fd(), PollFlags::POLLIN)];
-        let _ = poll(&mut asked, left.max(1));
-        bell.answer();
-        watch.update(shared);
+        let mut polled = [PollFd::new(waker.fd(), PollFlags::POLLIN)];
+        let _ = poll(&mut polled, left.max(1));
+        waker.clear();
+        messages.update(shared);
     }
     shared.stop.load(Ordering::Relaxed)
 }
 
 struct Connection<'a> {
     stream: Stream,
-    talk: &'a Talk,
+    config: &'a BrokerConfig,
     shared: &'a Shared,
-    watch: &'a mut Watch,
+    messages: &'a mut Messages,
     draft: &'a mut Draft,
-    /// What is to be written.
+    /// Bytes to write.
     out: &'a mut Vec<u8>,
     /// Whether the broker has accepted the connection.
-    settled: bool,
-    begun: Instant,
-    /// When something was last received, and sent.
-    heard: Instant,
-    wrote: Instant,
-    pinged: Instant,
-    /// Bytes that were received but not understood yet.
-    length: usize,
-    /// The message waiting for its acknowledgement: the change in it, if it must come again; its number; since when.
-    asked: Option<(Option<Change>, u16, Instant)>,
-    number: u16,
-    /// Messages after connecting: online, then the entities.
-    introduced: usize,
+    accepted: bool,
+    opened: Instant,
+    /// When bytes were last received.
+    last_received: Instant,
+    /// When bytes were last written.
+    last_write: Instant,
+    last_ping: Instant,
+    /// Received bytes that are not parsed yet.
+    buffered: usize,
+    /// The unacknowledged message: its change, if it must be sent again; its packet number; when it was sent.
+    in_flight: Option<(Option<Change>, u16, Instant)>,
+    packet_id: u16,
+    /// Messages sent since connecting: online, then the entities, then the faces.
+    announced: usize,
     weights_due: Instant,
     health_due: Instant,
-    commands: Allowance,
+    commands: TokenBucket,
 }
 
 impl Connection<'_> {
-    /// Until told to stop (`Ok`), or the connection ends.
-    fn run(&mut self, bell: &mut Bell, heard: &mut [u8; LONGEST]) -> io::Result<()> {
+    /// Serves the connection until asked to stop (`Ok`) or it fails.
+    fn run(&mut self, waker: &mut Waker, received: &mut [u8; LONGEST]) -> io::Result<()> {
         self.out.clear();
-        let talk = self.talk;
-        let will = [talk.presence.as_str(), "offline"];
-        let user = Some(talk.settings.user.as_str()).filter(|user| !user.is_empty());
-        let login = [user, talk.password.as_deref()];
-        packet::connect(&talk.client, KEEP_ALIVE_S, will, login, self.out);
+        let config = self.config;
+        let will = [config.presence.as_str(), "offline"];
+        let user = Some(config.settings.user.as_str()).filter(|user| !user.is_empty());
+        let login = [user, config.password.as_deref()];
+        packet::connect(&config.client, KEEP_ALIVE_S, will, login, self.out);
         while !self.shared.stop.load(Ordering::Relaxed) {
-            self.step(bell, heard)?;
+            self.step(waker, received)?;
         }
-        self.watch.update(self.shared);
+        self.messages.update(self.shared);
         self.send_offline();
         Ok(())
     }
 
-    fn step(&mut self, bell: &mut Bell, heard: &mut [u8; LONGEST]) -> io::Result<()> {
+    fn step(&mut self, waker: &mut Waker, received: &mut [u8; LONGEST]) -> io::Result<()> {
         let mut flags = PollFlags::POLLIN;
         let pending = !self.out.is_empty();
         flags.set(PollFlags::POLLOUT, self.stream.waits_to_write(pending));
-        let mut asked = [
-            PollFd::new(bell.fd(), PollFlags::POLLIN),
+        let mut polled = [
+            PollFd::new(waker.fd(), PollFlags::POLLIN),
             PollFd::new(self.stream.socket.as_raw_fd(), flags),
         ];
-        let _ = poll(&mut asked, 500);
-        bell.answer();
-        self.watch.update(self.shared);
-        self.read(heard)?;
+        let _ = poll(&mut polled, 500);
+        waker.clear();
+        self.messages.update(self.shared);
+        self.read(received)?;
         let now = Instant::now();
-        if self.settled {
+        if self.accepted {
             self.send_due(now);
         }
         if write_queued(&mut self.stream, self.out)? > 0 {
-            self.wrote = Instant::now();
+            self.last_write = Instant::now();
         }
-        let unacknowledged = self.asked.is_some_and(|(.., at)| now - at > UNACKNOWLEDGED);
-        let stuck = !self.out.is_empty() && now - self.wrote > PATIENCE;
-        let late = !self.settled && now - self.begun > PATIENCE;
-        if late || stuck || unacknowledged || now - self.heard > 2 * PATIENCE {
+        let unacknowledged = self
+            .in_flight
+            .is_some_and(|(.., at)| now - at > UNACKNOWLEDGED);
+        let stuck = !self.out.is_empty() && now - self.last_write > TIMEOUT;
+        let late = !self.accepted && now - self.opened > TIMEOUT;
+        if late || stuck || unacknowledged || now - self.last_received > 2 * TIMEOUT {
             return Err(io::Error::other("no reply"));
         }
         Ok(())
     }
 
-    fn read(&mut self, heard: &mut [u8; LONGEST]) -> io::Result<()> {
-        for _ in 0..READS {
-            match self.stream.read(&mut heard[self.length..]) {
+    fn read(&mut self, received: &mut [u8; LONGEST]) -> io::Result<()> {
+        for _ in 0..READS_IN_ROW {
+            match self.stream.read(&mut received[self.buffered..]) {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-                Ok(more) => self.length += more,
+                Ok(more) => self.buffered += more,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
                 Err(error) if error.kind() == ErrorKind::Interrupted => continue,
                 Err(error) => return Err(error),
             }
             let mut used = 0;
-            while let Some((told, more)) =
-                packet::read(&heard[used..self.length]).map_err(|NotMqtt| self.not_mqtt())?
+            while let Some((packet, more)) = packet::read(&received[used..self.buffered])
+                .map_err(|ProtocolError| self.not_mqtt())?
             {
-                self.handle(&told)?;
+                self.handle(&packet)?;
                 used += more;
             }
-            heard.copy_within(used..self.length, 0);
-            self.length -= used;
+            received.copy_within(used..self.buffered, 0);
+            self.buffered -= used;
         }
-        // A broker that talks without end waits: it takes neither the processor nor our turn to write.
-        std::thread::sleep(REST);
+        // A broker that sends without end must not take the processor or our turn to write.
+        std::thread::sleep(READ_PAUSE);
         Ok(())
     }
 
-    /// An answer that ends the connection.
-    fn refused(&self, why: impl Into<Box<dyn Error + Send + Sync>>) -> io::Error {
+    /// Counts a refused reply; the error ends the connection.
+    fn refusal(&self, why: impl Into<Box<dyn Error + Send + Sync>>) -> io::Error {
         count(&self.shared.refused);
         io::Error::other(why)
     }
 
     fn not_mqtt(&self) -> io::Error {
-        self.refused("the reply is not MQTT; is it a broker?")
+        self.refusal("the reply is not MQTT; is it a broker?")
     }
 
-    fn handle(&mut self, told: &FromBroker) -> io::Result<()> {
-        self.heard = Instant::now();
-        let talk = self.talk;
-        let broker = &talk.settings.broker;
-        match *told {
-            FromBroker::Connected(0) if !self.settled => {
-                self.settled = true;
+    fn handle(&mut self, packet: &FromBroker) -> io::Result<()> {
+        self.last_received = Instant::now();
+        let config = self.config;
+        let broker = &config.settings.broker;
+        match *packet {
+            FromBroker::Connected(0) if !self.accepted => {
+                self.accepted = true;
                 self.shared.connected.store(true, Ordering::Relaxed);
                 tracing::info!("connected to MQTT broker {broker}");
-                if let Some(topic) = &talk.commands {
-                    packet::subscribe(self.next_number(), topic, self.out);
+                if let Some(topic) = &config.commands {
+                    packet::subscribe(self.next_packet_id(), topic, self.out);
                 }
             }
             FromBroker::Connected(code @ 1..) => {
-                return Err(self.refused(format!(
+                return Err(self.refusal(format!(
                     "connection refused with code {code}; are mqtt.user and mqtt.password_file right?"
                 )));
             }
             FromBroker::Connected(_) => return Err(self.not_mqtt()),
-            _ if !self.settled => return Err(self.not_mqtt()),
-            FromBroker::Acknowledged(number) => {
-                if self.asked.is_some_and(|(_, asked, _)| asked == number) {
-                    self.asked = None;
+            _ if !self.accepted => return Err(self.not_mqtt()),
+            FromBroker::Acknowledged(packet_id) => {
+                if self
+                    .in_flight
+                    .is_some_and(|(_, in_flight, _)| in_flight == packet_id)
+                {
+                    self.in_flight = None;
                     count(&self.shared.sent);
                 }
             }
@@ -248,17 +265,17 @@ impl Connection<'_> {
                 topic,
                 payload,
                 retained,
-                number,
+                packet_id,
             } => {
-                if let Some(number) = number
-                    && self.out.len() < WAITING[1] - LONGEST
+                if let Some(packet_id) = packet_id
+                    && self.out.len() < QUEUE_LIMITS[1] - LONGEST
                 {
-                    packet::acknowledge(number, self.out);
+                    packet::acknowledge(packet_id, self.out);
                 }
-                let wanted = !retained && talk.commands.is_some();
-                match talk.command(topic, payload) {
-                    Some(command) if wanted && self.commands.take(self.heard) => {
-                        self.shared.ask(command);
+                let wanted = !retained && config.commands.is_some();
+                match config.command(topic, payload) {
+                    Some(command) if wanted && self.commands.take(self.last_received) => {
+                        self.shared.queue_command(command);
                     }
                     _ => count(&self.shared.refused),
                 }
@@ -267,46 +284,46 @@ impl Connection<'_> {
         Ok(())
     }
 
-    fn next_number(&mut self) -> u16 {
-        self.number = self.number.checked_add(1).unwrap_or(1);
-        self.number
+    fn next_packet_id(&mut self) -> u16 {
+        self.packet_id = self.packet_id.checked_add(1).unwrap_or(1);
+        self.packet_id
     }
 
     /// Publishes the draft.
-    fn publish(&mut self, retain: bool, number: Option<u16>) {
+    fn publish(&mut self, retain: bool, packet_id: Option<u16>) {
         let Draft { topic, payload, .. } = &*self.draft;
-        packet::publish(topic, payload.as_bytes(), retain, number, self.out);
+        packet::publish(topic, payload.as_bytes(), retain, packet_id, self.out);
     }
 
-    /// Sends what is due.
+    /// Queues the messages that are due.
     fn send_due(&mut self, now: Instant) {
-        if self.asked.is_none() {
+        if self.in_flight.is_none() {
             self.send_acknowledged(now);
         }
         if now >= self.health_due {
-            self.health_due = now + Duration::from_secs_f32(self.talk.settings.health_s);
-            self.watch.health(self.shared, self.draft);
+            self.health_due = now + Duration::from_secs_f32(self.config.settings.health_s);
+            self.messages.health(self.shared, self.draft);
             self.publish(true, None);
         }
-        let rate_hz = self.talk.settings.rate_hz;
+        let rate_hz = self.config.settings.rate_hz;
         if rate_hz > 0.0 && now >= self.weights_due && self.send_weights() {
             let next = self.weights_due + Duration::from_secs_f32(1.0 / rate_hz);
             self.weights_due = next.max(now);
         }
         let quiet = Duration::from_secs(u64::from(KEEP_ALIVE_S)) / 2;
-        // Also while weights go out: only this is answered, so only this tells whether somebody is there.
-        if now - self.heard.max(self.pinged) > quiet && self.out.is_empty() {
+        // Also while weights are sent: only a ping is answered and shows that the broker is alive.
+        if now - self.last_received.max(self.last_ping) > quiet && self.out.is_empty() {
             packet::ping(self.out);
-            self.pinged = now;
+            self.last_ping = now;
         }
     }
 
-    /// The next message that is acknowledged: online, the entities, the number of faces, then what has changed.
+    /// Sends the next message with QoS 1: online, the entities, the number of faces, then changes.
     fn send_acknowledged(&mut self, now: Instant) {
-        let entities = &self.talk.entities;
-        let change = match self.introduced.checked_sub(1) {
+        let entities = &self.config.entities;
+        let change = match self.announced.checked_sub(1) {
             None => {
-                let presence = self.draft.about(format_args!("presence"));
+                let presence = self.draft.begin(format_args!("presence"));
                 presence.push_str("online");
                 None
             }
@@ -315,56 +332,56 @@ impl Connection<'_> {
                 self.draft.payload.clone_from(&entities[at].1);
                 None
             }
-            Some(at) if at == entities.len() => Some(self.watch.recall(self.shared)),
-            Some(_) => match self.watch.queue.pop_front() {
+            Some(at) if at == entities.len() => Some(self.messages.requeue_all(self.shared)),
+            Some(_) => match self.messages.queue.pop_front() {
                 None => return,
                 change => change,
             },
         };
         if let Some(change) = change {
-            self.watch.write(change, self.draft);
+            self.messages.write(change, self.draft);
         }
-        self.introduced = (self.introduced + 1).min(entities.len() + 2);
-        let number = self.next_number();
-        self.asked = Some((change, number, now));
-        self.publish(true, Some(number));
+        self.announced = (self.announced + 1).min(entities.len() + 2);
+        let packet_id = self.next_packet_id();
+        self.in_flight = Some((change, packet_id, now));
+        self.publish(true, Some(packet_id));
     }
 
-    /// Sends unread weights; whether there were any.
+    /// Sends unread weights; returns whether there were any.
     fn send_weights(&mut self) -> bool {
         let mut any = false;
         for slot in 0..USERS {
-            if !self.watch.has_weights(slot) {
+            if !self.messages.has_weights(slot) {
                 continue;
             }
             any = true;
-            if self.out.len() > WAITING[0] {
+            if self.out.len() > QUEUE_LIMITS[0] {
                 count(&self.shared.dropped);
                 continue;
             }
-            self.watch.weights(slot, self.draft);
+            self.messages.weights(slot, self.draft);
             self.publish(false, None);
             count(&self.shared.sent);
         }
         any
     }
 
-    /// Publishes that everybody and the box are gone, as far as the broker accepts it in a moment.
+    /// Publishes that everybody is absent and the box offline, within a short time limit.
     fn send_offline(&mut self) {
-        if !self.settled {
+        if !self.accepted {
             return;
         }
-        while let Some(change) = self.watch.queue.pop_front()
-            && self.out.len() <= WAITING[0]
+        while let Some(change) = self.messages.queue.pop_front()
+            && self.out.len() <= QUEUE_LIMITS[0]
         {
-            self.watch.write(change, self.draft);
-            let number = self.next_number();
-            self.publish(true, Some(number));
+            self.messages.write(change, self.draft);
+            let packet_id = self.next_packet_id();
+            self.publish(true, Some(packet_id));
         }
-        let presence = self.draft.about(format_args!("presence"));
+        let presence = self.draft.begin(format_args!("presence"));
         presence.push_str("offline");
-        let number = self.next_number();
-        self.publish(true, Some(number));
+        let packet_id = self.next_packet_id();
+        self.publish(true, Some(packet_id));
         packet::disconnect(self.out);
         self.stream.finish(self.out);
     }

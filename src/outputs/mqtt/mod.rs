@@ -1,37 +1,37 @@
-//! MQTT 3.1.1, for buildings and fleets: presence, state, health, weights at a chosen rate, commands, and Home Assistant's discovery.
-//! Topics start with the prefix and the box's name:
+//! MQTT 3.1.1: presence, state, health, weights at a chosen rate, commands, and Home Assistant's discovery. Topics start with the
+//! prefix and the box's name:
 //!
 //! | topic | payload | when |
 //! | --- | --- | --- |
-//! | `presence` | `online`, `offline` (by the broker too, as the last will) | on connecting and leaving; retained |
+//! | `presence` | `online`, `offline` (also published by the broker, as the last will) | on connecting and leaving; retained |
 //! | `faces` | number of people | on change; retained |
 //! | `<slot>/state` | `{"state":"tracking","present":true,"changes":7,"time_us":400000}` | on change; retained |
-//! | `gesture/<name>` | `ON`, `OFF`: whether anybody makes it | on change; retained |
+//! | `gesture/<name>` | `ON`, `OFF`: whether at least one person makes it | on change; retained |
 //! | `health` | `{"sensor":true,"rate_hz":30.0,"latency_ms":9.1,"faces":1,"frames":900,"uptime_s":30.1,"dropped":0}` | every `health_s`; retained |
 //! | `<slot>/weights` | `{"time_us":400000,"AU26":0.2500,…}` | at `rate_hz` while somebody is there |
 //! | `cmd/forget`, `cmd/neutral` | slot | received, if commands are enabled |
 //! | `cmd/freeze` | slot, and 0 or 1 | |
 //!
-//! Presence, faces and states are sent with QoS 1, one after the other, each until the broker acknowledges it, also across
-//! reconnects; when 64 of them wait, the oldest is dropped. Weights and health are sent once; weights that a slow
-//! broker does not accept are dropped and counted. All of it runs in a separate thread: a broker that is unreachable, slow,
-//! refuses or sends garbage is retried after 1, 2, 4, … at most 30 s, without affecting anything else. Retained commands are
-//! ignored, since they would be repeated at every connection. With TLS ([`stream`]) that thread allocates while running.
+//! Presence, faces and states are sent with QoS 1, one at a time, and repeated across reconnects until acknowledged; when 64 wait,
+//! the oldest is dropped. Weights and health are sent once; weights that a slow broker does not accept are dropped and counted.
+//! A separate thread does all this: a broker that is unreachable, slow, refuses or sends garbage is retried after 1, 2, 4, … at
+//! most 30 s, without affecting anything else. Retained commands are ignored, because the broker would repeat them at every
+//! connection. With TLS ([`stream`]) the thread allocates while running.
 
 mod client;
+mod config;
+mod messages;
 mod packet;
 mod stream;
-mod talk;
-mod watch;
 
 use std::sync::Arc;
 
-use super::board::Front;
 use super::features::MqttSettings;
+use super::mailbox::ThreadedOutput;
 use super::{OutputError, identity};
 
-/// Starts connecting to the broker. `units` are the names in the order of the weights, `gestures` those of the gestures, `name`
-/// is the box's.
+/// Starts connecting to the broker. `units` are the names in the order of the weights, `gestures` the names of the gestures, `name`
+/// the name of the box.
 ///
 /// # Errors
 /// If the password or the certificates cannot be read or no thread can be started; not if the broker is unreachable.
@@ -40,26 +40,26 @@ pub fn open(
     name: &str,
     units: &[&str],
     gestures: &[&str],
-) -> Result<Front, OutputError> {
-    let talk = talk::Talk::new(settings, &identity::name(name), gestures)?;
-    let watch = watch::Watch::new(&settings.view, units, gestures);
-    let work = move |shared: Arc<_>, bell| client::run(&talk, watch, &shared, bell);
-    Front::start("mqtt", units, &settings.view, work)
+) -> Result<ThreadedOutput, OutputError> {
+    let config = config::BrokerConfig::new(settings, &identity::name(name), gestures)?;
+    let messages = messages::Messages::new(&settings.view, units, gestures);
+    let work = move |shared: Arc<_>, waker| client::run(&config, messages, &shared, waker);
+    ThreadedOutput::start("mqtt", units, &settings.view, work)
 }
 
-/// Whether the password and the certificates can be used.
+/// Checks the password and the certificates.
 ///
 /// # Errors
 /// If one cannot be read.
 pub fn check(settings: &MqttSettings) -> Result<(), OutputError> {
-    talk::Talk::new(settings, "", &[]).map(drop)
+    config::BrokerConfig::new(settings, "", &[]).map(drop)
 }
 
-/// What a broker sends, for `tests/fuzz`.
+/// Parses bytes from a broker, for `tests/fuzz`.
 #[cfg(fuzzing)]
 pub fn fuzz(mut bytes: &[u8]) {
-    while let Ok(Some((told, used))) = packet::read(bytes) {
-        if let packet::FromBroker::Message { topic, payload, .. } = told {
+    while let Ok(Some((packet, used))) = packet::read(bytes) {
+        if let packet::FromBroker::Message { topic, payload, .. } = packet {
             assert!(topic.len() + payload.len() < used);
         }
         bytes = &bytes[used..];
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
     use crate::{Output, Report, TrackingState};
 
-    /// Accepts one client and acknowledges what it publishes until it leaves: topics and payloads.
+    /// Accepts one client and acknowledges its messages until it leaves; returns their topics and payloads.
     fn broker(listener: &TcpListener) -> Vec<(String, String)> {
         let (mut client, _) = listener.accept().unwrap();
         let (mut bytes, mut all) = (Vec::new(), Vec::new());
@@ -94,18 +94,18 @@ mod tests {
                 is_connected = true;
             }
             let mut out = Vec::new();
-            while let Ok(Some((told, used))) = packet::read(&bytes) {
+            while let Ok(Some((packet, used))) = packet::read(&bytes) {
                 if let packet::FromBroker::Message {
                     topic,
                     payload,
-                    number,
+                    packet_id,
                     ..
-                } = told
+                } = packet
                 {
                     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
                     all.push((text(topic), text(payload)));
-                    if let Some(number) = number {
-                        packet::acknowledge(number, &mut out);
+                    if let Some(packet_id) = packet_id {
+                        packet::acknowledge(packet_id, &mut out);
                     }
                 }
                 bytes.drain(..used);
@@ -125,7 +125,7 @@ mod tests {
             health_s: 0.5,
             ..MqttSettings::default()
         };
-        let told = std::thread::spawn(move || broker(&listener));
+        let broker = std::thread::spawn(move || broker(&listener));
         let mut mqtt = open(&settings, "hall", &["AU26"], &["smile", "kiss"]).unwrap();
         let start = Instant::now();
         for frame in 0..200 {
@@ -142,31 +142,34 @@ mod tests {
         }
         drop(mqtt);
         let passed = start.elapsed().as_secs_f32();
-        let told = told.join().unwrap();
-        let of = |topic: &str| -> Vec<&str> {
-            let of = told.iter().filter(|(told, _)| told == topic);
-            of.map(|(_, payload)| payload.as_str()).collect()
+        let published = broker.join().unwrap();
+        let payloads = |topic: &str| -> Vec<&str> {
+            let found = published.iter().filter(|(known, _)| known == topic);
+            found.map(|(_, payload)| payload.as_str()).collect()
         };
-        assert_eq!(of("mien/hall/gesture/smile"), ["OFF", "ON", "OFF"]);
-        assert_eq!(of("mien/hall/gesture/kiss"), ["OFF"]);
-        let faces = of("mien/hall/faces");
+        assert_eq!(payloads("mien/hall/gesture/smile"), ["OFF", "ON", "OFF"]);
+        assert_eq!(payloads("mien/hall/gesture/kiss"), ["OFF"]);
+        let faces = payloads("mien/hall/faces");
         assert_eq!((faces.first(), faces.last()), (Some(&"1"), Some(&"0")));
         // As often as asked for, of one person.
-        let weights = of("mien/hall/0/weights");
+        let weights = payloads("mien/hall/0/weights");
         let most = |rate_hz: f32| (passed * rate_hz) as usize + 2;
         assert!(
             (10..=most(20.0)).contains(&weights.len()),
             "{}",
             weights.len()
         );
-        let (mut first, told) = (weights[..10].iter(), ",\"AU26\":0.5000}");
-        assert!(first.all(|weights| weights.ends_with(told)), "{weights:?}");
-        assert!(of("mien/hall/1/weights").is_empty());
-        let health = of("mien/hall/health");
+        let (mut first, ending) = (weights[..10].iter(), ",\"AU26\":0.5000}");
+        assert!(
+            first.all(|weights| weights.ends_with(ending)),
+            "{weights:?}"
+        );
+        assert!(payloads("mien/hall/1/weights").is_empty());
+        let health = payloads("mien/hall/health");
         assert!((2..=most(2.0)).contains(&health.len()), "{health:?}");
         assert!(health[1].contains("\"sensor\":true") && health[1].contains("\"faces\":1"));
         for kind in ["binary_sensor", "device_automation"] {
-            let entity = of(&format!(
+            let entity = payloads(&format!(
                 "homeassistant/{kind}/mien_hall/gesture_smile/config"
             ));
             assert!(

@@ -1,39 +1,39 @@
 //! The packets of MQTT 3.1.1 (OASIS, 2014) needed by a client that publishes and accepts commands, written to and read from
 //! preallocated buffers.
 
-/// Longest packet accepted, bytes; a broker has no longer ones for us.
+/// Longest packet accepted, bytes; our subscriptions need no longer ones.
 pub(super) const LONGEST: usize = 2048;
 
 /// A packet from the broker.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum FromBroker<'a> {
-    /// 0 if the client is accepted.
+    /// CONNACK: 0 if the client is accepted.
     Connected(u8),
-    /// A message has arrived.
+    /// PUBACK: number of the packet that has arrived.
     Acknowledged(u16),
-    /// 0x80 or more if refused.
+    /// SUBACK: 0x80 or more if refused.
     Subscribed(u8),
-    /// The answer to a ping.
+    /// PINGRESP.
     Alive,
     Message {
         topic: &'a [u8],
         payload: &'a [u8],
         retained: bool,
         /// Packet number to acknowledge.
-        number: Option<u16>,
+        packet_id: Option<u16>,
     },
 }
 
 /// Not MQTT, or longer than any packet we expect.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct NotMqtt;
+pub(super) struct ProtocolError;
 
-/// A packet of this first byte and what `body` writes.
+/// Appends a packet: its first byte, its length, and the bytes written by `body`.
 fn packet(first: u8, into: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
     into.push(first);
     let start = into.len();
     body(into);
-    // The length goes between: as few bytes as it takes, seven bits each.
+    // The length goes before the body, seven bits per byte.
     let mut length = into.len() - start;
     for at in start.. {
         let more = u8::from(length > 0x7f) << 7;
@@ -55,8 +55,8 @@ fn text(text: &str, into: &mut Vec<u8>) {
     into.extend_from_slice(bytes);
 }
 
-/// CONNECT, of version 4 (3.1.1): of user and password, whichever there are. The last will, a topic and a payload, is published
-/// by the broker when the client disappears.
+/// CONNECT, protocol level 4 (3.1.1), with user and password if given. `will` is topic and payload of the message that the broker
+/// publishes when the client disappears.
 pub(super) fn connect(
     client: &str,
     keep_alive_s: u16,
@@ -76,36 +76,36 @@ pub(super) fn connect(
     });
 }
 
-/// PUBLISH; with a number for QoS 1.
+/// PUBLISH; QoS 1 with a packet number, else QoS 0.
 pub(super) fn publish(
     topic: &str,
     payload: &[u8],
     retain: bool,
-    number: Option<u16>,
+    packet_id: Option<u16>,
     into: &mut Vec<u8>,
 ) {
-    let quality = u8::from(number.is_some());
+    let quality = u8::from(packet_id.is_some());
     packet(0x30 | quality << 1 | u8::from(retain), into, |into| {
         text(topic, into);
-        if let Some(number) = number {
-            word(number, into);
+        if let Some(packet_id) = packet_id {
+            word(packet_id, into);
         }
         into.extend_from_slice(payload);
     });
 }
 
 /// SUBSCRIBE with QoS 1.
-pub(super) fn subscribe(number: u16, topic: &str, into: &mut Vec<u8>) {
+pub(super) fn subscribe(packet_id: u16, topic: &str, into: &mut Vec<u8>) {
     packet(0x82, into, |into| {
-        word(number, into);
+        word(packet_id, into);
         text(topic, into);
         into.push(1);
     });
 }
 
 /// PUBACK.
-pub(super) fn acknowledge(number: u16, into: &mut Vec<u8>) {
-    packet(0x40, into, |into| word(number, into));
+pub(super) fn acknowledge(packet_id: u16, into: &mut Vec<u8>) {
+    packet(0x40, into, |into| word(packet_id, into));
 }
 
 /// PINGREQ.
@@ -118,8 +118,11 @@ pub(super) fn disconnect(into: &mut Vec<u8>) {
     packet(0xe0, into, |_| {});
 }
 
-/// A length of one to four bytes, and the rest; `None` while incomplete.
-fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, NotMqtt> {
+/// A length of one to four bytes, and the remaining bytes; `None` while incomplete.
+///
+/// # Errors
+/// If the length is longer.
+fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, ProtocolError> {
     let mut value = 0;
     for at in 0..4 {
         let Some(&byte) = bytes.get(at) else {
@@ -130,55 +133,55 @@ fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, NotMqtt> {
             return Ok(Some((value, &bytes[at + 1..])));
         }
     }
-    Err(NotMqtt)
+    Err(ProtocolError)
 }
 
 /// The first packet in `bytes` and its length; `None` while incomplete.
 ///
 /// # Errors
 /// If it is not a packet that a broker sends.
-pub(super) fn read(bytes: &[u8]) -> Result<Option<(FromBroker<'_>, usize)>, NotMqtt> {
+pub(super) fn read(bytes: &[u8]) -> Result<Option<(FromBroker<'_>, usize)>, ProtocolError> {
     let Some((&first, rest)) = bytes.split_first() else {
         return Ok(None);
     };
-    // Refused at once: a peer that is no broker may never send as many bytes as its second byte announces.
+    // Refused before the length is read: a peer that is no broker may never send as many bytes as it announces.
     if !matches!(first, 0x20 | 0x30..=0x3f | 0x40 | 0x90 | 0xd0) {
-        return Err(NotMqtt);
+        return Err(ProtocolError);
     }
     let Some((count, rest)) = length(rest)? else {
         return Ok(None);
     };
     let used = bytes.len() - rest.len() + count;
     if used > LONGEST {
-        return Err(NotMqtt);
+        return Err(ProtocolError);
     }
     let body = rest.get(..count);
-    let told = body.map(|body| parse_body(first, body).ok_or(NotMqtt));
-    Ok(told.transpose()?.map(|told| (told, used)))
+    let packet = body.map(|body| parse_body(first, body).ok_or(ProtocolError));
+    Ok(packet.transpose()?.map(|packet| (packet, used)))
 }
 
 /// Parses the body of a packet; `None` if no broker sends such a packet.
 fn parse_body(first: u8, body: &[u8]) -> Option<FromBroker<'_>> {
-    let number = |bytes: &[u8]| bytes.first_chunk().map(|two| u16::from_be_bytes(*two));
+    let read_u16 = |bytes: &[u8]| bytes.first_chunk().map(|two| u16::from_be_bytes(*two));
     Some(match first {
         0x20 => FromBroker::Connected(*body.get(1)?),
-        0x40 => FromBroker::Acknowledged(number(body)?),
+        0x40 => FromBroker::Acknowledged(read_u16(body)?),
         0x90 if body.len() >= 3 => FromBroker::Subscribed(*body.last()?),
         0xd0 if body.is_empty() => FromBroker::Alive,
         0x30..=0x3f => {
-            let length = number(body)?;
+            let length = read_u16(body)?;
             let (topic, rest) = body[2..].split_at_checked(length.into())?;
-            // We ask for no more than QoS 1.
-            let (number, payload) = match first >> 1 & 3 {
+            // Subscriptions ask for at most QoS 1.
+            let (packet_id, payload) = match first >> 1 & 3 {
                 0 => (None, rest),
-                1 => (Some(number(rest)?), &rest[2..]),
+                1 => (Some(read_u16(rest)?), &rest[2..]),
                 _ => return None,
             };
             FromBroker::Message {
                 topic,
                 payload,
                 retained: first & 1 == 1,
-                number,
+                packet_id,
             }
         }
         _ => return None,
@@ -202,13 +205,13 @@ mod tests {
         publish("a/b", b"xyz", true, Some(258), &mut bytes);
         assert_eq!(bytes, b"\x33\x0a\0\x03a/b\x01\x02xyz");
         // What a client writes a broker passes on in the same form.
-        let told = FromBroker::Message {
+        let packet = FromBroker::Message {
             topic: b"a/b",
             payload: b"xyz",
             retained: true,
-            number: Some(258),
+            packet_id: Some(258),
         };
-        assert_eq!(read(&bytes), Ok(Some((told, bytes.len()))));
+        assert_eq!(read(&bytes), Ok(Some((packet, bytes.len()))));
         for cut in 0..bytes.len() {
             assert_eq!(read(&bytes[..cut]), Ok(None));
         }
@@ -234,7 +237,7 @@ mod tests {
             b"\x30\x02\0\x09",
             b"HTTP/1.1 400 Bad Request",
         ] {
-            assert_eq!(read(bad), Err(NotMqtt), "{bad:?}");
+            assert_eq!(read(bad), Err(ProtocolError), "{bad:?}");
         }
         let mut random = fastrand::Rng::with_seed(6);
         for _ in 0..200_000 {

@@ -1,6 +1,6 @@
 //! The connection to the broker: TCP, or TLS over it (RFC 8446, RFC 5246; by `rustls`).
 //!
-//! Neither ever blocks, except in [`Stream::finish`]. TLS allocates for every record, on the broker's thread only.
+//! Does not block, except when connecting and in [`Stream::finish`]. TLS allocates for every record, on the broker's thread only.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
@@ -15,16 +15,16 @@ use crate::OutputError;
 use crate::features::MqttSettings;
 
 /// Connection timeout.
-const PATIENCE: Duration = Duration::from_secs(10);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Largest certificate file, bytes; a system's bundle has 0.2 MB.
-const CERTIFICATES_MOST: usize = 4 << 20;
+const CERTIFICATES_MAX: usize = 4 << 20;
 /// Time limit for the last messages.
-const FAREWELL: Duration = Duration::from_millis(300);
+const FINISH_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// How the broker's certificate is checked; `None` without TLS.
+/// TLS settings that check the broker's certificate; `None` without TLS.
 pub(super) type Trust = Option<Arc<ClientConfig>>;
 
-/// Trusts the CAs of the configured file.
+/// TLS settings that trust the CAs of the configured file; `None` without TLS.
 ///
 /// # Errors
 /// If the certificates cannot be read.
@@ -34,8 +34,8 @@ pub(super) fn trust(settings: &MqttSettings) -> Result<Trust, OutputError> {
     }
     let path = &settings.ca_file;
     let roots =
-        authorities(path).map_err(|source| OutputError::Certificates(path.clone(), source))?;
-    // The algorithms are named: no other part of the program chooses them.
+        read_authorities(path).map_err(|source| OutputError::Certificates(path.clone(), source))?;
+    // The provider is named here, because no other part of the program installs one.
     let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
         .expect("ring knows TLS 1.2 and 1.3")
@@ -45,13 +45,15 @@ pub(super) fn trust(settings: &MqttSettings) -> Result<Trust, OutputError> {
 }
 
 /// The certificates of a PEM file.
-fn authorities(path: &str) -> io::Result<RootCertStore> {
-    let text =
-        mien_stages::base::bounded_read::read(std::path::Path::new(path), CERTIFICATES_MOST)?;
+///
+/// # Errors
+/// If the file cannot be read or has no usable certificate.
+fn read_authorities(path: &str) -> io::Result<RootCertStore> {
+    let text = mien_stages::base::bounded_read::read(std::path::Path::new(path), CERTIFICATES_MAX)?;
     let mut roots = RootCertStore::empty();
     for certificate in CertificateDer::pem_slice_iter(&text) {
         let certificate = certificate.map_err(io::Error::other)?;
-        // A system's bundle has some that are older than the rules; one is enough.
+        // A system's bundle has some that rustls rejects as outdated; one accepted is enough.
         let _ = roots.add(certificate);
     }
     if roots.is_empty() {
@@ -60,17 +62,19 @@ fn authorities(path: &str) -> io::Result<RootCertStore> {
     Ok(roots)
 }
 
-/// A connection, plain or sealed.
+/// A connection, plain or TLS.
 pub(super) struct Stream {
     pub(super) socket: TcpStream,
     tls: Option<Box<ClientConnection>>,
 }
 
 impl Stream {
-    /// Connects to `host:port`. With TLS the certificate must be the host's; it is checked during the handshake, with the first
-    /// data.
+    /// Connects to `host:port`. With TLS the certificate is checked during the handshake, with the first data.
+    ///
+    /// # Errors
+    /// If the host is unknown or unreachable.
     pub(super) fn connect(broker: &str, trust: &Trust) -> io::Result<Self> {
-        let socket = reach(broker)?;
+        let socket = connect_tcp(broker)?;
         let Some(config) = trust else {
             return Ok(Self { socket, tls: None });
         };
@@ -84,19 +88,19 @@ impl Stream {
         })
     }
 
-    /// Whether to wait until the socket accepts more; `pending` is whether the caller has unsent data.
+    /// Whether to poll the socket for writing; `pending`: whether the caller has unsent data.
     pub(super) fn waits_to_write(&self, pending: bool) -> bool {
-        // While hands are shaken, writing waits for what is read.
+        // During the handshake, writing waits for data from the broker.
         self.tls.as_ref().map_or(pending, |tls| {
             tls.wants_write() || pending && !tls.is_handshaking()
         })
     }
 
-    /// Sends the last messages, for a moment, and closes.
-    pub(super) fn finish(&mut self, words: &[u8]) {
+    /// Sends the last messages within [`FINISH_TIMEOUT`] and closes.
+    pub(super) fn finish(&mut self, bytes: &[u8]) {
         let _ = self.socket.set_nonblocking(false);
-        let _ = self.socket.set_write_timeout(Some(FAREWELL));
-        let _ = self.write_all(words);
+        let _ = self.socket.set_write_timeout(Some(FINISH_TIMEOUT));
+        let _ = self.write_all(bytes);
         if let Some(tls) = &mut self.tls {
             tls.send_close_notify();
             let _ = tls.write_tls(&mut self.socket);
@@ -115,10 +119,10 @@ impl Read for Stream {
 }
 
 impl Write for Stream {
-    fn write(&mut self, words: &[u8]) -> io::Result<usize> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let taken = match &mut self.tls {
-            None => self.socket.write(words),
-            Some(tls) => rustls::Stream::new(&mut **tls, &mut self.socket).write(words),
+            None => self.socket.write(bytes),
+            Some(tls) => rustls::Stream::new(&mut **tls, &mut self.socket).write(bytes),
         }?;
         if taken == 0 {
             return Err(ErrorKind::WouldBlock.into());
@@ -131,14 +135,14 @@ impl Write for Stream {
     }
 }
 
-fn reach(broker: &str) -> io::Result<TcpStream> {
+fn connect_tcp(broker: &str) -> io::Result<TcpStream> {
     let open = |address| {
-        let socket = TcpStream::connect_timeout(&address, PATIENCE)?;
+        let socket = TcpStream::connect_timeout(&address, CONNECT_TIMEOUT)?;
         socket.set_nonblocking(true)?;
         let _ = socket.set_nodelay(true);
         Ok(socket)
     };
-    // Only a name is looked up, which asks for memory.
+    // A look-up allocates, so it is done for names only.
     if let Ok(address) = broker.parse() {
         return open(address);
     }

@@ -1,20 +1,19 @@
-//! Commands over OSC. Accepted from this machine only unless the configuration names another address to listen on, and then from
-//! the networks that this machine is on and from receivers that it sends to by address.
+//! Commands over OSC. By default only this machine can send them. If the configuration sets another address to listen on, local
+//! networks and targets configured by IP address can too.
 //!
-//! | address | arguments | what it does |
+//! | address | arguments | effect |
 //! | --- | --- | --- |
-//! | `/face/cmd/forget` | slot | forgets what was learned about the user |
-//! | `/face/cmd/freeze` | slot, 0 or 1 | resumes or stops learning for the user |
-//! | `/face/cmd/neutral` | slot | takes the user's current face as rest |
+//! | `/face/cmd/forget` | slot | discards everything learned about the user |
+//! | `/face/cmd/freeze` | slot, 0 or 1 | resumes (0) or stops (1) learning for the user |
+//! | `/face/cmd/neutral` | slot | uses the user's current face as the neutral one |
 //! | `/face/cmd/level` | gesture, hundredths | moves the level at which a gesture goes on, if `osc.levels` allows it |
 //! | `/face/cmd/schema` | | sends the schema now: to the targets on the requester's host, or if there are none, back to the requester |
 //!
-//! Input is untrusted: a datagram is read into a fixed buffer, bundles may be nested twice, and only so many datagrams are
-//! examined per frame; the rest waits in the socket, which the system bounds. Every sender may make 16 requests, and one
-//! more every quarter of a second; all together 32, and one more every eighth. Requests beyond that, malformed or unknown ones, and those with other arguments or a slot that does
-//! not exist are counted and otherwise ignored, with the rest of their datagram if that cannot be separated. Replies go to the
-//! requester only. Nothing allocates. Limits: with more than eight senders, the one silent for longest counts as new when
-//! it returns.
+//! Input is untrusted: a datagram is read into a fixed buffer, bundles may be nested twice, and the work per frame is limited; the
+//! remaining datagrams wait in the socket, which the system bounds. A sender may make 16 requests at once and 4 per second; all
+//! together 32 at once and 8 per second. Excess, malformed and unknown requests, wrong arguments and unknown slots are counted and
+//! ignored; so is the rest of a datagram that cannot be separated. Nothing allocates. Limitation: with more than eight senders,
+//! the one silent for longest starts with a full allowance when it returns.
 
 use super::packet::{Argument, messages, parse};
 use crate::Command;
@@ -22,7 +21,7 @@ use crate::Command;
 /// Most arguments of a command.
 const ARGUMENTS: usize = 2;
 
-/// What a message requests.
+/// Request of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Send the names of the units now.
@@ -31,7 +30,7 @@ pub enum Request {
     Command(Command),
 }
 
-/// Passes the requests of a datagram to `take`, which returns whether it had room; returns how many messages were refused.
+/// Passes the requests of a datagram to `take`, which returns whether it accepts them; returns the number of refused messages.
 pub fn requests(datagram: &[u8], prefix: &str, take: &mut dyn FnMut(Request) -> bool) -> u64 {
     let [_, refused] = messages(datagram, &mut |one| {
         message(one, prefix).is_some_and(&mut *take)
@@ -65,7 +64,7 @@ fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
     Command::named(what, slot.try_into().ok()?, on).map(Request::Command)
 }
 
-/// An integer sent as a float.
+/// The integer of a float without fraction, below 10⁶.
 fn whole(number: f32) -> Option<i32> {
     (number % 1.0 == 0.0 && number.abs() < 1e6).then_some(number as i32)
 }

@@ -1,10 +1,10 @@
-//! OSC preset `faceosc`: the raw distances of FaceOSC, which many sketches in Processing, Max and Pd expect.
+//! OSC preset `faceosc`: the raw distances of FaceOSC, expected by many sketches in Processing, Max and Pd.
 //!
 //! `/found` alone, then one bundle per frame: `/pose/position` in pixels, `/pose/scale`, `/pose/orientation` in radians
 //! (pitch, yaw, roll), and `/gesture/…`. Gestures are distances on the face with the head pose removed, in FaceOSC's
 //! unit of about 3.6 mm (a mouth is about 14 wide); the scale is pixels per unit. Left and right are the subject's own;
-//! mirroring swaps them and reflects the image. One face: the first seen, until lost. A lost face is held for a while, then
-//! reported as not found: distances have no neutral value to fade to.
+//! mirroring swaps them and reflects the image. One face: the first seen, until lost. A lost face is held for `hold_s`, then
+//! reported as not found, because distances have no neutral value to fade to.
 
 use super::packet::Argument;
 use super::wire::{Targets, Wire};
@@ -18,11 +18,11 @@ use mien_stages::landmarks::Landmarks;
 
 /// FaceOSC's unit of length, metres.
 const UNIT_M: f32 = 0.0036;
-/// How often `/found` is repeated, seconds.
+/// Interval at which `/found` is repeated, seconds.
 const FOUND_S: f64 = 1.0;
 
 keyed! {
-    /// Settings of the FaceOSC output; there are no units.
+    /// Settings of the FaceOSC output, which has no units.
     pub struct Settings {
         /// Whether this output is enabled.
         enabled: bool = false => Bool(),
@@ -35,7 +35,7 @@ keyed! {
     }
 }
 
-/// Gestures: the name, and the two groups of landmarks whose means are apart by it.
+/// Gestures: the name, and two groups of landmarks; the value is the distance between their means.
 const GESTURES: [(&str, &[usize], &[usize]); 8] = [
     ("mouth/width", &[48], &[54]),
     ("mouth/height", &[61, 62, 63], &[65, 66, 67]),
@@ -46,13 +46,13 @@ const GESTURES: [(&str, &[usize], &[usize]); 8] = [
     ("jaw", &[33], &[7, 8, 9]),
     ("nostrils", &[31], &[35]),
 ];
-/// The same with left and right changed.
+/// Indices in [`GESTURES`] with left and right swapped.
 const MIRRORED: [usize; 8] = [0, 1, 3, 2, 5, 4, 6, 7];
 
-/// What one frame says of a face.
+/// Values of a face in one frame.
 #[derive(Clone, Copy)]
 struct Numbers {
-    /// Position, scale, orientation.
+    /// Position (2, pixels), scale (pixels per unit), orientation (3, radians).
     pose: [f32; 6],
     gestures: [f32; 8],
 }
@@ -63,7 +63,7 @@ pub struct FaceOsc {
     face: OneFace,
     found: bool,
     repeat: Every,
-    /// The last face seen, and when.
+    /// Values and capture time of the last face.
     last: Option<(Numbers, Timestamp)>,
 }
 
@@ -75,11 +75,11 @@ impl FaceOsc {
     #[cfg(feature = "std")]
     pub fn new(settings: Settings) -> Result<Self, OutputError> {
         let targets = super::udp::open(&settings.targets)?;
-        Ok(Self::over(targets, settings))
+        Ok(Self::with_targets(targets, settings))
     }
 
-    /// As [`Self::new`], but to these targets instead of the configured ones.
-    pub fn over(targets: Targets, settings: Settings) -> Self {
+    /// As [`Self::new`], but with these targets instead of the configured ones.
+    pub fn with_targets(targets: Targets, settings: Settings) -> Self {
         let view = View {
             mirror: settings.mirror,
             loss: LossPolicy {
@@ -114,7 +114,7 @@ impl FaceOsc {
         }
         let corners = [39, 42].map(|i| landmarks.pixels[i]);
         let apart_px = (corners[0][0] - corners[1][0]).hypot(corners[0][1] - corners[1][1]);
-        // Turned away, the eyes come closer in the picture, not on the face.
+        // Scale from the foreshortened distance: turning away does not change the scale.
         let across = sensor_from_head.rotation * (landmarks.head[42] - landmarks.head[39]);
         let scale = apart_px * UNIT_M / across.xy().norm();
         let (yaw, pitch, roll) = yaw_pitch_roll(&self.face.view.pose(sensor_from_head).rotation);
@@ -181,7 +181,7 @@ impl Output for FaceOsc {
 }
 
 impl Drop for FaceOsc {
-    /// Nobody.
+    /// Sends that no face is found.
     fn drop(&mut self) {
         if self.wire.to.is_used() {
             self.send_found(false);

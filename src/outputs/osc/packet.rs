@@ -1,11 +1,11 @@
 //! One OSC datagram: a bundle of messages in a fixed buffer (Open Sound Control 1.0). Strings are padded with 1 to 4 zeros to a
-//! multiple of four; numbers are 32 bits, big endian; each message is preceded by its length. Nothing allocates.
+//! multiple of four; numbers have 32 bits, big endian; each message is preceded by its length. Nothing allocates.
 
 use core::fmt::Write;
 
-/// Largest datagram that crosses an Ethernet unfragmented: 1500 bytes minus the IP and UDP headers.
+/// Largest datagram that Ethernet carries unfragmented, bytes: 1500 minus the IP and UDP headers.
 pub(super) const LARGEST: usize = 1472;
-/// What every bundle starts with; the time tag 1 means "immediately": clocks need not agree.
+/// Header of a bundle; the time tag 1 means "immediately", so that clocks need not agree.
 const HEADER: [u8; 16] = *b"#bundle\0\0\0\0\0\0\0\0\x01";
 
 /// An argument of a message.
@@ -45,7 +45,7 @@ impl Packet {
         &self.0
     }
 
-    /// Appends a message to `prefix` + `address`; `false`, and nothing appended, if there is no room.
+    /// Appends a message with the address `prefix` + `address`; if there is no room, appends nothing and returns `false`.
     pub fn push<'a>(
         &mut self,
         prefix: &str,
@@ -69,7 +69,7 @@ impl Packet {
         address: core::fmt::Arguments,
         arguments: impl Iterator<Item = Argument<'a>> + Clone,
     ) -> core::fmt::Result {
-        // The length goes here when it is known.
+        // Placeholder of the length.
         self.put(&[0; 4])?;
         let start = self.0.len();
         self.put(prefix.as_bytes())?;
@@ -91,7 +91,7 @@ impl Packet {
             match argument {
                 Argument::Int(value) => self.put(&value.to_be_bytes())?,
                 Argument::Float(value) => self.put(&value.to_be_bytes())?,
-                // All said in its tag.
+                // The tag holds the value.
                 Argument::Bool(_) => {}
                 Argument::Text(text) => {
                     let start = self.0.len();
@@ -117,8 +117,8 @@ impl Packet {
 /// Nesting depth at which bundles are refused.
 pub(super) const DEPTH: usize = 3;
 
-/// Passes every message of a datagram to `take`, which says whether it is accepted; counts of those accepted and refused. What
-/// cannot be separated, or is nested too deep, is one refused. Time tags are not waited for.
+/// Passes every message of a datagram to `take`, which returns whether it accepts it; returns the numbers of accepted and refused
+/// messages. A part that cannot be separated or is nested too deeply counts as one refused. Time tags are ignored.
 pub fn messages(datagram: &[u8], take: &mut dyn FnMut(&[u8]) -> bool) -> [u64; 2] {
     let mut counts = [0; 2];
     elements(
@@ -155,7 +155,7 @@ fn elements(
     }
 }
 
-/// A string, and the rest after its padding.
+/// A string, and the bytes after its padding; `None` if it is malformed.
 fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let end = bytes.iter().position(|&byte| byte == 0)?;
     let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;
@@ -166,7 +166,8 @@ fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
     ))
 }
 
-/// Hands every argument of a message to `take`; the address, or `None` if it is malformed or `take` refuses one.
+/// Passes every argument of a message to `take`; returns the address, or `None` if the message is malformed or `take` refuses an
+/// argument.
 pub fn parse<'a>(
     message: &'a [u8],
     mut take: impl FnMut(Argument<'a>) -> Option<()>,
@@ -189,7 +190,7 @@ pub fn parse<'a>(
                 rest = after;
                 Argument::Text(text)
             }
-            // Truth has no bytes.
+            // A Bool has no bytes.
             'T' | 'F' => Argument::Bool(tag == 'T'),
             _ => return None,
         })?;

@@ -8,49 +8,49 @@ use mien_stages::base::prelude::*;
 /// The built-in table.
 const SHIPPED: &str = include_str!("../../../config/rigs.toml");
 
-/// A gain, and the units it applies to. Of several units in one term the largest counts: left and right, where the parameter
-/// has no sides, or a unit without sides, where the parameter has them.
+/// A gain, and the indices of its units, of which the largest weight counts: left and right for a parameter without sides, or a
+/// unit without sides as a substitute.
 type Term = (f32, Box<[usize]>);
 
-/// A parameter that can be computed.
+/// A parameter that can be computed from the available units.
 pub struct Parameter {
-    /// Its name, as the receiver knows it.
+    /// The receiver's name for it.
     pub name: String,
     /// Value at rest.
     rest: f32,
-    /// What it does not go below.
+    /// Lower limit.
     least: f32,
-    /// Summed.
+    /// Terms of the sum.
     terms: Box<[Term]>,
 }
 
 impl Parameter {
-    /// The parameters of a rig for which there are units, by name.
-    pub(crate) fn of_rig(rig: &str, units: &[&str]) -> Vec<Self> {
+    /// The parameters of a rig that the available units allow, by name.
+    pub(crate) fn for_rig(rig: &str, units: &[&str]) -> Vec<Self> {
         Self::read(SHIPPED, rig, units).expect("the shipped table is read by a test")
     }
 
     fn read(text: &str, rig: &str, units: &[&str]) -> Option<Vec<Self>> {
         let table = toml::from_str::<BTreeMap<String, BTreeMap<String, String>>>(text).ok()?;
         let rows = table.get(rig)?.iter();
-        let parameters = rows.filter_map(|(name, sum)| Self::of_sum(name, sum, units));
+        let parameters = rows.filter_map(|(name, sum)| Self::parse_sum(name, sum, units));
         Some(parameters.collect())
     }
 
-    /// ARKit's shapes: those that are measured, and if asked for those that are derived too.
-    pub fn of_arkit(derived: bool, units: &[&str]) -> Vec<Self> {
-        let mut shapes = Self::of_rig("arkit", units);
+    /// ARKit's shapes that are measured and, if `derived`, those derived from related units.
+    pub fn arkit(derived: bool, units: &[&str]) -> Vec<Self> {
+        let mut shapes = Self::for_rig("arkit", units);
         if derived {
-            let others = Self::of_rig("derived", units).into_iter();
+            let others = Self::for_rig("derived", units).into_iter();
             let known: Vec<_> = shapes.iter().map(|shape| shape.name.clone()).collect();
             shapes.extend(others.filter(|other| !known.contains(&other.name)));
         }
         shapes
     }
 
-    /// A sum such as `0.75 - 0.75 AU43L|AU43 + AU5L`; `None` unless a unit of its first term is there: what is not measured is
-    /// not sent.
-    pub(crate) fn of_sum(name: &str, sum: &str, units: &[&str]) -> Option<Self> {
+    /// Parses a sum such as `0.75 - 0.75 AU43L|AU43 + AU5L`; `None` if no unit of its first term is available, since then it is
+    /// not measured.
+    pub(crate) fn parse_sum(name: &str, sum: &str, units: &[&str]) -> Option<Self> {
         let (mut rest, mut sign, mut gain) = (0.0, 1.0, None);
         let (sum, least) = match sum.split_once(" >= ") {
             Some((sum, least)) => (sum, least.parse().ok()?),
@@ -60,7 +60,7 @@ impl Parameter {
         for word in sum.split_whitespace() {
             match word {
                 "+" | "-" => {
-                    // A number by itself, first, is the value at rest.
+                    // A leading number without a unit is the value at rest.
                     rest += gain.take().unwrap_or(0.0);
                     sign = if word == "+" { 1.0 } else { -1.0 };
                 }
@@ -81,8 +81,8 @@ impl Parameter {
         })
     }
 
-    /// Each unit by itself, under the given names.
-    pub(super) fn of_units<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Self> {
+    /// One parameter per unit, with the given names.
+    pub(super) fn for_units<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Self> {
         names
             .enumerate()
             .map(|(unit, name)| Self {
@@ -94,13 +94,13 @@ impl Parameter {
             .collect()
     }
 
-    /// Whether there are weights that make it negative.
+    /// Whether its value can be negative.
     pub(super) fn can_be_negative(&self) -> bool {
         let least = |(gain, units): &Term| if units.is_empty() { 0.0 } else { gain.min(0.0) };
         self.least < 0.0 && self.rest + self.terms.iter().map(least).sum::<f32>() < 0.0
     }
 
-    /// Value for weights of 0…1, limited to −1…1 or to what the sum says.
+    /// Value for weights of 0…1, between the lower limit (−1 by default) and 1.
     pub fn value(&self, weights: impl ExactSizeIterator<Item = f32> + Clone) -> f32 {
         let weight = |index: usize| weights.clone().nth(index).unwrap_or(0.0);
         let term = |(gain, units): &Term| {
@@ -182,10 +182,10 @@ mod tests {
         let shipped = mien_stages::expression::units::Units::shipped();
         let columns = shipped.columns(false);
         let units: Vec<&str> = columns.iter().map(|unit| unit.as_str()).collect();
-        let sent = |derived| Parameter::of_arkit(derived, &units).len();
+        let sent = |derived| Parameter::arkit(derived, &units).len();
         assert_eq!((sent(false), sent(true)), (41, 52));
         for unit in shipped.columns(false) {
-            let reached = Parameter::of_rig("arkit", &[unit.as_str()]);
+            let reached = Parameter::for_rig("arkit", &[unit.as_str()]);
             assert!(!reached.is_empty() || unit == "AU25", "{unit}");
         }
     }

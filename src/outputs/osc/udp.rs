@@ -1,8 +1,7 @@
-//! The UDP sockets of OSC, one per target, so that datagrams queued for one (while the system resolves an absent host's
-//! hardware address) take no space from the others. They do not block: what a socket cannot take is dropped and counted, and
-//! an absent receiver changes nothing. Targets may be hosts, broadcast addresses (192.168.1.255) or multicast groups
-//! (239.255.91.30; with the system's default reach of one network). Host names are resolved on a separate thread, which
-//! retries until it succeeds and resolves again when sending fails.
+//! The UDP sockets of OSC, one per target, so that datagrams queued for one (while the system resolves an absent host's hardware
+//! address) take no space from the others. They do not block: datagrams that a socket does not accept are dropped and counted.
+//! Targets may be hosts, broadcast addresses (192.168.1.255) or multicast groups (239.255.91.30, within one network by default).
+//! Host names are resolved on a separate thread, which retries until it succeeds and resolves again after a failed send.
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
@@ -15,8 +14,8 @@ use super::wire::{Datagrams, Targets};
 use crate::OutputError;
 use crate::limits::start_thread;
 
-/// Sockets for IPv4 are bound to it.
-const ANY: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), 0);
+/// Local address of IPv4 sockets.
+const ANY_IPV4: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), 0);
 /// Pause between two look-ups of a name.
 const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
 
@@ -33,19 +32,19 @@ pub(crate) fn open(targets: &[String]) -> Result<Targets, OutputError> {
 
 struct Target {
     socket: UdpSocket,
-    to: To,
+    to: Destination,
 }
 
-/// Where to.
-enum To {
+/// Destination of a socket.
+enum Destination {
     Address(SocketAddr),
     Name(Arc<Name>, Thread),
 }
 
-/// A name and where it leads, which its thread looks up whenever it is woken.
+/// A host name's address, looked up by a thread whenever it is woken.
 struct Name {
     address: Mutex<Option<SocketAddr>>,
-    /// Whether an address is wanted.
+    /// Whether a look-up is requested.
     wanted: AtomicBool,
 }
 
@@ -60,12 +59,12 @@ impl Target {
         };
         let any = match address {
             SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
-            SocketAddr::V4(_) => ANY,
+            SocketAddr::V4(_) => ANY_IPV4,
         };
-        Self::over(any, To::Address(address))
+        Self::bound(any, Destination::Address(address))
     }
 
-    /// A target whose address `resolve` finds.
+    /// A target whose address is found by `resolve`.
     fn named(target: &str, resolve: fn(&str) -> Option<SocketAddr>) -> Result<Self, OutputError> {
         let name = Arc::new(Name {
             address: Mutex::new(None),
@@ -73,7 +72,7 @@ impl Target {
         });
         let (found, target) = (Arc::downgrade(&name), target.to_owned());
         let thread = start_thread("osc-look-up", move || {
-            // Ends with the output that wants to know.
+            // Ends when the output is dropped.
             while let Some(name) = found.upgrade() {
                 if !name.wanted.load(Ordering::Relaxed) {
                     drop(name);
@@ -90,33 +89,33 @@ impl Target {
                     );
                 }
                 drop(name);
-                // Also after it was found: it may be found wrong again at once.
+                // Also after a success, because sending may fail again at once.
                 std::thread::sleep(LOOK_UP_PAUSE);
             }
         })?;
-        // The socket is made for IPv4 before the name is known.
-        Self::over(ANY, To::Name(name, thread.thread().clone()))
+        // The socket is created before the address is known, for IPv4.
+        Self::bound(ANY_IPV4, Destination::Name(name, thread.thread().clone()))
     }
 
-    fn over(any: SocketAddr, to: To) -> Result<Self, OutputError> {
+    fn bound(any: SocketAddr, to: Destination) -> Result<Self, OutputError> {
         let socket = UdpSocket::bind(any).map_err(OutputError::Socket)?;
         let opened = socket.set_nonblocking(true);
         opened.map_err(OutputError::Socket)?;
-        // Only for targets that are broadcast addresses; those that are not do not need it.
+        // Needed for broadcast addresses only.
         socket.set_broadcast(true).ok();
         Ok(Self { socket, to })
     }
 
     fn address(&self) -> Option<SocketAddr> {
         match &self.to {
-            To::Address(address) => Some(*address),
-            To::Name(name, _) => *name.address(),
+            Destination::Address(address) => Some(*address),
+            Destination::Name(name, _) => *name.address(),
         }
     }
 }
 
 impl Name {
-    /// Locked by either side for no longer than a copy.
+    /// Locks the address; held for a copy only.
     fn address(&self) -> MutexGuard<'_, Option<SocketAddr>> {
         self.address.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -128,8 +127,8 @@ impl Datagrams for Target {
             return false;
         };
         let sent = self.socket.send_to(datagram, address);
-        // Perhaps the name leads elsewhere by now. A full queue says nothing of where it leads.
-        if let (Err(error), To::Name(name, thread)) = (&sent, &self.to)
+        // After a failure the name may have another address; a full queue is no such failure.
+        if let (Err(error), Destination::Name(name, thread)) = (&sent, &self.to)
             && error.kind() != ErrorKind::WouldBlock
             && !name.wanted.swap(true, Ordering::Relaxed)
         {
@@ -145,7 +144,7 @@ impl Datagrams for Target {
 
 impl Drop for Target {
     fn drop(&mut self) {
-        if let To::Name(_, thread) = &self.to {
+        if let Destination::Name(_, thread) = &self.to {
             thread.unpark();
         }
     }

@@ -1,12 +1,12 @@
 //! OSC preset `vmc`: the Virtual Motion Capture protocol, for avatars.
 //!
-//! As performer (default, to a marionette at port 39539): availability, time, root, the bones of head and eyes, blend shapes. As assistant
-//! (to a performer at port 39540): blend shapes, and the head as a tracker. Blend shapes have the names of ARKit, of VRM 0 or
-//! VRM 1 (`config/rigs.toml`), or the units' own; those that are not measured are derived, or left out. `Apply` closes the frame, in the last
-//! datagram. `OK` tells whether a face is tracked (version 2.7 of the protocol).
+//! As performer (default, to a marionette at port 39539): availability, time, root, the bones of head and eyes, blend shapes. As
+//! assistant (to a performer at port 39540): blend shapes, and the head as a tracker. Blend shapes have the names of ARKit, VRM 0 or
+//! VRM 1 (`config/rigs.toml`), or the units' own; shapes that are not measured are derived or omitted. `Apply` ends the frame, in
+//! its last datagram. `OK` says whether a face is tracked (version 2.7 of the protocol).
 //!
-//! Coordinates are Unity's: left-handed, y up, z forward of the avatar. Ours, mirrored in all three axes (x to the
-//! subject's left, y down, z into the head), are exactly that: positions change their sign and rotations keep their numbers.
+//! Coordinates are Unity's: left-handed, y up, z forward of the avatar. Ours (x to the subject's left, y down, z into the head) have
+//! all three axes reversed: positions change their sign, quaternions stay the same.
 //! One face: the first seen, until lost.
 
 use super::packet::Argument;
@@ -19,10 +19,10 @@ use mien_stages::base::settings::keyed;
 /// This program's role, as the receiver sees it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
-    /// Sends everything a marionette needs.
+    /// Drives a marionette completely.
     #[default]
     Performer,
-    /// Helps a performer with the face.
+    /// Adds the face to a performer's data.
     Assistant,
 }
 
@@ -66,9 +66,9 @@ pub struct Vmc {
     role: Role,
     face: OneFace,
     shapes: Vec<Parameter>,
-    /// Gaze to the subject's left and up; none if it is not measured or not wanted.
+    /// Gaze to the subject's left and up; `None` if it is not measured or not sent.
     gaze: Option<[Parameter; 2]>,
-    /// Time of the last frame.
+    /// Capture time of the last frame, seconds.
     seconds: f32,
 }
 
@@ -80,18 +80,18 @@ impl Vmc {
     #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let targets = super::udp::open(&settings.targets)?;
-        Ok(Self::over(targets, settings, units))
+        Ok(Self::with_targets(targets, settings, units))
     }
 
-    /// As [`Self::new`], but to these targets instead of the configured ones.
-    pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Self {
+    /// As [`Self::new`], but with these targets instead of the configured ones.
+    pub fn with_targets(targets: Targets, settings: Settings, units: &[&str]) -> Self {
         let shapes = match settings.names {
-            Names::Arkit => Parameter::of_arkit(settings.derived, units),
-            Names::Vrm0 => Parameter::of_rig("vrm0", units),
-            Names::Vrm1 => Parameter::of_rig("vrm1", units),
-            Names::Units => Parameter::of_units(units.iter().map(|unit| settings.view.name(unit))),
+            Names::Arkit => Parameter::arkit(settings.derived, units),
+            Names::Vrm0 => Parameter::for_rig("vrm0", units),
+            Names::Vrm1 => Parameter::for_rig("vrm1", units),
+            Names::Units => Parameter::for_units(units.iter().map(|unit| settings.view.name(unit))),
         };
-        let gaze = ["AU61 - AU62", "AU63 - AU64"].map(|sum| Parameter::of_sum("", sum, units));
+        let gaze = ["AU61 - AU62", "AU63 - AU64"].map(|sum| Parameter::parse_sum("", sum, units));
         let [left, up] = gaze;
         let gaze = left.zip(up).map(|(left, up)| [left, up]);
         Self {
@@ -107,26 +107,29 @@ impl Vmc {
     fn send_frame(&mut self, tracked: bool, pose: Option<[f32; 7]>) {
         let wire = &mut self.wire;
         if self.role == Role::Performer {
-            // Loaded, calibrated, in normal mode: the sender's own avatar.
+            // Loaded (1), calibrated (3), normal mode (0).
             let ok = [1, 3, 0, tracked.into()].map(Argument::Int);
             wire.message(format_args!("/OK"), ok);
             wire.message(format_args!("/T"), [Argument::Float(self.seconds)]);
-            let root = placed("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+            let root = transform_arguments("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
             wire.message(format_args!("/Root/Pos"), root);
         }
-        if let Some([x, y, z, turn @ ..]) = pose {
-            let (address, place) = match self.role {
-                // The bone keeps its place on the neck.
+        if let Some([x, y, z, rotation @ ..]) = pose {
+            let (address, position) = match self.role {
+                // The head bone stays on the neck.
                 Role::Performer => (format_args!("/Bone/Pos"), [0.0; 3]),
                 Role::Assistant => (format_args!("/Tra/Pos"), [-x, -y, -z]),
             };
-            wire.message(address, placed("Head", place, turn));
+            wire.message(address, transform_arguments("Head", position, rotation));
         }
         if let Some(gaze) = &self.gaze {
-            let value = |way: &Parameter| way.value(self.face.weights.shown());
-            let turn = eye_turn(gaze.each_ref().map(value));
+            let value = |direction: &Parameter| direction.value(self.face.weights.shown());
+            let rotation = eye_turn(gaze.each_ref().map(value));
             for eye in ["LeftEye", "RightEye"] {
-                wire.message(format_args!("/Bone/Pos"), placed(eye, [0.0; 3], turn));
+                wire.message(
+                    format_args!("/Bone/Pos"),
+                    transform_arguments(eye, [0.0; 3], rotation),
+                );
             }
         }
         for shape in &self.shapes {
@@ -139,20 +142,20 @@ impl Vmc {
     }
 }
 
-/// Rotation of an eye in its head, x, y, z, w: gaze of 0…1 to the subject's left and up, 30° at full weight as in Live Link.
+/// Rotation of an eye in the head, quaternion x, y, z, w, for a gaze of −1…1 to the subject's left and up; 30° at weight 1.
 fn eye_turn(gaze: [f32; 2]) -> [f32; 4] {
     let [yaw, pitch] = gaze.map(|share| -0.5 * share * core::f32::consts::FRAC_PI_6);
     let ((sy, cy), (sx, cx)) = (yaw.sin_cos(), pitch.sin_cos());
     [cy * sx, sy * cx, -sy * sx, cy * cx]
 }
 
-/// A name, a position and a rotation.
-fn placed(
+/// Arguments of a bone or tracker: name, position, quaternion x, y, z, w.
+fn transform_arguments(
     name: &str,
-    place: [f32; 3],
-    turn: [f32; 4],
+    position: [f32; 3],
+    rotation: [f32; 4],
 ) -> impl Iterator<Item = Argument<'_>> + Clone {
-    let numbers = place.into_iter().chain(turn).map(Argument::Float);
+    let numbers = position.into_iter().chain(rotation).map(Argument::Float);
     core::iter::once(Argument::Text(name)).chain(numbers)
 }
 
@@ -171,7 +174,7 @@ impl Output for Vmc {
 }
 
 impl Drop for Vmc {
-    /// Neutral.
+    /// Sends a neutral face that is not tracked.
     fn drop(&mut self) {
         if self.wire.to.is_used() {
             self.face.weights.reset();

@@ -1,13 +1,13 @@
 //! OSC preset `vrchat`: avatar parameters of VRChat, with the names of Unified Expressions v2.
 //!
-//! Addresses are `/avatar/parameters/<prefix>v2/<Name>`; the prefix is the avatar author's, `FT/` is common. Only
-//! measured parameters are sent, and only when they change; all of them once a second, for avatars loaded in the meantime.
-//! What avatar templates read goes at once; the other parameters go in turn into the room that is left in a frame's last
-//! datagram, so that they cost none of their own. The switches `EyeTrackingActive`, `ExpressionTrackingActive` and
-//! `LipTrackingActive` tell whether there is a face. One face: the first seen, until lost.
+//! Addresses are `/avatar/parameters/<prefix>v2/<Name>`; the avatar's author chooses the prefix, `FT/` is common. Only measured
+//! parameters are sent, and only when they change; all of them once a second, for avatars loaded in the meantime. Parameters that
+//! avatar templates read are sent at once; the others take turns in the space left in a frame's last datagram, so that they need
+//! no datagram of their own. `EyeTrackingActive`, `ExpressionTrackingActive` and `LipTrackingActive` say whether there is a face.
+//! One face: the first seen, until lost.
 //!
-//! An avatar has few bits for its parameters, so authors use binary switches: a value v of n bits is the integer
-//! |v| × (2ⁿ − 1), truncated, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
+//! An avatar has few bits for parameters, so authors use binary switches: a value v with n bits is the integer |v| × (2ⁿ − 1),
+//! truncated, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …; `<Name>Negative` is the sign of parameters that have one.
 
 use core::fmt;
 
@@ -19,18 +19,18 @@ use mien_stages::base::prelude::*;
 use mien_stages::base::settings::keyed;
 use mien_stages::base::time::Timestamp;
 
-/// Changes below this are not sent: less than the 8 bits the receiver passes on.
+/// Smaller changes are not sent: half a step of the receiver's 8 bits.
 const LEAST_CHANGE: f32 = 1.0 / 512.0;
-/// How often everything is sent, seconds.
+/// Interval at which all parameters are sent, seconds.
 const REFRESH_S: f64 = 1.0;
-/// Whether there is a face.
+/// Parameters that say whether there is a face.
 const SWITCHES: [&str; 3] = [
     "EyeTrackingActive",
     "ExpressionTrackingActive",
     "LipTrackingActive",
 ];
 
-/// Most bits of a parameter made of switches.
+/// Most binary switches per parameter, besides its sign.
 pub const MOST_BITS: u32 = 8;
 
 /// How values are sent.
@@ -39,7 +39,7 @@ pub enum Values {
     /// As numbers.
     #[default]
     Float,
-    /// As switches, one for each bit.
+    /// As binary switches, one per bit.
     Binary,
     /// Both ways.
     Both,
@@ -71,23 +71,23 @@ pub struct VrChat {
     values: Values,
     bits: u32,
     parameters: Box<[Sent]>,
-    /// Sent where there is room.
+    /// Parameters sent where there is room.
     others: Box<[Sent]>,
-    /// Which of the others has its turn next.
-    turn: usize,
+    /// Index of the next of the others.
+    next_other: usize,
     active: bool,
     refresh: Every,
 }
 
-/// A parameter and what was sent of it last.
+/// A parameter and its last value sent.
 struct Sent {
     parameter: Parameter,
     value: f32,
-    /// Its bits, the sign above them.
+    /// Bits last sent, with the sign above them.
     switches: u32,
-    /// Whether it can be below 0.
+    /// Whether the value can be negative.
     signed: bool,
-    /// Whether it is to be sent whatever was sent before.
+    /// Whether to send it even without a change.
     stale: bool,
 }
 
@@ -98,27 +98,31 @@ impl VrChat {
     /// If the settings are unusable or no socket can be opened.
     #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
-        Self::over(super::udp::open(&settings.targets)?, settings, units)
+        Self::with_targets(super::udp::open(&settings.targets)?, settings, units)
     }
 
-    /// As [`Self::new`], but to these targets instead of the configured ones.
+    /// As [`Self::new`], but with these targets instead of the configured ones.
     ///
     /// # Errors
     /// If the prefix is unusable.
-    pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+    pub fn with_targets(
+        targets: Targets,
+        settings: Settings,
+        units: &[&str],
+    ) -> Result<Self, OutputError> {
         let prefix = format!("/avatar/parameters/{}v2", settings.prefix);
-        let of_rig = |rig| {
-            let parameters = Parameter::of_rig(rig, units).into_iter();
-            parameters.map(Sent::nothing).collect()
+        let load = |rig| {
+            let parameters = Parameter::for_rig(rig, units).into_iter();
+            parameters.map(Sent::new).collect()
         };
         Ok(Self {
-            wire: Wire::new(targets, wire::usable(prefix)?),
+            wire: Wire::new(targets, wire::checked_prefix(prefix)?),
             face: OneFace::new(units, &settings.view),
             values: settings.values,
             bits: settings.bits.clamp(1, MOST_BITS),
-            parameters: of_rig("unified"),
-            others: of_rig("unified_more"),
-            turn: 0,
+            parameters: load("unified"),
+            others: load("unified_more"),
+            next_other: 0,
             active: false,
             refresh: Every::default(),
         })
@@ -137,7 +141,7 @@ impl VrChat {
         self.wire.flush();
     }
 
-    /// What has changed, or everything.
+    /// Sends the main parameters that have changed, or all.
     fn send_parameters(&mut self, all: bool) {
         let (wire, weights) = (&mut self.wire, &self.face.weights);
         for sent in &mut self.parameters {
@@ -150,7 +154,7 @@ impl VrChat {
         }
     }
 
-    /// The same of the others, from the one whose turn it is until the datagram is full; `at_the_end` all of them.
+    /// Sends the others that have changed, or all, from `next_other` on until the datagram is full; `at_the_end` regardless of room.
     fn send_others(&mut self, all: bool, at_the_end: bool) {
         let (wire, weights) = (&mut self.wire, &self.face.weights);
         let mut put = |address: fmt::Arguments, argument| {
@@ -159,7 +163,7 @@ impl VrChat {
             }
             at_the_end || wire.message_if_room(address, [argument])
         };
-        let (first, count) = (self.turn, self.others.len());
+        let (first, count) = (self.next_other, self.others.len());
         for sent in &mut self.others {
             sent.stale |= all;
         }
@@ -167,19 +171,19 @@ impl VrChat {
             let sent = &mut self.others[at];
             let value = sent.parameter.value(weights.shown());
             if !sent.send(value, self.values, self.bits, &mut put) {
-                self.turn = at;
+                self.next_other = at;
                 return;
             }
         }
     }
 }
 
-/// Takes a message; whether it had room for it.
+/// Appends a message; returns whether there was room.
 type Put<'a> = dyn FnMut(fmt::Arguments<'_>, Argument<'static>) -> bool + 'a;
 
 impl Sent {
-    /// Nothing of it so far.
-    fn nothing(parameter: Parameter) -> Self {
+    /// A parameter not sent so far.
+    fn new(parameter: Parameter) -> Self {
         Self {
             signed: parameter.can_be_negative(),
             parameter,
@@ -189,7 +193,7 @@ impl Sent {
         }
     }
 
-    /// Sends what has changed, or all if it is stale; whether there was room for it.
+    /// Sends the value if it has changed or is stale; returns whether there was room.
     fn send(&mut self, value: f32, values: Values, bits: u32, put: &mut Put) -> bool {
         let whole = (values == Values::Binary || self.send_number(value, put))
             && (values == Values::Float || self.send_switches(value, bits, put));
@@ -198,7 +202,7 @@ impl Sent {
     }
 
     fn send_number(&mut self, value: f32, put: &mut Put) -> bool {
-        // Rest and the ends are sent exactly: an eye must not stay open by a hair.
+        // Rest and the limits are sent exactly, so that an eye closes completely.
         let changed = (value - self.value).abs() >= LEAST_CHANGE
             || (value != self.value && [-1.0, 0.0, 1.0].contains(&value));
         if !self.stale && !changed {
@@ -215,7 +219,7 @@ impl Sent {
     }
 
     fn send_switches(&mut self, value: f32, bits: u32, put: &mut Put) -> bool {
-        // Without a switch for the sign what is negative is cut to 0.
+        // Without a sign switch, negative values become 0.
         let size = if self.signed {
             value.abs()
         } else {
@@ -261,7 +265,7 @@ impl Output for VrChat {
 }
 
 impl Drop for VrChat {
-    /// Neutral, and no face.
+    /// Sends a neutral face and that there is none.
     fn drop(&mut self) {
         if self.wire.to.is_used() {
             self.face.weights.reset();

@@ -1,4 +1,4 @@
-//! The datagram being filled, and where it is sent when it is full.
+//! Collects messages in a datagram and sends it to all receivers.
 
 use core::net::IpAddr;
 
@@ -8,10 +8,10 @@ use mien_stages::base::prelude::*;
 
 /// A destination of datagrams.
 pub trait Datagrams: Send {
-    /// Sends one without blocking; whether it was accepted.
+    /// Sends a datagram without blocking; returns whether it was accepted.
     fn send(&mut self, datagram: &[u8]) -> bool;
 
-    /// The destination host, if there is a single one and it is known.
+    /// The destination host, if it is known.
     fn host(&self) -> Option<IpAddr> {
         None
     }
@@ -20,10 +20,10 @@ pub trait Datagrams: Send {
 /// All receivers of one schema; each gets every datagram.
 pub type Targets = Box<[Box<dyn Datagrams>]>;
 
-/// Longest prefix, so that an address always leaves room for its arguments.
+/// Longest prefix, bytes, so that an address leaves room for its arguments.
 const LONGEST_PREFIX: usize = 64;
 
-/// The receivers, and what was sent to them.
+/// The receivers, with counters.
 #[derive(Default)]
 pub(crate) struct Sender {
     targets: Targets,
@@ -55,12 +55,12 @@ impl Sender {
         self.dropped += u64::from(!taken);
     }
 
-    /// Whether anything was sent; otherwise there is nothing to close.
+    /// Whether anything was sent, and so receivers need a closing message.
     pub(crate) fn is_used(&self) -> bool {
         self.sent + self.dropped > 0
     }
 
-    /// The counters so far, of the output called `name`.
+    /// Counters of the output called `name`.
     pub(crate) fn tally(&self, name: &'static str, not_numbers: u64) -> Tally {
         Tally {
             sent: self.sent,
@@ -78,13 +78,16 @@ pub(super) struct Wire {
     prefix: String,
 }
 
-/// Whether every address may begin so.
+/// Whether the text is valid as a prefix of OSC addresses and not empty.
 pub fn is_prefix(prefix: &str) -> bool {
-    !prefix.is_empty() && usable(prefix.to_owned()).is_ok()
+    !prefix.is_empty() && checked_prefix(prefix.to_owned()).is_ok()
 }
 
-/// The prefix, if it is valid in addresses.
-pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
+/// The prefix, if it is empty or valid in OSC addresses.
+///
+/// # Errors
+/// [`OutputError::Prefix`] otherwise.
+pub(super) fn checked_prefix(prefix: String) -> Result<String, OutputError> {
     let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
     let shaped = prefix.is_empty() || prefix.starts_with('/') && !prefix.ends_with('/');
     if !shaped || prefix.len() > LONGEST_PREFIX || !prefix.chars().all(plain) {
@@ -94,7 +97,7 @@ pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
 }
 
 impl Wire {
-    /// To `targets`; every address starts with `prefix`, which is [`usable`].
+    /// Sends to `targets`; every address starts with `prefix`, which has passed [`checked_prefix`].
     pub(super) fn new(targets: Targets, prefix: String) -> Self {
         Self {
             to: targets.into(),
@@ -103,8 +106,8 @@ impl Wire {
         }
     }
 
-    /// Appends a message to the datagram, sending it first if there is no room. A message that does not fit an empty datagram is
-    /// dropped and counted; the check of the names at start-up rules that out.
+    /// Appends a message; if there is no room, sends the datagram first. A message too long for an empty datagram is dropped and
+    /// counted; the check of names at start-up prevents that.
     pub(super) fn message<'a>(
         &mut self,
         address: core::fmt::Arguments,
@@ -120,7 +123,7 @@ impl Wire {
         }
     }
 
-    /// Appends a message to the datagram if that has been begun and has room; says whether it did.
+    /// Appends a message if the datagram is not empty and has room; returns whether it did.
     pub(super) fn message_if_room<'a>(
         &mut self,
         address: core::fmt::Arguments,
@@ -130,8 +133,8 @@ impl Wire {
         !self.packet.is_empty() && self.packet.push(&self.prefix, address, arguments)
     }
 
-    /// Sends a message of one number with an address of its own, in a datagram of its own.
-    pub(super) fn alone(&mut self, address: core::fmt::Arguments, number: i32) {
+    /// Sends one number to `address` without the prefix, in a datagram of its own.
+    pub(super) fn send_single(&mut self, address: core::fmt::Arguments, number: i32) {
         self.flush();
         // It always fits.
         let _ = self
@@ -148,7 +151,7 @@ impl Wire {
         }
     }
 
-    /// Sends the datagram to the targets on one host, or `otherwise`.
+    /// Sends the datagram to the targets on `host`; if there are none, passes it to `otherwise`, which returns whether it was sent.
     #[cfg(feature = "std")]
     pub(super) fn flush_to(&mut self, host: IpAddr, otherwise: impl FnOnce(&[u8]) -> bool) {
         let host = Some(host.to_canonical());

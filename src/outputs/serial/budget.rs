@@ -1,49 +1,49 @@
-//! What a line can carry: how many frames per second, of how many units.
+//! Capacity of a line: frames per second and number of units.
 //!
 //! A byte takes ten bits on the line, and some capacity is reserved because the clocks at both ends differ. From the
 //! remaining bytes per second the repeated names are subtracted; the longest possible frame then determines the frame rate.
-//! If that is below the minimum rate, units are left out, least important first, until the rate is reached or one unit is
-//! left. Binary frames are likewise limited to what an AVR's receive buffer holds.
+//! If that is below the minimum rate, units are omitted, least important first, until the rate is reached or one unit is left.
+//! Binary frames are likewise limited to an AVR's receive buffer.
 
 use mien_stages::base::prelude::*;
 
-/// Share of the line that is used.
-const USED: f32 = 0.95;
+/// Share of the line's capacity that is used.
+const USABLE: f32 = 0.95;
 /// Bits on the line per byte: start, eight, stop.
 const BITS_PER_BYTE: f32 = 10.0;
-/// Frames a second that come from the sensor.
+/// Frame rate of the sensor.
 pub(super) const FRAMES_HZ: f32 = 30.0;
-/// Interval at which the names of the units are repeated, seconds.
+/// Interval at which the unit names are repeated, seconds.
 pub(super) const HEADER_PERIOD_S: f32 = 5.0;
 /// Size of an AVR's receive buffer, bytes.
-pub(super) const AVR_RING: usize = 63;
+pub(super) const AVR_BUFFER: usize = 63;
 
-/// Units in the order of importance on a slow line: speech and mood first. Others follow in the order of the table.
+/// Units by importance on a slow line: speech and mood first. The others follow in the order of the unit table.
 const PRIORITY: [&str; 21] = [
     "AU26", "AU25", "AU43L", "AU43R", "AU12L", "AU12R", "AU2L", "AU2R", "AU20", "AU18", "AU4L",
     "AU4R", "AU30L", "AU30R", "AU9L", "AU9R", "AU22", "AU28", "AU29", "AU5L", "AU5R",
 ];
 
-/// Bytes a second that may be written at `baud`.
+/// Bytes per second that may be written at `baud`.
 pub(super) fn bytes_per_second(baud: u32) -> f32 {
-    baud.max(1) as f32 / BITS_PER_BYTE * USED
+    baud.max(1) as f32 / BITS_PER_BYTE * USABLE
 }
 
-/// What is sent.
+/// Units and rate chosen for a line.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Plan {
-    /// Indices of the units that are sent, in the order on the wire.
+    /// Indices of the units sent, in the order on the wire.
     pub(super) units: Vec<usize>,
-    /// Those that the line cannot carry, the least important first.
+    /// Indices of the omitted units, the least important first.
     pub(super) left_out: Vec<usize>,
     /// Frames per second that the line carries, at most the sensor's.
     pub(super) rate_hz: f32,
-    /// The longest frame.
+    /// Length of the longest frame, bytes.
     pub(super) frame_bytes: usize,
 }
 
-/// Plans for a line of `baud`. `wanted` are the indices of the units to choose from, `rank` their importance (0 is the
-/// last to go), `bytes` the length of the longest frame and of the names for some of them; no frame may exceed `longest`.
+/// Chooses units for a line of `baud`. `wanted`: indices of the units to choose from; `rank`: their importance, 0 = highest;
+/// `bytes`: length of the longest frame and of the header for a choice of units; `longest`: limit on the frame's length, bytes.
 pub(super) fn plan(
     baud: u32,
     min_rate_hz: f32,
@@ -71,10 +71,10 @@ pub(super) fn plan(
     }
 }
 
-/// Place of a unit in the default order of importance, 0 first.
+/// Rank of a unit in the default order of importance, 0 = highest.
 pub(super) fn rank(unit: &str) -> usize {
-    let place = PRIORITY.iter().position(|name| *name == unit);
-    place.unwrap_or(PRIORITY.len())
+    let position = PRIORITY.iter().position(|name| *name == unit);
+    position.unwrap_or(PRIORITY.len())
 }
 
 #[cfg(test)]

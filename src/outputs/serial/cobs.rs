@@ -1,5 +1,5 @@
 //! Style `cobs`: binary frames for microcontrollers. Consistent Overhead Byte Stuffing (Cheshire and Baker, 1999) with a zero
-//! after each frame, and CRC-16/MCRF4XX over the payload, which avr-libc has as `_crc_ccitt_update`.
+//! after each frame, and CRC-16/MCRF4XX over the payload (avr-libc's `_crc_ccitt_update`).
 //!
 //! | type | payload, little endian |
 //! | --- | --- |
@@ -12,7 +12,7 @@
 //! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot, 6 (with 3) posed. No frame is
 //! longer than an AVR's receive buffer: weights of up to 52 units, and as many names as fit.
 
-use super::budget::AVR_RING;
+use super::budget::AVR_BUFFER;
 use super::line::{LARGEST, Line};
 use crate::gesture::Switch;
 use crate::{Report, SCHEMA_VERSION, TrackingState};
@@ -23,7 +23,10 @@ use mien_stages::base::prelude::*;
 /// A frame before stuffing; leaves room for the stuffing in a line.
 type Payload = heapless::Vec<u8, { LARGEST / 2 }>;
 
-/// Appends the payload with its checksum, stuffed, if there is room.
+/// Appends the payload with its checksum, stuffed.
+///
+/// # Errors
+/// If there is no room.
 fn append(mut payload: Payload, line: &mut Line) -> core::fmt::Result {
     let crc = crc16(&payload).to_le_bytes();
     let whole = payload.extend_from_slice(&crc);
@@ -38,10 +41,13 @@ fn append(mut payload: Payload, line: &mut Line) -> core::fmt::Result {
 /// Bytes of a pose on the wire.
 pub(super) const POSE_BYTES: usize = 22;
 /// Largest payload, bytes: the receive buffer minus the checksum, the stuffing's code byte and the zero.
-const LONGEST_PAYLOAD: usize = AVR_RING - 4;
+const LONGEST_PAYLOAD: usize = AVR_BUFFER - 4;
 
-/// The names of the units, in as many frames as they need; none is longer than a frame.
-pub(super) fn hello(names: &[String], line: &mut Line) -> core::fmt::Result {
+/// Appends the unit names, in as many frames as needed.
+///
+/// # Errors
+/// If there is no room or there are more than 255 names.
+pub(super) fn unit_names(names: &[String], line: &mut Line) -> core::fmt::Result {
     let version = SCHEMA_VERSION as u8;
     let count = u8::try_from(names.len()).map_err(|_| core::fmt::Error)?;
     let mut payload: Payload = [0x10, version, count].into_iter().collect();
@@ -55,7 +61,7 @@ pub(super) fn hello(names: &[String], line: &mut Line) -> core::fmt::Result {
     append(payload, line)
 }
 
-/// State, frozen ranges and slot in one byte.
+/// The flags of a weights frame: state, frozen ranges and slot.
 pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
     u8::from(state == TrackingState::Tracking)
         | u8::from(report.frozen) << 1
@@ -68,7 +74,10 @@ pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
         | u8::from(state == TrackingState::Posed) << 6
 }
 
-/// Number, state and weights (0…1).
+/// Appends a weights frame; confidence and weights are 0…1.
+///
+/// # Errors
+/// If there is no room.
 pub(super) fn weights(
     number: u16,
     ms: u32,
@@ -84,24 +93,30 @@ pub(super) fn weights(
     append(head.into_iter().chain(weights.map(byte)).collect(), line)
 }
 
-/// Pose of the head.
+/// Appends a pose frame.
+///
+/// # Errors
+/// If there is no room.
 pub(super) fn pose(
     number: u16,
     ms: u32,
     sensor_from_head: &Rigid,
     line: &mut Line,
 ) -> core::fmt::Result {
-    let place = sensor_from_head.translation.vector * 1000.0;
+    let position = sensor_from_head.translation.vector * 1000.0;
     // nalgebra keeps quaternions as x, y, z, w.
-    let turn = sensor_from_head.rotation.coords * 32767.0;
+    let rotation = sensor_from_head.rotation.coords * 32767.0;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
     let head = [2, number as u8, ms_low, ms_high];
-    let numbers = place.iter().chain(turn.iter());
+    let numbers = position.iter().chain(rotation.iter());
     let numbers = numbers.flat_map(|value| (value.round() as i16).to_le_bytes());
     append(head.into_iter().chain(numbers).collect(), line)
 }
 
-/// A gesture that is on or off.
+/// Appends a gesture frame.
+///
+/// # Errors
+/// If there is no room.
 pub(super) fn switch(switch: &Switch<'_>, line: &mut Line) -> core::fmt::Result {
     let user = switch.user.map_or(u8::MAX, |user| user as u8);
     let head = [3, switch.index as u8, switch.is_on.into(), user];
@@ -191,7 +206,7 @@ mod tests {
     #[test]
     fn hello_names_the_units_and_a_pose_its_numbers() {
         let mut line = Line::default();
-        hello(&["AU25".into(), "AU12L".into()], &mut line).unwrap();
+        unit_names(&["AU25".into(), "AU12L".into()], &mut line).unwrap();
         let payload = unstuffed(line.bytes());
         assert_eq!(
             payload[..payload.len() - 2],
@@ -203,17 +218,17 @@ mod tests {
         assert_eq!(payload[..10], [2, 9, 33, 0, 100, 0, 0x06, 0xff, 0xee, 0x02]);
         assert_eq!(payload[10..18], [0, 0, 0, 0, 0, 0, 0xff, 0x7f]);
         assert_eq!(line.bytes().len(), POSE_BYTES);
-        assert!(hello(&vec!["AU".into(); 300], &mut line).is_err());
+        assert!(unit_names(&vec!["AU".into(); 300], &mut line).is_err());
     }
 
     #[test]
     fn many_names_come_in_frames_that_fit_the_ring() {
         let names: Vec<String> = (0..40).map(|i| format!("AU{i}L")).collect();
         let mut line = Line::default();
-        hello(&names, &mut line).unwrap();
+        unit_names(&names, &mut line).unwrap();
         let mut back = Vec::new();
         for frame in line.bytes().split_inclusive(|&byte| byte == 0) {
-            assert!(frame.len() <= AVR_RING);
+            assert!(frame.len() <= AVR_BUFFER);
             let payload = unstuffed(frame);
             let (head, mut rest) = payload[..payload.len() - 2].split_at(3);
             let first = back.len() as u8;

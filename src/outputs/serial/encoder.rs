@@ -1,4 +1,4 @@
-//! Encodes reports to the bytes of a line, one face at a time, within what the line can carry.
+//! Encodes reports as bytes for a line, one face at a time, within the line's capacity.
 
 use core::fmt::Write;
 
@@ -10,9 +10,9 @@ use crate::{OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, unit_ra
 use mien_stages::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use mien_stages::base::prelude::*;
 
-/// Encodes reports to the bytes of a line, one face at a time.
+/// Encodes reports as bytes for a line, one face at a time.
 pub struct Encoder {
-    form: Form,
+    format: Format,
     pub(super) face: OneFace,
     line: Line,
     count: u16,
@@ -20,24 +20,24 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Plans what the line can carry. `units` are the names in the order of the weights.
+    /// Chooses the units the line can carry. `units` are the names in the order of the weights.
     ///
     /// # Errors
     /// If an unknown unit is requested, or the names do not fit a line.
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
-        Ok(Self::planned(settings, units)?.0)
+        Ok(Self::with_plan(settings, units)?.0)
     }
 
-    /// Also what was planned.
-    pub(super) fn planned(
+    /// As [`Self::new`]; also returns the plan.
+    pub(super) fn with_plan(
         settings: &Settings,
         units: &[&str],
     ) -> Result<(Self, budget::Plan), OutputError> {
-        let (form, plan) = plan(settings, units)?;
+        let (format, plan) = plan(settings, units)?;
         let channels = settings.view.channels(units);
         let channels = plan.units.iter().map(|&unit| channels[unit]);
         let encoder = Self {
-            form,
+            format,
             face: OneFace::with_channels(channels.collect(), &settings.view),
             line: Line::default(),
             count: 0,
@@ -48,16 +48,16 @@ impl Encoder {
 
     /// Output names of the units sent.
     pub fn units(&self) -> &[String] {
-        &self.form.names
+        &self.format.names
     }
 
-    /// What to send on opening and every five seconds.
+    /// The header, to be sent on opening and every five seconds.
     pub fn header(&self) -> Line {
-        let header = self.form.header();
+        let header = self.format.header();
         header.expect("the same names fitted before")
     }
 
-    /// The next frame; `None` if the report is of a face that this line does not show.
+    /// The next frame; `None` if the report is of a user that this line does not show.
     pub fn encode(&mut self, report: &Report) -> Option<&Line> {
         let state = self.face.follow(report)?;
         self.last_ms = (report.at.as_us() / 1000) as u32;
@@ -73,7 +73,7 @@ impl Encoder {
     fn frame(&mut self, state: TrackingState, report: &Report) -> &Line {
         let present = state.is_present();
         let confidence = if present { report.confidence } else { 0.0 };
-        let pose = report.pose().filter(|_| self.form.pose);
+        let pose = report.pose().filter(|_| self.format.pose);
         let frame = Frame {
             count: self.count,
             ms: self.last_ms,
@@ -84,18 +84,18 @@ impl Encoder {
         };
         self.count = self.count.wrapping_add(1);
         self.line.clear();
-        // The names fit half a buffer; so do the weights and a pose the whole.
+        // Always fits: the names fit half a buffer, so weights and pose fit a whole one.
         let weights = self.face.weights.shown();
-        self.form.write(&frame, weights, &mut self.line);
+        self.format.write(&frame, weights, &mut self.line);
         &self.line
     }
 
-    /// Appends that a gesture is on or off, if the style has that.
+    /// Appends the state of a gesture; nothing in the style `plot`.
     ///
     /// # Errors
     /// If there is no room.
     pub fn switch(&self, switch: &Switch<'_>, line: &mut Line) -> core::fmt::Result {
-        match self.form.style {
+        match self.format.style {
             Style::Text => write!(line, "!{switch} {}\r\n", u8::from(switch.is_on)),
             Style::Plot => Ok(()),
             Style::Cobs => cobs::switch(switch, line),
@@ -103,8 +103,8 @@ impl Encoder {
     }
 }
 
-/// Chooses the units that are sent, and how finely: in tenths if the line carries all of them at the full rate even so.
-fn plan(settings: &Settings, units: &[&str]) -> Result<(Form, budget::Plan), OutputError> {
+/// Chooses units and resolution: tenths if the line carries all units at the full rate with them.
+fn plan(settings: &Settings, units: &[&str]) -> Result<(Format, budget::Plan), OutputError> {
     let index = |name: &String| {
         let found = units.iter().position(|unit| unit == name);
         found.ok_or_else(|| OutputError::Unit(name.clone()))
@@ -116,29 +116,29 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(Form, budget::Plan), Out
     } else {
         listed.clone()
     };
-    let form = |of: &[usize], tenths| Form {
+    let format = |chosen: &[usize], tenths| Format {
         style: settings.style,
-        names: settings.view.names(of.iter().map(|&unit| units[unit])),
+        names: settings.view.names(chosen.iter().map(|&unit| units[unit])),
         full: settings.full,
         tenths,
         pose: settings.pose,
     };
-    // Names too long for a line are told before any plan is made.
-    form(&wanted, false).header()?;
+    // Names too long for a line are an error of their own.
+    format(&wanted, false).header()?;
     let rank = |unit: usize| match listed.iter().position(|&listed| listed == unit) {
         Some(at) => at,
         None => budget::rank(units[unit]),
     };
     let longest = match settings.style {
-        Style::Cobs if settings.pose => budget::AVR_RING + cobs::POSE_BYTES,
-        Style::Cobs => budget::AVR_RING,
+        Style::Cobs if settings.pose => budget::AVR_BUFFER + cobs::POSE_BYTES,
+        Style::Cobs => budget::AVR_BUFFER,
         _ => line::LARGEST,
     };
     let planned = |tenths| {
-        let bytes = |of: &[usize]| form(of, tenths).bytes();
+        let bytes = |chosen: &[usize]| format(chosen, tenths).bytes();
         let (baud, least) = (settings.baud, settings.min_rate_hz);
         let plan = budget::plan(baud, least, longest, wanted.clone(), rank, bytes);
-        (form(&plan.units, tenths), plan)
+        (format(&plan.units, tenths), plan)
     };
     if settings.style != Style::Cobs && settings.full < FINE {
         let fine = planned(true);
@@ -149,19 +149,19 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(Form, budget::Plan), Out
     Ok(planned(false))
 }
 
-/// Bytes of names that leave room in a buffer.
-const NAMES_MOST: usize = line::LARGEST / 2;
-/// `full` from which whole numbers are within 1/255 of the weight.
+/// Longest header, bytes: leaves half of the buffer free.
+const NAMES_MAX: usize = line::LARGEST / 2;
+/// `full` from which whole numbers are fine enough: within 1/255 of the weight.
 const FINE: u32 = 128;
 
-/// How frames are written.
-struct Form {
+/// Format of the frames.
+struct Format {
     style: Style,
     /// Output names of the units sent.
     names: Box<[String]>,
     /// The number of a weight of 1 in the styles `text` and `plot`.
     full: u32,
-    /// Whether there are tenths; a number that needs none has none.
+    /// Whether numbers have tenths; a zero tenth is omitted.
     tenths: bool,
     /// Whether poses are sent.
     pose: bool,
@@ -177,26 +177,29 @@ struct Frame {
     pose: Option<Rigid>,
 }
 
-impl Form {
-    /// What is sent on opening and every few seconds.
+impl Format {
+    /// The header.
+    ///
+    /// # Errors
+    /// If the names do not fit.
     fn header(&self) -> Result<Line, OutputError> {
         let (names, mut header) = (&self.names, Line::default());
         let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
-        let fit = bytes <= NAMES_MOST
+        let fit = bytes <= NAMES_MAX
             && match self.style {
                 Style::Text => header.sentence(|line| {
                     write!(line, "AUH,1,{SCHEMA_VERSION}")?;
                     names.iter().try_for_each(|name| write!(line, ",{name}"))
                 }),
-                // A plotter would take a header for data.
+                // No header: a plotter would take it for data.
                 Style::Plot => true,
-                Style::Cobs => cobs::hello(names, &mut header).is_ok(),
+                Style::Cobs => cobs::unit_names(names, &mut header).is_ok(),
             };
         fit.then_some(header)
-            .ok_or(OutputError::Names(names.len(), bytes, NAMES_MOST))
+            .ok_or(OutputError::Names(names.len(), bytes, NAMES_MAX))
     }
 
-    /// Appends a frame; nothing, if there is no room.
+    /// Appends a frame, or nothing if there is no room.
     fn write(
         &self,
         frame: &Frame,
@@ -241,7 +244,7 @@ impl Form {
         if !self.tenths {
             return write!(line, "{}", (weight * self.full as f32).round());
         }
-        // A cast of what is not a number gives 0.
+        // NaN casts to 0.
         let tenths = (weight * (10 * self.full) as f32).round() as u32;
         match tenths % 10 {
             0 => write!(line, "{}", tenths / 10),
@@ -249,9 +252,9 @@ impl Form {
         }
     }
 
-    /// Bytes of the longest frame, and of what is sent on opening.
+    /// Bytes of the longest frame and of the header.
     fn bytes(&self) -> (usize, usize) {
-        // Four digits and a sign, as many as the sensor sees, and angles have as many.
+        // Millimetres and tenths of a degree have at most four digits and a sign.
         let turn = rotation_from_yaw_pitch_roll(-3.1, -1.5, -3.1);
         let far = Rigid::from_parts(Vector::repeat(-9.999).into(), turn);
         let longest = Frame {
@@ -273,14 +276,14 @@ impl Form {
     }
 }
 
-/// Place in millimetres, angles in tenths of a degree.
+/// Writes the body of a pose sentence: position in millimetres, angles in tenths of a degree.
 fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> core::fmt::Result {
-    let place = sensor_from_head.translation.vector * 1000.0;
+    let position = sensor_from_head.translation.vector * 1000.0;
     let (yaw, pitch, roll) = yaw_pitch_roll(&sensor_from_head.rotation);
     let angles = [yaw, pitch, roll].map(|angle| 10.0 * angle.to_degrees());
     write!(line, "AUP,{count}")?;
-    // A cast of what is not a number gives 0.
-    let mut numbers = place.iter().chain(&angles);
+    // NaN casts to 0.
+    let mut numbers = position.iter().chain(&angles);
     numbers.try_for_each(|number| write!(line, ",{}", number.round() as i32))
 }
 
@@ -343,7 +346,7 @@ mod tests {
             let weights: Vec<f32> = (0..units).map(|_| random.f32()).collect();
             let full = random.u32(10..=10_000);
             let tenths = random.bool();
-            let form = Form {
+            let format = Format {
                 style: Style::Text,
                 names: vec![String::new(); units].into(),
                 full,
@@ -359,7 +362,7 @@ mod tests {
                 pose: None,
             };
             let mut line = Line::default();
-            form.write(&frame, weights.iter().copied(), &mut line);
+            format.write(&frame, weights.iter().copied(), &mut line);
             let text = core::str::from_utf8(line.bytes()).unwrap();
             let (sentence, _) = text.strip_prefix("$AU,").unwrap().split_once('*').unwrap();
             let numbers: Vec<f32> = sentence
@@ -377,7 +380,7 @@ mod tests {
                     "{back} {weight}"
                 );
             }
-            assert!(line.bytes().len() <= form.bytes().0);
+            assert!(line.bytes().len() <= format.bytes().0);
         }
     }
 }

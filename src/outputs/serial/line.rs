@@ -1,11 +1,11 @@
-//! A fixed buffer of what waits to be sent: lines with checksums, or bytes.
+//! A fixed buffer of bytes to send: lines with checksums, or binary frames.
 
 use core::fmt::Write;
 
-/// Capacity, bytes: twice what 60 units need in the longest style.
+/// Capacity, bytes: twice the need of 60 units in the longest style.
 pub(super) const LARGEST: usize = 2048;
 
-/// Bytes waiting to be sent. A line that does not fit leaves no trace.
+/// Bytes waiting to be sent.
 #[derive(Clone, Default)]
 pub struct Line(heapless::Vec<u8, LARGEST>);
 
@@ -19,13 +19,16 @@ impl Line {
         &self.0
     }
 
-    /// Appends bytes, if there is room for all.
+    /// Appends bytes.
+    ///
+    /// # Errors
+    /// If there is no room for all of them.
     pub(super) fn put(&mut self, bytes: &[u8]) -> core::fmt::Result {
         let put = self.0.extend_from_slice(bytes);
         put.map_err(|_| core::fmt::Error)
     }
 
-    /// Appends everything that `write` writes, or nothing; returns whether it did.
+    /// Appends the output of `write`, or nothing if it fails; returns whether it succeeded.
     pub(super) fn all_or_nothing(
         &mut self,
         write: impl FnOnce(&mut Self) -> core::fmt::Result,
@@ -38,7 +41,7 @@ impl Line {
         written
     }
 
-    /// Appends `$`, what `write` writes, `*`, the checksum and the line's end; `false` if there is no room.
+    /// Appends `$`, the output of `write`, `*`, the checksum and CR LF; appends nothing and returns `false` if there is no room.
     pub(super) fn sentence(&mut self, write: impl FnOnce(&mut Self) -> core::fmt::Result) -> bool {
         let start = self.0.len();
         self.all_or_nothing(|line| {

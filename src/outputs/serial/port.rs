@@ -1,7 +1,7 @@
-//! The serial line as an output: an encoder, and the thread between it and a port.
+//! The serial line as an output: an encoder, and the thread that writes to the port.
 //!
-//! `/dev/ttyUSB0` may be another adapter tomorrow. So when a port is first opened, the system's stable name for that device
-//! (a link in `/dev/serial/by-id`) is looked up, and from then on only that is opened.
+//! Names such as `/dev/ttyUSB0` may move to another adapter. When a port is first opened, the system's stable name for the device
+//! (a link in `/dev/serial/by-id`) is therefore looked up and used from then on.
 
 use std::io::{ErrorKind, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -18,22 +18,22 @@ use super::settings::{Settings, Style};
 use crate::limits::{self, BackOff};
 use crate::{Output, OutputError, Report, Tally};
 
-/// Interval at which the names of the units are repeated.
+/// Interval at which the unit names are repeated.
 const HEADER_PERIOD: Duration = Duration::from_secs(budget::HEADER_PERIOD_S as u64);
-/// Where the system has stable names of serial devices.
+/// Folder of the system's stable names of serial devices.
 pub const STABLE_NAMES: &str = "/dev/serial/by-id";
 /// Timeout for connecting to a serial server.
-const CONNECTING: Duration = Duration::from_secs(1);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
 /// First and longest pause before reopening an absent port.
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
-/// Timeout of one write: less than a frame.
+/// Timeout of one write, shorter than a frame.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(20);
 /// A port that accepts nothing for this long is closed and reopened.
-const STUCK: Duration = Duration::from_secs(2);
+const STALL_LIMIT: Duration = Duration::from_secs(2);
 /// The same when the program is ending.
-const STUCK_AT_THE_END: Duration = Duration::from_millis(200);
+const STALL_LIMIT_AT_END: Duration = Duration::from_millis(200);
 
-/// What the pipeline and the thread share.
+/// State shared by the pipeline and the thread.
 #[derive(Default)]
 struct Shared {
     waiting: Mutex<Waiting>,
@@ -49,7 +49,7 @@ struct Shared {
 struct Waiting {
     /// The newest unsent frame; empty if there is none.
     line: Line,
-    /// Gestures that went on or off since.
+    /// Unsent gesture messages.
     switches: Line,
     is_open: bool,
     stop: bool,
@@ -60,7 +60,7 @@ impl Shared {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn put(&self, line: &Line) {
+    fn queue_frame(&self, line: &Line) {
         let mut waiting = self.lock();
         if !waiting.line.bytes().is_empty() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -70,15 +70,16 @@ impl Shared {
         self.changed.notify_one();
     }
 
-    /// A gesture's line, which no newer frame replaces; without room it is dropped and counted, and repeated in time.
-    fn put_switch(&self, write: impl FnOnce(&mut Line) -> std::fmt::Result) {
+    /// Queues a gesture message, which frames do not replace; without room it is dropped and counted. Gesture states are repeated
+    /// anyway.
+    fn queue_switch(&self, write: impl FnOnce(&mut Line) -> std::fmt::Result) {
         if !self.lock().switches.all_or_nothing(write) {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
         self.changed.notify_one();
     }
 
-    /// Waits at most `time`, or until told to stop; returns whether it was.
+    /// Waits for `time` or until asked to stop; returns whether to stop.
     fn pause(&self, time: Duration) -> bool {
         let waited = self
             .changed
@@ -86,8 +87,8 @@ impl Shared {
         waited.unwrap_or_else(PoisonError::into_inner).0.stop
     }
 
-    /// Waits at most `time` for a frame and moves it to `line`; returns whether to stop after it.
-    fn take(&self, time: Duration, line: &mut Line) -> bool {
+    /// Waits at most `time` for messages and moves them to `line`; returns whether to stop after them.
+    fn next_line(&self, time: Duration, line: &mut Line) -> bool {
         let idle = |waiting: &mut Waiting| {
             waiting.line.bytes().is_empty() && waiting.switches.bytes().is_empty() && !waiting.stop
         };
@@ -95,7 +96,7 @@ impl Shared {
         let mut waiting = waited.unwrap_or_else(PoisonError::into_inner).0;
         line.clone_from(&waiting.switches);
         waiting.switches.clear();
-        // Or with the next ones.
+        // If the frame does not fit, it waits for the next call.
         if line.put(waiting.line.bytes()).is_ok() {
             waiting.line.clear();
         }
@@ -103,20 +104,20 @@ impl Shared {
     }
 }
 
-/// The thread's side: keeps the port open and writes to it.
+/// The thread's state: keeps the port open and writes to it.
 struct Feeder {
     settings: Settings,
     header: Line,
     shared: Arc<Shared>,
-    /// Whether the receiver has received a partial frame.
-    cut: bool,
+    /// Whether the last frame was written only in part.
+    is_partial: bool,
 }
 
 impl Feeder {
-    /// Until told to stop.
+    /// Runs until asked to stop.
     fn run(mut self) {
         let mut back_off = BackOff::new(PAUSES);
-        // The first failure is not told: before a reload the port is still this program's own for a moment.
+        // The first failure is not logged: after a reload the former port may still be closing.
         let mut failures = 0_u32;
         loop {
             let path = self.settings.port.clone();
@@ -131,13 +132,13 @@ impl Feeder {
                     }
                     self.shared.lock().is_open = true;
                     let opened = Instant::now();
-                    let end = self.frames(&mut *port);
+                    let end = self.write_frames(&mut *port);
                     self.shared.lock().is_open = false;
                     let Err(error) = end else { return };
                     let path = &self.settings.port;
                     tracing::warn!("serial port {path} is lost ({error}); it will be reopened");
                     failures = 2;
-                    // One that opens and fails at once is not tried without a pause.
+                    // A port that fails at once after opening keeps its growing pause.
                     if opened.elapsed() > PAUSES[1] {
                         back_off.reset();
                     }
@@ -158,23 +159,23 @@ impl Feeder {
         }
     }
 
-    /// Writes frames until told to stop (`Ok`) or the port fails.
-    fn frames(&mut self, port: &mut dyn Write) -> std::io::Result<()> {
-        if self.cut {
-            // Ends what a frame that was cut off has left with the receiver.
+    /// Writes frames until asked to stop (`Ok`) or the port fails.
+    fn write_frames(&mut self, port: &mut dyn Write) -> std::io::Result<()> {
+        if self.is_partial {
+            // Ends the partial frame at the receiver.
             let cobs = self.settings.style == Style::Cobs;
-            self.paced(port, if cobs { &[0] } else { b"\r\n" })?;
+            self.write_paced(port, if cobs { &[0] } else { b"\r\n" })?;
         }
         let (header, mut line) = (self.header.clone(), Line::default());
         let mut header_sent: Option<Instant> = None;
         loop {
             if header_sent.is_none_or(|at| at.elapsed() >= HEADER_PERIOD) {
-                self.paced(port, header.bytes())?;
+                self.write_paced(port, header.bytes())?;
                 header_sent = Some(Instant::now());
             }
-            let stop = self.shared.take(HEADER_PERIOD, &mut line);
+            let stop = self.shared.next_line(HEADER_PERIOD, &mut line);
             if !line.bytes().is_empty() {
-                self.paced(port, line.bytes())?;
+                self.write_paced(port, line.bytes())?;
                 self.shared.sent.fetch_add(1, Ordering::Relaxed);
             }
             if stop {
@@ -183,9 +184,12 @@ impl Feeder {
         }
     }
 
-    /// Writes all bytes and waits as long as the line needs for them. Never leaves a partial frame deliberately: what the
-    /// port does not accept in time is retried.
-    fn paced(&mut self, port: &mut dyn Write, mut bytes: &[u8]) -> std::io::Result<()> {
+    /// Writes all bytes and waits for the time they take on the line. Retries after a write timeout, so that no partial frame
+    /// remains.
+    ///
+    /// # Errors
+    /// If the port fails or accepts nothing for [`STALL_LIMIT`].
+    fn write_paced(&mut self, port: &mut dyn Write, mut bytes: &[u8]) -> std::io::Result<()> {
         let start = Instant::now();
         let line_s = bytes.len() as f32 / budget::bytes_per_second(self.settings.baud);
         let mut progress = start;
@@ -194,13 +198,19 @@ impl Feeder {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(taken) => {
                     bytes = &bytes[taken..];
-                    self.cut = !bytes.is_empty();
+                    self.is_partial = !bytes.is_empty();
                     progress = Instant::now();
                 }
                 Err(error) => match error.kind() {
                     ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock => {
                         let stops = self.shared.lock().stop;
-                        if progress.elapsed() > if stops { STUCK_AT_THE_END } else { STUCK } {
+                        if progress.elapsed()
+                            > if stops {
+                                STALL_LIMIT_AT_END
+                            } else {
+                                STALL_LIMIT
+                            }
+                        {
                             return Err(ErrorKind::TimedOut.into());
                         }
                     }
@@ -218,13 +228,13 @@ fn open(settings: &Settings) -> std::io::Result<Box<dyn Write>> {
     if let Some(server) = settings.port.strip_prefix("tcp:") {
         let address = server.to_socket_addrs()?.next();
         let address = address.ok_or(ErrorKind::AddrNotAvailable)?;
-        let stream = TcpStream::connect_timeout(&address, CONNECTING)?;
+        let stream = TcpStream::connect_timeout(&address, CONNECT_TIMEOUT)?;
         stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
         stream.set_nodelay(true)?;
         return Ok(Box::new(stream));
     }
     let port = serialport::new(&settings.port, settings.baud).timeout(WRITE_TIMEOUT);
-    // The system raises DTR by itself when a port is opened first; what it does is left alone unless asked for.
+    // The system raises DTR when a port is first opened; the setting changes that only on request.
     let port = if settings.dtr {
         port.dtr_on_open(true)
     } else {
@@ -233,7 +243,7 @@ fn open(settings: &Settings) -> std::io::Result<Box<dyn Write>> {
     Ok(Box::new(port.open_native()?))
 }
 
-/// The link in `names` to the same device as `path`; `None` if there is none, or `path` is one already.
+/// The link in the folder `names` to the device `path`; `None` if there is none or `path` is in the folder itself.
 pub fn stable_name(path: &Path, names: &Path) -> Option<String> {
     if path.starts_with(names) {
         return None;
@@ -245,7 +255,7 @@ pub fn stable_name(path: &Path, names: &Path) -> Option<String> {
     links.filter(leads_there).min()?.to_str().map(str::to_owned)
 }
 
-/// A sender of weights, one face at a time.
+/// An output to a serial line, one face at a time.
 pub struct Serial {
     encoder: Encoder,
     shared: Arc<Shared>,
@@ -253,19 +263,19 @@ pub struct Serial {
 }
 
 impl Serial {
-    /// Starts feeding the port. `units` are the names in the order of the weights.
+    /// Starts the thread. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If an unknown unit is requested, the names do not fit a line, or no thread can be started. Not if the port is absent.
+    /// If an unknown unit is requested, the names do not fit a line, or no thread can be started; not if the port is absent.
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
-        let (encoder, plan) = Encoder::planned(settings, units)?;
+        let (encoder, plan) = Encoder::with_plan(settings, units)?;
         log_limits(settings, units, &plan);
         let shared = Arc::<Shared>::default();
         let feeder = Feeder {
             settings: settings.clone(),
             header: encoder.header(),
             shared: Arc::clone(&shared),
-            cut: false,
+            is_partial: false,
         };
         Ok(Self {
             encoder,
@@ -275,7 +285,7 @@ impl Serial {
     }
 }
 
-/// Logs what the line cannot carry.
+/// Logs omitted units and a reduced rate.
 fn log_limits(settings: &Settings, units: &[&str], plan: &Plan) {
     let Settings { port, baud, .. } = settings;
     let left_out = plan.left_out.iter();
@@ -303,7 +313,7 @@ fn log_limits(settings: &Settings, units: &[&str], plan: &Plan) {
 impl Output for Serial {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         if let Some(line) = self.encoder.encode(report) {
-            self.shared.put(line);
+            self.shared.queue_frame(line);
         }
         Ok(())
     }
@@ -311,15 +321,15 @@ impl Output for Serial {
     fn switch(&mut self, switch: &crate::gesture::Switch<'_>) {
         if crate::gesture::ENABLED {
             let (shared, encoder) = (&self.shared, &self.encoder);
-            shared.put_switch(|line| encoder.switch(switch, line));
+            shared.queue_switch(|line| encoder.switch(switch, line));
         }
     }
 
     fn tally(&self) -> Tally {
-        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let load = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         Tally {
-            sent: of(&self.shared.sent),
-            dropped: of(&self.shared.dropped),
+            sent: load(&self.shared.sent),
+            dropped: load(&self.shared.dropped),
             connected: self.shared.lock().is_open,
             not_numbers: self.encoder.face.weights.not_numbers,
             ..Tally::empty("serial")
@@ -328,12 +338,12 @@ impl Output for Serial {
 }
 
 impl Drop for Serial {
-    /// Sends neutral and absent, as far as the port accepts it within half a second.
+    /// Sends neutral and absent; the port has half a second to accept it.
     fn drop(&mut self) {
-        self.shared.put(self.encoder.neutral());
+        self.shared.queue_frame(self.encoder.neutral());
         self.shared.lock().stop = true;
         self.shared.changed.notify_one();
-        limits::wait_for(&mut self.thread);
+        limits::join_or_abandon(&mut self.thread);
     }
 }
 
@@ -370,7 +380,7 @@ mod tests {
             },
             header,
             shared: Arc::default(),
-            cut: false,
+            is_partial: false,
         };
         for (takes, expected) in [
             (4, &b"$AUH"[..]),
@@ -381,8 +391,8 @@ mod tests {
             let mut port = Failing(Vec::new(), takes);
             let mut frame = Line::default();
             frame.put(b"$AU").unwrap();
-            feeder.shared.put(&frame);
-            assert!(feeder.frames(&mut port).is_err());
+            feeder.shared.queue_frame(&frame);
+            assert!(feeder.write_frames(&mut port).is_err());
             assert_eq!(port.0, expected);
         }
     }

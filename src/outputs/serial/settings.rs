@@ -1,11 +1,11 @@
-//! Settings of the serial output: which port, how it is used, and what is written.
+//! Settings of the serial output.
 
 use crate::{View, is_unit};
 use mien_stages::base::capacity::UNITS;
 use mien_stages::base::prelude::*;
 use mien_stages::base::settings::{is_host_port, keyed};
 
-/// What is written.
+/// Format of the output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Style {
     /// Lines with checksums.
@@ -18,7 +18,7 @@ pub enum Style {
 }
 
 keyed! {
-    /// Which port, and how it is used.
+    /// Settings of the serial output.
     pub struct Settings {
         /// The port; empty = no serial output.
         port: String = String::new() => Text(

@@ -1,9 +1,9 @@
-//! What browsers send: HTTP/1.1 requests without bodies (by `httparse`), and the frames of a WebSocket (RFC 6455).
+//! Parses input from browsers: HTTP/1.1 requests without bodies (by `httparse`), and WebSocket frames (RFC 6455).
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use sha1_smol::Sha1;
 
-/// Longest request, or frame of a page, bytes.
+/// Longest request or WebSocket frame accepted, bytes.
 pub(super) const REQUEST: usize = 2048;
 /// Most headers of a request.
 const HEADERS: usize = 48;
@@ -14,7 +14,7 @@ const KEY: usize = 24;
 #[derive(Debug)]
 pub(super) struct Request<'a> {
     pub(super) is_post: bool,
-    /// Without its query.
+    /// Path without its query.
     pub(super) path: &'a str,
     headers: heapless::Vec<httparse::Header<'a>, HEADERS>,
 }
@@ -23,7 +23,7 @@ impl<'a> Request<'a> {
     /// Parses a request; `None` while incomplete.
     ///
     /// # Errors
-    /// The status that refuses it.
+    /// The HTTP status with which to refuse it.
     pub(super) fn read(bytes: &'a [u8]) -> Result<Option<Self>, u16> {
         let mut headers = [httparse::EMPTY_HEADER; HEADERS];
         let mut request = httparse::Request::new(&mut headers);
@@ -61,8 +61,8 @@ impl<'a> Request<'a> {
         value.transpose().map_err(|_| 400)
     }
 
-    /// The answer to the WebSocket key, if that is asked for (4.2.2): SHA-1 of the key and a fixed text, in base 64. Not used
-    /// for security: the protocol uses it to tell WebSocket servers from others.
+    /// The reply to a WebSocket key (4.2.2): SHA-1 of the key and a fixed text, in base 64; `None` if no upgrade is requested. Not
+    /// for security: it only shows that the server speaks WebSocket.
     ///
     /// # Errors
     /// 400 if there is no such key.
@@ -82,7 +82,7 @@ impl<'a> Request<'a> {
     }
 }
 
-/// What a page sends.
+/// A WebSocket frame from a page.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Sent {
     /// A ping, answered with the same bytes.
@@ -105,7 +105,7 @@ pub(super) fn read_frame(bytes: &[u8]) -> Option<(Sent, usize)> {
         length => (usize::from(length), 2),
     };
     let control = first & 0x08 != 0;
-    // Pages mask what they send; control frames are short and whole.
+    // Frames from pages are masked; control frames are short and unfragmented.
     let wrong =
         second & 0x80 == 0 || first & 0x70 != 0 || control && (length > 125 || first & 0x80 == 0);
     if wrong || at + 4 + length > REQUEST {
@@ -124,7 +124,7 @@ pub(super) fn read_frame(bytes: &[u8]) -> Option<(Sent, usize)> {
     Some((sent, at + 4 + length))
 }
 
-/// Header of a frame that we send, unfragmented and unmasked.
+/// Appends the header of an unfragmented, unmasked frame.
 pub(super) fn write_frame_header(kind: u8, length: usize, into: &mut Vec<u8>) {
     into.push(0x80 | kind);
     if length < 126 {
@@ -135,7 +135,7 @@ pub(super) fn write_frame_header(kind: u8, length: usize, into: &mut Vec<u8>) {
     }
 }
 
-/// What a browser or a program sends, for `tests/fuzz`: a request, and the frames of a WebSocket.
+/// Parses bytes as a request and as WebSocket frames, for `tests/fuzz`.
 #[cfg(fuzzing)]
 pub fn fuzz(bytes: &[u8]) {
     if let Ok(Some(request)) = Request::read(bytes) {

@@ -1,18 +1,17 @@
-//! A page on the box itself: what the tracker sees, and neutral, freeze and forget, for a phone in the dressing room.
+//! The box's own page, for a phone: state and weights, and the commands neutral, freeze and forget.
 //!
 //! | request | answer |
 //! | --- | --- |
-//! | `GET /` | the page, whole in one document |
-//! | `GET /box.json` | name, slots, units by region with plain names, where weights go |
-//! | `GET /events` | an event stream: who is there and their weights, at most every [`PERIOD`], at least every [`BEAT`] |
+//! | `GET /` | the page in one document |
+//! | `GET /box.json` | name, slots, units by region with plain names, destinations of the weights |
+//! | `GET /events` | an event stream: users and their weights, at most every [`SHORTEST_PERIOD`], at least every [`LONGEST_PERIOD`] |
 //! | `POST /neutral/0`, `/freeze/0/1`, `/forget/0` | a command for the user in a slot, with the header `X-Mien: 1` |
 //! | `POST /level/0/85` | the level at which the first gesture goes on, in hundredths, until the configuration is read again |
 //!
-//! Who may: addresses of local networks; whoever knows the password, where one is set (HTTP Basic, any user name), and then
-//! nobody else. A request must name the box by an address, as `localhost` or by its name, and come from no other site's page,
-//! so that a page elsewhere can neither read nor command through somebody's browser. Limits: HTTP is not encrypted, so the
-//! password is only as secret as the network.
-//! One file: who may, what is shown, and the tests of both.
+//! Access: with a password (HTTP Basic, any user name) only requests that have it; without one only local networks. A request must
+//! address the box by IP address, `localhost` or its name, and must not come from another site's page, so that such a page can
+//! neither read nor command through a visitor's browser. Limitation: HTTP is not encrypted, so the password is only as secret as
+//! the network.
 
 use std::fmt::Write as _;
 use std::net::IpAddr;
@@ -23,15 +22,15 @@ use serde_json::{Value, json};
 
 use super::http::Request;
 use super::server::{Answer, PLAIN, Service, serve};
-use crate::board::{Board, Front, Weight};
 use crate::features::{PageSettings, password};
 use crate::gesture::Gesture;
-use crate::limits::{Listening, is_near};
+use crate::limits::{Listening, is_local};
+use crate::mailbox::{Mailbox, ThreadedOutput, Weight};
 use crate::{Command, OutputError, UnitView, View, identity};
 use mien_stages::base::capacity::USERS;
 use mien_stages::expression::unit_words;
 
-/// One document, so that a phone asks once. What other pages of mien look like too is in `look.css` and `units.js`.
+/// The page in one document, so that a phone needs one request. `look.css` and `units.js` are shared with other pages of mien.
 const PAGE: &str = concat!(
     include_str!("page/box.html"),
     "<style>\n",
@@ -44,22 +43,22 @@ const PAGE: &str = concat!(
 );
 /// Headers of the page.
 const HTML: &str = "Content-Type: text/html; charset=utf-8\r\nContent-Security-Policy: default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\nX-Content-Type-Options: nosniff\r\n";
-/// Room for a reply's header and for a message with four users.
-const ROOM: usize = 4096;
+/// Bytes of a reply's header or of a message with four users.
+const MESSAGE: usize = 4096;
 /// Shortest time between two messages.
-const PERIOD: Duration = Duration::from_millis(60);
+const SHORTEST_PERIOD: Duration = Duration::from_millis(60);
 /// Longest time between two messages.
-const BEAT: Duration = Duration::from_secs(1);
-/// Bytes of a password that are compared.
-const PASSWORD: usize = 64;
-/// Weight of the newest frame in the rate that is shown.
-const NEWEST: f32 = 0.1;
+const LONGEST_PERIOD: Duration = Duration::from_secs(1);
+/// Longest password, bytes.
+const PASSWORD_MAX: usize = 64;
+/// Weight of the newest frame in the smoothed frame rate.
+const RATE_SMOOTHING: f32 = 0.1;
 
 struct Page {
     name: String,
-    /// What whoever comes must know, if anything.
+    /// Required password, if one is set.
     password: Option<String>,
-    /// `box.json`, which never changes.
+    /// `box.json`, constant.
     about: String,
     last: Instant,
     /// Number, capture time (µs) and arrival of the newest frame.
@@ -67,32 +66,32 @@ struct Page {
     rate: f32,
 }
 
-/// Whether a password types the same on every keyboard and is not easily guessed.
+/// Whether a password is 8 to 64 printable ASCII characters, which every keyboard has.
 fn is_password(word: &str) -> bool {
-    (8..=PASSWORD).contains(&word.len()) && word.bytes().all(|c| (32..127).contains(&c))
+    (8..=PASSWORD_MAX).contains(&word.len()) && word.bytes().all(|c| (32..127).contains(&c))
 }
 
-/// Whether two passwords are equal, in a time that does not tell where they differ.
-fn is_equal(told: &[u8], known: &[u8]) -> bool {
+/// Compares passwords in constant time.
+fn is_equal(given: &[u8], known: &[u8]) -> bool {
     let at = |bytes: &[u8], i: usize| bytes.get(i).copied().unwrap_or_default();
-    let differ = (0..PASSWORD).fold(0, |all, i| all | at(told, i) ^ at(known, i));
-    std::hint::black_box(differ) == 0 && told.len() == known.len()
+    let differ = (0..PASSWORD_MAX).fold(0, |all, i| all | at(given, i) ^ at(known, i));
+    std::hint::black_box(differ) == 0 && given.len() == known.len()
 }
 
-/// Whether the header `Authorization` has this password.
-fn knows(header: &str, password: &str) -> bool {
+/// Whether the value of the header `Authorization` has this password.
+fn has_password(header: &str, password: &str) -> bool {
     let coded = header
         .split_once(' ')
         .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("basic"));
-    let mut room = [0; 3 * PASSWORD];
+    let mut room = [0; 3 * PASSWORD_MAX];
     let length = coded.and_then(|(_, coded)| STANDARD.decode_slice(coded.trim(), &mut room).ok());
-    let told = &room[..length.unwrap_or_default()];
-    let mut parts = told.splitn(2, |&byte| byte == b':').skip(1);
+    let given = &room[..length.unwrap_or_default()];
+    let mut parts = given.splitn(2, |&byte| byte == b':').skip(1);
     is_equal(parts.next().unwrap_or_default(), password.as_bytes())
 }
 
 impl Page {
-    /// Whether a host, with or without a port, is an address, `localhost` or the box's name.
+    /// Whether a host, with or without a port, is an IP address, `localhost` or the box's name.
     fn is_own(&self, host: &str) -> bool {
         let split = host.rsplit_once(':');
         let split = split.filter(|(_, port)| port.parse::<u16>().is_ok());
@@ -105,12 +104,12 @@ impl Page {
             || label.eq_ignore_ascii_case(&self.name)
     }
 
-    /// Whether whoever asks may have it.
+    /// Checks access.
     ///
     /// # Errors
-    /// The status that refuses it.
+    /// The HTTP status with which to refuse the request.
     fn admits(&self, request: &Request, peer: IpAddr) -> Result<(), u16> {
-        if self.password.is_none() && !is_near(peer) {
+        if self.password.is_none() && !is_local(peer) {
             return Err(403);
         }
         let host = request.header("host")?;
@@ -126,31 +125,31 @@ impl Page {
         {
             return Err(403);
         }
-        // A login that is no text is wrong like any other.
+        // A login that is not UTF-8 is refused as wrong.
         let login = request.header("authorization").ok().flatten();
-        let is_known = |password: &String| login.is_some_and(|told| knows(told, password));
+        let is_known = |password: &String| login.is_some_and(|given| has_password(given, password));
         let admitted = self.password.as_ref().is_none_or(is_known);
         admitted.then_some(()).ok_or(401)
     }
 }
 
-/// The command that a POST to `path` gives.
-fn order(path: &str) -> Option<Command> {
+/// The command of a POST to `path`; `None` if it is not one.
+fn parse_command(path: &str) -> Option<Command> {
     let (what, rest) = path.strip_prefix('/')?.split_once('/')?;
     if what == "level" {
         let (gesture, level) = rest.split_once('/')?;
         return Some(Command::Level(gesture.parse().ok()?, level.parse().ok()?));
     }
-    Command::of_words(what, rest.split('/'))
+    Command::from_words(what, rest.split('/'))
 }
 
 impl Service for Page {
-    const WAITING: usize = PAGE.len() + ROOM;
+    const BUFFER: usize = PAGE.len() + MESSAGE;
 
     fn answer(&self, request: &Request, peer: IpAddr, body: &mut String) -> Result<Answer, u16> {
         self.admits(request, peer)?;
         let (document, headers) = match (request.is_post, request.path) {
-            (true, path) => return order(path).map(Answer::Order).ok_or(404),
+            (true, path) => return parse_command(path).map(Answer::Command).ok_or(404),
             (false, "/events") => return Ok(Answer::Stream),
             (false, "/box.json") => (self.about.as_str(), PLAIN),
             (false, "/") => (PAGE, HTML),
@@ -160,36 +159,39 @@ impl Service for Page {
         Ok(Answer::Document(headers))
     }
 
-    fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool {
-        let shots = || board.users.iter().chain([&board.nobody]);
-        let newest = shots()
-            .filter(|shot| shot.fresh)
-            .max_by_key(|shot| shot.frame);
+    fn next_message(&mut self, mailbox: &mut Mailbox, message: &mut String) -> bool {
+        let snapshots = || mailbox.users.iter().chain([&mailbox.nobody]);
+        let newest = snapshots()
+            .filter(|snapshot| snapshot.fresh)
+            .max_by_key(|snapshot| snapshot.frame);
         if let Some(newest) = newest.filter(|newest| newest.frame != self.newest.0) {
             let frames = newest.frame.saturating_sub(self.newest.0) as f32;
             let seconds = newest.at_us.saturating_sub(self.newest.1) as f32 * 1e-6;
             if seconds > 0.0 && self.newest.2.is_some() {
                 let rate = (frames / seconds).min(999.0);
-                self.rate += NEWEST * (rate - self.rate);
+                self.rate += RATE_SMOOTHING * (rate - self.rate);
             }
             self.newest = (newest.frame, newest.at_us, Some(Instant::now()));
         }
         let passed = self.last.elapsed();
-        let fresh = shots().any(|shot| shot.fresh);
-        if passed < PERIOD || !fresh && passed < BEAT {
+        let fresh = snapshots().any(|snapshot| snapshot.fresh);
+        if passed < SHORTEST_PERIOD || !fresh && passed < LONGEST_PERIOD {
             return false;
         }
         self.last = Instant::now();
         // A string takes everything.
-        let _ = self.write(board, message);
-        board.users.iter_mut().for_each(|shot| shot.fresh = false);
-        board.nobody.fresh = false;
+        let _ = self.write(mailbox, message);
+        mailbox
+            .users
+            .iter_mut()
+            .for_each(|snapshot| snapshot.fresh = false);
+        mailbox.nobody.fresh = false;
         true
     }
 }
 
 impl Page {
-    fn write(&self, board: &Board, message: &mut String) -> std::fmt::Result {
+    fn write(&self, mailbox: &Mailbox, message: &mut String) -> std::fmt::Result {
         let (frame, _, at) = self.newest;
         let silent = at.map_or(u128::MAX, |at| at.elapsed().as_millis());
         write!(
@@ -199,16 +201,16 @@ impl Page {
             silent.min(u128::from(u32::MAX)),
             self.rate
         )?;
-        let users = board.users.iter().enumerate();
-        let known = users.filter(|(_, shot)| shot.count > 0);
-        for (i, (slot, shot)) in known.enumerate() {
+        let users = mailbox.users.iter().enumerate();
+        let known = users.filter(|(_, snapshot)| snapshot.count > 0);
+        for (i, (slot, snapshot)) in known.enumerate() {
             let comma = if i > 0 { "," } else { "" };
             write!(
                 message,
-                "{comma}{{\"slot\":{slot},{shot},\"gestures\":{},\"weights\":[",
-                shot.gestures
+                "{comma}{{\"slot\":{slot},{snapshot},\"gestures\":{},\"weights\":[",
+                snapshot.gestures
             )?;
-            for (i, weight) in shot.weights.iter().enumerate() {
+            for (i, weight) in snapshot.weights.iter().enumerate() {
                 let comma = if i > 0 { "," } else { "" };
                 write!(message, "{comma}{}", Weight(*weight))?;
             }
@@ -218,7 +220,7 @@ impl Page {
     }
 }
 
-/// What never changes, as JSON. `sends` is where weights go.
+/// `box.json`. `sends` names the destinations of the weights.
 fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> String {
     let gestures = gestures.iter().map(|gesture| {
         let [on, off] =
@@ -231,11 +233,11 @@ fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> Strin
         .to_string()
 }
 
-/// The page's password; `None` without one.
+/// The page's password; `None` if no file is configured.
 ///
 /// # Errors
-/// If it cannot be read, or is none.
-pub fn secret(settings: &PageSettings) -> Result<Option<String>, OutputError> {
+/// If the file cannot be read or its password is unsuitable.
+pub fn read_password(settings: &PageSettings) -> Result<Option<String>, OutputError> {
     let password = password(&settings.password_file)?;
     if password.as_ref().is_some_and(|word| !is_password(word)) {
         let problem = "its first line is not 8 to 64 printable ASCII characters";
@@ -246,7 +248,8 @@ pub fn secret(settings: &PageSettings) -> Result<Option<String>, OutputError> {
     Ok(password)
 }
 
-/// Starts serving the page. `units` are the names in the order of the weights, `name` is the box's, `sends` where weights go.
+/// Starts serving the page. `units` are the names in the order of the weights, `name` is the name of the box, `sends` names the
+/// destinations of the weights.
 ///
 /// # Errors
 /// If the password cannot be read, the address is unusable or no thread can be started; not if the address is taken.
@@ -257,9 +260,9 @@ pub fn open(
     sends: &str,
     units: &[&str],
     gestures: &[Gesture],
-) -> Result<Front, OutputError> {
-    let at = Listening::on(&settings.listen)?;
-    let password = secret(settings)?;
+) -> Result<ThreadedOutput, OutputError> {
+    let listener = Listening::new(&settings.listen)?;
+    let password = read_password(settings)?;
     let name = identity::name(name);
     let page = Page {
         about: about(&name, units, sends, gestures),
@@ -269,12 +272,12 @@ pub fn open(
         newest: (0, 0, None),
         rate: 30.0,
     };
-    let work = move |shared, bell| serve(page, at, shared, bell);
+    let work = move |shared, waker| serve(page, listener, shared, waker);
     let view = View {
         units: unit_views.to_vec(),
         ..View::default()
     };
-    Front::start("page", units, &view, work)
+    ThreadedOutput::start("page", units, &view, work)
 }
 
 #[cfg(test)]
@@ -299,8 +302,8 @@ mod tests {
         }
     }
 
-    fn admits(page: &Page, headers: &str, order: bool, peer: &str) -> Result<(), u16> {
-        let method = if order { "POST" } else { "GET" };
+    fn admits(page: &Page, headers: &str, is_post: bool, peer: &str) -> Result<(), u16> {
+        let method = if is_post { "POST" } else { "GET" };
         let text = format!("{method} / HTTP/1.1\r\n{headers}\r\n\r\n");
         let request = Request::read(text.as_bytes()).unwrap().unwrap();
         page.admits(&request, peer.parse().unwrap())
@@ -378,7 +381,7 @@ mod tests {
     #[test]
     fn other_sites_can_neither_read_nor_command() {
         let open = page(None);
-        let ask = |headers: &str, order| admits(&open, headers, order, "127.0.0.1");
+        let ask = |headers: &str, is_post| admits(&open, headers, is_post, "127.0.0.1");
         for own in [
             "Host: stage-left:9134",
             "Host: Stage-Left.local",
@@ -426,7 +429,7 @@ mod tests {
             ("/freeze/1/0", Command::Freeze(1, false)),
             ("/level/2/85", Command::Level(2, 85)),
         ] {
-            assert_eq!(order(path), Some(expected), "{path}");
+            assert_eq!(parse_command(path), Some(expected), "{path}");
         }
         for path in [
             "/freeze/1",
@@ -438,15 +441,15 @@ mod tests {
             "/neutral/0/0",
             "/",
         ] {
-            assert_eq!(order(path), None, "{path}");
+            assert_eq!(parse_command(path), None, "{path}");
         }
     }
 
     #[test]
     fn units_have_plain_names_by_region() {
-        let told: Value = serde_json::from_str(&page(None).about).unwrap();
+        let given: Value = serde_json::from_str(&page(None).about).unwrap();
         assert_eq!(
-            told,
+            given,
             json!({
                 "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
                 "gestures": [{"name": "smile", "sums": [[[1, 1.0], [0, -1.0]]], "on": 0.25, "off": 0.15}],
@@ -464,19 +467,20 @@ mod tests {
 
     #[test]
     fn a_message_fits_its_place() {
-        let mut board = Board::default();
-        for shot in &mut board.users {
-            (shot.count, shot.latency_us) = (1, u32::MAX);
-            shot.weights
+        let mut mailbox = Mailbox::default();
+        for snapshot in &mut mailbox.users {
+            (snapshot.count, snapshot.latency_us) = (1, u32::MAX);
+            snapshot
+                .weights
                 .extend([0.5; mien_stages::base::capacity::UNITS]);
         }
         let mut message = String::new();
-        page(None).write(&board, &mut message).unwrap();
-        assert!(message.len() + 16 < ROOM, "{}", message.len());
+        page(None).write(&mailbox, &mut message).unwrap();
+        assert!(message.len() + 16 < MESSAGE, "{}", message.len());
     }
 
     /// A served page with one user at `AU26` 0.5, and where it is.
-    fn served(password: Option<&str>) -> (Front, SocketAddr) {
+    fn served(password: Option<&str>) -> (ThreadedOutput, SocketAddr) {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         drop(listener);
@@ -571,11 +575,11 @@ mod tests {
                 .err()
                 .map(|problem| problem.to_string())
         };
-        assert!(problem().is_some_and(|told| told.contains("No such file")));
+        assert!(problem().is_some_and(|problem| problem.contains("No such file")));
         for text in ["", "\n", "short\n", "\nopen sesame\n"] {
             std::fs::write(&file, text).unwrap();
-            let told = problem().expect(text);
-            assert!(told.contains("8 to 64 printable ASCII"), "{told}");
+            let problem = problem().expect(text);
+            assert!(problem.contains("8 to 64 printable ASCII"), "{problem}");
         }
     }
 

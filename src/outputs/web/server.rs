@@ -1,9 +1,9 @@
-//! A small server: requests ([`super::http`]), each answered and closed, or upgraded to a WebSocket or an event stream.
+//! A small HTTP server: each request ([`super::http`]) is answered and closed, or becomes a WebSocket or an event stream.
 //!
-//! There are [`SLOTS`] connections. When all are in use, one that has sent no request within a quarter of a second is dropped;
-//! otherwise the new one is rejected. Either case is counted. A request must be complete within [`PATIENCE`], at most [`REQUEST`]
-//! bytes long; a client that reads nothing for [`STUCK`] is disconnected. A page that reads slower than frames arrive skips to
-//! the newest. Memory: read and write buffers per connection, allocated at start-up.
+//! There are [`SLOTS`] connections. If all are in use, a new one replaces one that has sent no complete request within [`GRACE`],
+//! or else is rejected; both cases are counted. A request must be complete within [`REQUEST_TIMEOUT`] and at most [`REQUEST`] bytes
+//! long; a client that reads nothing for [`UNREAD_TIMEOUT`] is disconnected. A client slower than the frames skips to the newest.
+//! Memory: read and write buffers per connection, allocated at start-up.
 
 use std::io::{ErrorKind, Read, Write as _};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -16,61 +16,63 @@ use nix::poll::{PollFd, PollFlags, poll};
 
 use super::http::{REQUEST, Request, Sent, read_frame, write_frame_header};
 use crate::Command;
-use crate::board::{Bell, Board, Shared, count, write_queued};
 use crate::limits::Listening;
+use crate::mailbox::{Mailbox, Shared, Waker, count, write_queued};
 use mien_stages::base::capacity::WEB_CONNECTIONS as SLOTS;
 
-/// Event streams at once: the places left answer requests.
+/// Most event streams; the other connections remain for requests.
 const STREAMS: usize = SLOTS - 2;
-/// Of them, those of one peer.
+/// Most event streams of one peer.
 const STREAMS_OF_PEER: usize = STREAMS - 2;
-/// How long a request may take.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// How long a silent connection is kept when another one arrives.
+/// Time limit for a complete request.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(2);
+/// Age from which a connection without a request may be replaced.
 const GRACE: Duration = Duration::from_millis(250);
-/// How long a client may leave data unread.
-const STUCK: Duration = Duration::from_secs(10);
-/// Connections accepted between two frames.
-const NEWCOMERS: usize = 32;
-/// Longest wait, so that timeouts are noticed.
+/// Time limit for a client that does not read.
+const UNREAD_TIMEOUT: Duration = Duration::from_secs(10);
+/// Most connections accepted in one pass.
+const ACCEPTS: usize = 32;
+/// Longest wait in `poll`, so that timeouts are noticed.
 const TICK_MS: i32 = 250;
 
-/// Starts of replies.
+/// Start of the reply that opens a WebSocket; the key's answer follows.
 const SWITCHING: &[u8] = b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: ";
+/// Reply that opens an event stream.
 const STREAMING: &[u8] = b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n";
-/// Headers of documents, unless they have their own.
+/// Headers of JSON documents and of replies without a body.
 pub(super) const PLAIN: &str = "Content-Type: application/json\r\nX-Content-Type-Options: nosniff\r\nCross-Origin-Resource-Policy: same-origin\r\n";
+/// Header that requests the password.
 const LOGIN: &str = "WWW-Authenticate: Basic realm=\"mien\", charset=\"UTF-8\"\r\n";
 
-/// What is served.
+/// Content of a server.
 pub(super) trait Service {
     /// Bytes that may be queued for a connection.
-    const WAITING: usize;
+    const BUFFER: usize;
 
-    /// Answers a request from `peer`; a document goes to `body`.
+    /// Answers a request from `peer`; a document is appended to `body`.
     ///
     /// # Errors
-    /// The status that refuses it.
+    /// The HTTP status with which to refuse it.
     fn answer(&self, request: &Request, peer: IpAddr, body: &mut String) -> Result<Answer, u16>;
 
-    /// Writes the next message for all pages into `message`; false if there is none.
-    fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool;
+    /// Appends the next message for all clients to `message`; `false` if there is none.
+    fn next_message(&mut self, mailbox: &mut Mailbox, message: &mut String) -> bool;
 }
 
-/// What a request gets.
+/// Answer to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
-    /// The body, with these headers about it.
+    /// A document in the body, with these headers.
     Document(&'static str),
-    /// A command was given to the pipeline.
-    Order(Command),
-    /// Messages over a WebSocket, accepted so.
+    /// A command for the pipeline.
+    Command(Command),
+    /// Messages over a WebSocket; the answer to its key.
     WebSocket([u8; 28]),
     /// Messages as an event stream.
     Stream,
 }
 
-/// What a connection is about.
+/// State of a connection.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
     Request,
@@ -85,23 +87,23 @@ struct Connection {
     stream: Option<TcpStream>,
     peer: IpAddr,
     stage: Stage,
-    /// When the request began, or data was last written.
+    /// When the connection was opened, or data was last written.
     since: Instant,
-    heard: Box<[u8; REQUEST]>,
+    received: Box<[u8; REQUEST]>,
     length: usize,
-    waiting: Vec<u8>,
+    unsent: Vec<u8>,
 }
 
 impl Connection {
-    fn new(waiting: usize) -> Self {
+    fn new(unsent: usize) -> Self {
         Self {
             stream: None,
             peer: IpAddr::V4(Ipv4Addr::UNSPECIFIED),
             stage: Stage::Request,
             since: Instant::now(),
-            heard: Box::new([0; REQUEST]),
+            received: Box::new([0; REQUEST]),
             length: 0,
-            waiting: Vec::with_capacity(waiting),
+            unsent: Vec::with_capacity(unsent),
         }
     }
 
@@ -114,7 +116,7 @@ impl Connection {
     /// Ends the connection; the slot is free.
     fn close(&mut self) {
         (self.stream, self.stage, self.length) = (None, Stage::Request, 0);
-        self.waiting.clear();
+        self.unsent.clear();
     }
 
     /// Writes queued data, as far as the socket accepts it.
@@ -122,23 +124,23 @@ impl Connection {
         let Some(stream) = &mut self.stream else {
             return;
         };
-        match write_queued(stream, &mut self.waiting) {
+        match write_queued(stream, &mut self.unsent) {
             Ok(0) => {}
             Ok(_) => self.since = Instant::now(),
             Err(_) => return self.close(),
         }
-        if self.stage == Stage::Reply && self.waiting.is_empty() {
+        if self.stage == Stage::Reply && self.unsent.is_empty() {
             let _ = stream.shutdown(std::net::Shutdown::Write);
             self.close();
         }
     }
 
-    /// Reads what is available; false if the other end is gone.
+    /// Reads available data; `false` if the connection is closed or failed.
     fn read(&mut self) -> bool {
         let Some(stream) = &mut self.stream else {
             return false;
         };
-        match stream.read(&mut self.heard[self.length..]) {
+        match stream.read(&mut self.received[self.length..]) {
             Ok(0) => false,
             Ok(more) => {
                 self.length += more;
@@ -148,43 +150,43 @@ impl Connection {
         }
     }
 
-    /// Queues the parts of a reply, and what the connection is about from now on.
+    /// Queues the parts of a reply and enters `stage`.
     fn reply(&mut self, stage: Stage, parts: &[&[u8]]) {
         for part in parts {
-            self.waiting.extend_from_slice(part);
+            self.unsent.extend_from_slice(part);
         }
         (self.stage, self.length, self.since) = (stage, 0, Instant::now());
     }
 
-    /// Sends a frame if nothing is queued; whether it did.
+    /// Sends a message if nothing is queued; returns whether it did. `kind`: opcode of a WebSocket frame.
     fn send(&mut self, kind: u8, payload: &[u8]) -> bool {
-        if !self.waiting.is_empty() {
+        if !self.unsent.is_empty() {
             return false;
         }
         if self.stage == Stage::Stream {
-            self.waiting.extend_from_slice(b"data: ");
-            self.waiting.extend_from_slice(payload);
-            self.waiting.extend_from_slice(b"\n\n");
+            self.unsent.extend_from_slice(b"data: ");
+            self.unsent.extend_from_slice(payload);
+            self.unsent.extend_from_slice(b"\n\n");
         } else {
-            write_frame_header(kind, payload.len(), &mut self.waiting);
-            self.waiting.extend_from_slice(payload);
+            write_frame_header(kind, payload.len(), &mut self.unsent);
+            self.unsent.extend_from_slice(payload);
         }
         self.since = Instant::now();
         self.write();
         true
     }
 
-    /// Answers the frames that a page has sent.
+    /// Answers the WebSocket frames of a page.
     fn read_frames(&mut self) {
         while self.stage == Stage::Page && self.length > 0 {
-            let Some((sent, used)) = read_frame(&self.heard[..self.length]) else {
+            let Some((sent, used)) = read_frame(&self.received[..self.length]) else {
                 return;
             };
-            self.heard.copy_within(used..self.length, 0);
+            self.received.copy_within(used..self.length, 0);
             self.length -= used;
             match sent {
                 Sent::Other => {}
-                // One that waits is answered by the next message.
+                // Not answered while data is queued: the next message shows that the connection lives.
                 Sent::Ping(payload) => {
                     self.send(10, &payload);
                 }
@@ -196,15 +198,15 @@ impl Connection {
         }
     }
 
-    /// Whether whoever is at the other end has taken too long.
-    fn is_late(&self) -> bool {
-        let patience = match self.stage {
-            Stage::Request => PATIENCE,
-            Stage::Reply => STUCK,
-            Stage::Page | Stage::Stream if !self.waiting.is_empty() => STUCK,
+    /// Whether the client has exceeded the time limit of its stage.
+    fn has_timed_out(&self) -> bool {
+        let limit = match self.stage {
+            Stage::Request => REQUEST_TIMEOUT,
+            Stage::Reply => UNREAD_TIMEOUT,
+            Stage::Page | Stage::Stream if !self.unsent.is_empty() => UNREAD_TIMEOUT,
             Stage::Page | Stage::Stream => return false,
         };
-        self.stream.is_some() && self.since.elapsed() > patience
+        self.stream.is_some() && self.since.elapsed() > limit
     }
 }
 
@@ -214,33 +216,33 @@ struct Server<S> {
     shared: Arc<Shared>,
     connections: [Connection; SLOTS],
     body: String,
-    at: Listening<TcpListener>,
+    listener: Listening<TcpListener>,
 }
 
-/// Serves until told to stop.
+/// Serves until asked to stop.
 pub(super) fn serve<S: Service>(
     service: S,
-    at: Listening<TcpListener>,
+    listener: Listening<TcpListener>,
     shared: Arc<Shared>,
-    mut bell: Bell,
+    mut waker: Waker,
 ) {
-    let mut board = Board::default();
+    let mut mailbox = Mailbox::default();
     let mut server = Server {
         service,
         shared,
-        connections: std::array::from_fn(|_| Connection::new(S::WAITING)),
-        body: String::with_capacity(S::WAITING),
-        at,
+        connections: std::array::from_fn(|_| Connection::new(S::BUFFER)),
+        body: String::with_capacity(S::BUFFER),
+        listener,
     };
     loop {
-        server.at.open("", bind);
-        let is_open = server.at.socket.is_some();
+        server.listener.open("", bind);
+        let is_open = server.listener.socket.is_some();
         server.shared.connected.store(is_open, Ordering::Relaxed);
-        let ready = server.wait(&bell);
-        bell.answer();
+        let ready = server.wait(&waker);
+        waker.clear();
         let stopping = server.shared.stop.load(Ordering::Relaxed);
-        server.shared.take(&mut board);
-        server.send_messages(&mut board);
+        server.shared.fetch(&mut mailbox);
+        server.send_messages(&mut mailbox);
         if stopping {
             for connection in subscribers(&mut server.connections)
                 .filter(|connection| connection.stage == Stage::Page)
@@ -253,8 +255,8 @@ pub(super) fn serve<S: Service>(
         if !ready[1].is_empty() {
             server.accept();
         }
-        for (at, ready) in ready[2..].iter().enumerate() {
-            server.serve_connection(at, *ready);
+        for (index, ready) in ready[2..].iter().enumerate() {
+            server.serve_connection(index, *ready);
         }
     }
 }
@@ -265,7 +267,7 @@ fn bind(address: SocketAddr) -> std::io::Result<TcpListener> {
     Ok(listener)
 }
 
-/// The connections that messages are sent to.
+/// The connections that receive messages.
 fn subscribers(connections: &mut [Connection; SLOTS]) -> impl Iterator<Item = &mut Connection> {
     connections.iter_mut().filter(|connection| {
         matches!(connection.stage, Stage::Page | Stage::Stream) && connection.stream.is_some()
@@ -273,33 +275,36 @@ fn subscribers(connections: &mut [Connection; SLOTS]) -> impl Iterator<Item = &m
 }
 
 impl<S: Service> Server<S> {
-    /// Waits until there is something to do, or a tick has passed: which of the wake-up socket, the listener and the
-    /// connections are ready.
-    fn wait(&self, bell: &Bell) -> [PollFlags; SLOTS + 2] {
-        let mut asked: [PollFd; SLOTS + 2] = std::array::from_fn(|i| {
+    /// Waits for events for at most a tick; returns those of the wake-up socket, the listener and the connections.
+    fn wait(&self, waker: &Waker) -> [PollFlags; SLOTS + 2] {
+        let mut polled: [PollFd; SLOTS + 2] = std::array::from_fn(|i| {
             let mut flags = PollFlags::POLLIN;
-            // Descriptors below 0 are passed over.
+            // `poll` ignores negative descriptors.
             let fd = match i {
-                0 => bell.fd(),
-                1 => self.at.socket.as_ref().map_or(-1, |one| one.as_raw_fd()),
+                0 => waker.fd(),
+                1 => self
+                    .listener
+                    .socket
+                    .as_ref()
+                    .map_or(-1, |one| one.as_raw_fd()),
                 _ => {
                     let connection = &self.connections[i - 2];
-                    flags.set(PollFlags::POLLOUT, !connection.waiting.is_empty());
+                    flags.set(PollFlags::POLLOUT, !connection.unsent.is_empty());
                     connection.stream.as_ref().map_or(-1, |one| one.as_raw_fd())
                 }
             };
             PollFd::new(fd, flags)
         });
-        // Interrupted or not: what there is to do is looked at.
-        let _ = poll(&mut asked, TICK_MS);
-        asked.map(|one| one.revents().unwrap_or(PollFlags::empty()))
+        // An interruption needs no handling: all events are checked anyway.
+        let _ = poll(&mut polled, TICK_MS);
+        polled.map(|one| one.revents().unwrap_or(PollFlags::empty()))
     }
 
-    /// Sends new messages to all pages.
-    fn send_messages(&mut self, board: &mut Board) {
+    /// Sends new messages to all subscribers.
+    fn send_messages(&mut self, mailbox: &mut Mailbox) {
         loop {
             self.body.clear();
-            if !self.service.next_message(board, &mut self.body) {
+            if !self.service.next_message(mailbox, &mut self.body) {
                 return;
             }
             let shared = &self.shared;
@@ -310,10 +315,11 @@ impl<S: Service> Server<S> {
         }
     }
 
-    /// Gives new connections a slot: a free one, or that of the one silent for longest. Counts those turned away.
+    /// Gives new connections a free slot, or that of the oldest connection without a request; counts replaced and rejected ones.
     fn accept(&mut self) {
-        for _ in 0..NEWCOMERS {
-            let Some(Ok((stream, peer))) = self.at.socket.as_ref().map(TcpListener::accept) else {
+        for _ in 0..ACCEPTS {
+            let Some(Ok((stream, peer))) = self.listener.socket.as_ref().map(TcpListener::accept)
+            else {
                 return;
             };
             let _ = stream.set_nodelay(true);
@@ -335,8 +341,8 @@ impl<S: Service> Server<S> {
     }
 
     /// Reads from a connection if ready, answers, writes queued data, and closes it after a timeout.
-    fn serve_connection(&mut self, at: usize, ready: PollFlags) {
-        let connection = &mut self.connections[at];
+    fn serve_connection(&mut self, index: usize, ready: PollFlags) {
+        let connection = &mut self.connections[index];
         if connection.stream.is_none() {
             return;
         }
@@ -344,30 +350,30 @@ impl<S: Service> Server<S> {
             return connection.close();
         }
         match connection.stage {
-            Stage::Request => self.answer_request(at),
+            Stage::Request => self.answer_request(index),
             Stage::Page => connection.read_frames(),
-            // Who has asked already is not listened to.
+            // Further input is discarded.
             Stage::Reply | Stage::Stream => connection.length = 0,
         }
-        let connection = &mut self.connections[at];
+        let connection = &mut self.connections[index];
         connection.write();
-        if connection.is_late() {
+        if connection.has_timed_out() {
             count(&self.shared.refused);
             connection.close();
         }
     }
 
     /// Answers a request once it is complete.
-    fn answer_request(&mut self, at: usize) {
-        let peer = self.connections[at].peer;
+    fn answer_request(&mut self, index: usize) {
+        let peer = self.connections[index].peer;
         let streams = subscribers(&mut self.connections);
         let streams = streams.filter(|other| other.stage == Stage::Stream);
         let peers: heapless::Vec<IpAddr, SLOTS> = streams.map(|other| other.peer).collect();
         let theirs = peers.iter().filter(|other| **other == peer);
         let is_full = peers.len() >= STREAMS || theirs.count() >= STREAMS_OF_PEER;
-        let connection = &mut self.connections[at];
+        let connection = &mut self.connections[index];
         self.body.clear();
-        let answer = match Request::read(&connection.heard[..connection.length]) {
+        let answer = match Request::read(&connection.received[..connection.length]) {
             Ok(None) => return,
             Ok(Some(request)) => self.service.answer(&request, peer, &mut self.body),
             Err(status) => Err(status),
@@ -378,8 +384,8 @@ impl<S: Service> Server<S> {
             }
             Ok(Answer::Stream) if !is_full => return connection.reply(Stage::Stream, &[STREAMING]),
             Ok(Answer::Document(headers)) => (200, headers),
-            Ok(Answer::Order(command)) if self.shared.ask(command) => (204, PLAIN),
-            Ok(Answer::Stream | Answer::Order(_)) => (503, PLAIN),
+            Ok(Answer::Command(command)) if self.shared.queue_command(command) => (204, PLAIN),
+            Ok(Answer::Stream | Answer::Command(_)) => (503, PLAIN),
             Err(status @ 401) => (status, LOGIN),
             Err(status) => (status, PLAIN),
         };
@@ -388,15 +394,15 @@ impl<S: Service> Server<S> {
         } else {
             &self.shared.refused
         });
-        head(&mut connection.waiting, status, headers, self.body.len());
+        write_head(&mut connection.unsent, status, headers, self.body.len());
         connection.reply(Stage::Reply, &[self.body.as_bytes()]);
     }
 }
 
-/// Writes the head of a reply. The reason behind the status may be empty (RFC 9112, 4).
-fn head(waiting: &mut Vec<u8>, status: u16, headers: &str, length: usize) {
+/// Appends the head of a reply; the reason after the status may be empty (RFC 9112, 4).
+fn write_head(unsent: &mut Vec<u8>, status: u16, headers: &str, length: usize) {
     let _ = write!(
-        waiting,
+        unsent,
         "HTTP/1.1 {status} \r\n{headers}Content-Length: {length}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
     );
 }

@@ -1,27 +1,27 @@
 //! The calibration blocks stored in a Kinect: parse and emit.
 //!
-//! Four blocks: the optics (fixed parameters: four 32-bit floats at byte 94), the registration integers, the constant shift
-//! of raw depth, the lines cut off. The distance between the cameras is replaced by 2.4 cm, as every common driver does: the
-//! devices store 2.3, and the registration was computed with 2.4.
+//! Four blocks: the optics (fixed parameters: four 32-bit floats at byte 94), the registration integers, the constant shift of raw
+//! depth, the cropped lines. The distance between the cameras is replaced by 2.4 cm, as in every common driver: devices store
+//! 2.3 cm, but their registration was computed with 2.4 cm.
 
 use super::device::Model;
 use super::registration::{Registration, ZeroPlane};
 use mien_stages::base::prelude::*;
 
-/// Which block of [`super::command::Command::AlgorithmParameters`].
+/// A block of [`super::command::Command::AlgorithmParameters`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Block {
     /// Constant shift of raw depth.
     ConstShift = 0x00,
     /// The 29 registration integers.
     Registration = 0x40,
-    /// Lines cut off.
+    /// Numbers of cropped lines.
     Padding = 0x41,
 }
 
 impl Block {
-    /// By number.
-    pub fn of(number: u16) -> Option<Self> {
+    /// The block with this number.
+    pub fn from_number(number: u16) -> Option<Self> {
         let all = [Self::ConstShift, Self::Registration, Self::Padding];
         all.into_iter().find(|block| *block as u16 == number)
     }
@@ -44,17 +44,21 @@ impl Block {
     }
 }
 
-/// Where the optics stand in the fixed parameters.
-const OPTICS: usize = 94;
-/// Distance between the cameras in centimetres that stands for the stored one.
+/// Byte offset of the optics in the fixed parameters.
+const OPTICS_OFFSET: usize = 94;
+/// Distance between the cameras, centimetres; used instead of the stored one.
 const CAMERA_DISTANCE: f32 = 2.4;
 
-/// A block that cannot be a Kinect's.
+/// A calibration block that no Kinect has.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("the Kinect's calibration {0}; unplug it and plug it in again")]
 pub struct CalibrationError(String);
 
-fn of_length(block: &'static str, bytes: &[u8], expected: usize) -> Result<(), CalibrationError> {
+fn check_length(
+    block: &'static str,
+    bytes: &[u8],
+    expected: usize,
+) -> Result<(), CalibrationError> {
     let found = bytes.len();
     let problem = || format!("block {block} has {found} bytes, expected {expected}");
     (found == expected)
@@ -65,11 +69,11 @@ fn of_length(block: &'static str, bytes: &[u8], expected: usize) -> Result<(), C
 /// Reads the optics from the fixed parameters.
 ///
 /// # Errors
-/// Wrong length for the model, or a value no Kinect has (limits are generous: a factor of ten about the usual).
+/// If the length is wrong for the model, or a value is more than about ten times off the usual one.
 pub fn parse_fixed(block: &[u8], model: Model) -> Result<ZeroPlane, CalibrationError> {
-    of_length("fixed parameters", block, model.fixed_parameters_len())?;
+    check_length("fixed parameters", block, model.fixed_parameters_len())?;
     let checked = |i: usize, name: &str, least: f32, most: f32| {
-        let found = f32::from_le_bytes(block[OPTICS..].as_chunks().0[i]);
+        let found = f32::from_le_bytes(block[OPTICS_OFFSET..].as_chunks().0[i]);
         let problem = || format!("says {name} is {found}, expected {least} to {most}");
         let fits = (least..=most).contains(&found);
         fits.then_some(found)
@@ -86,13 +90,13 @@ pub fn parse_fixed(block: &[u8], model: Model) -> Result<ZeroPlane, CalibrationE
 /// Reads one algorithm block (without its status word) into `registration`.
 ///
 /// # Errors
-/// Wrong length.
+/// If the length is wrong.
 pub fn parse_block(
     block: Block,
     bytes: &[u8],
     registration: &mut Registration,
 ) -> Result<(), CalibrationError> {
-    of_length(block.name(), bytes, block.size())?;
+    check_length(block.name(), bytes, block.size())?;
     let short = |i: usize| u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
     match block {
         Block::ConstShift => registration.const_shift = short(0),
@@ -106,19 +110,19 @@ pub fn parse_block(
     Ok(())
 }
 
-/// The fixed parameters as `model` sends them; all but the optics is zero.
+/// The fixed parameters as sent by `model`; zero except for the optics.
 pub fn emit_fixed(registration: &Registration, model: Model) -> Vec<u8> {
     let plane = &registration.zero_plane;
     let mut block = vec![0; model.fixed_parameters_len()];
     let optics = [
         plane.dcmos_emitter_distance,
-        // What units store; see the header.
+        // The stored distance; see the module's header.
         2.3,
         plane.reference_distance,
         plane.reference_pixel_size,
     ];
     for (i, value) in optics.iter().enumerate() {
-        block[OPTICS + 4 * i..][..4].copy_from_slice(&value.to_le_bytes());
+        block[OPTICS_OFFSET + 4 * i..][..4].copy_from_slice(&value.to_le_bytes());
     }
     block
 }

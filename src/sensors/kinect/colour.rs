@@ -1,43 +1,42 @@
-//! Bayer mosaic of the colour camera to RGB and to luma, and RGB back to the mosaic.
+//! Converts the colour camera's Bayer mosaic to RGB and luma, and RGB back to the mosaic.
 //!
-//! Method: bilinear interpolation: a missing colour is the mean, rounded down, of the 2 or 4 nearest pixels that have it;
-//! at the border the row or column next to it is mirrored. Luma is ITU-R BT.601 in integers, full range:
-//! `(77 R + 150 G + 29 B + 128) / 256`.
+//! Method: bilinear interpolation. A missing colour is the mean, rounded down, of the 2 or 4 nearest pixels that have it; the
+//! border is mirrored. Luma is ITU-R BT.601 in integers, full range: `(77 R + 150 G + 29 B + 128) / 256`.
 //!
-//! The mosaic's own samples pass through unchanged, so RGB back to the mosaic is exact; and [`luma_from_bayer`] is
-//! [`luma_of`] of [`rgb_from_bayer`], value for value: a recording stored as RGB replays with the same luma.
+//! The mosaic's samples are kept unchanged, so the conversion back is exact. [`luma_from_bayer`] equals [`pixel_luma`] of
+//! [`rgb_from_bayer`], so a recording stored as RGB replays with the same luma.
 //! Layout: even rows G R G R…, odd rows B G B G…. Memory: four rows on the stack. Cost of luma: below 0.1 ms per picture.
 
 use core::num::Wrapping;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use mien_stages::base::vectors::wide;
+use mien_stages::base::vectors::with_avx2;
 
 /// Bytes of an RGB picture.
 pub const RGB_BYTES: usize = 3 * PIXELS;
 
 /// Luma of one RGB pixel, 0…255.
 #[inline(always)]
-pub fn luma_of([red, green, blue]: [u8; 3]) -> u8 {
-    // Not `map`: it reads the three as one number, which no vector instruction does.
-    luma_of_sums([
+pub fn pixel_luma([red, green, blue]: [u8; 3]) -> u8 {
+    // Not `map`: it loads the three bytes as one number, which prevents vector instructions.
+    luma_from_sums([
         Wrapping(red.into()),
         Wrapping(green.into()),
         Wrapping(blue.into()),
     ])
 }
 
-/// The weights add up to 256, so that the sum fits 16 bits and grey keeps its value.
+/// Luma of channel sums. The weights add up to 256, so that the result fits 16 bits and grey keeps its value.
 #[inline(always)]
-fn luma_of_sums([red, green, blue]: [Sum; 3]) -> u8 {
+fn luma_from_sums([red, green, blue]: [Sum; 3]) -> u8 {
     let weights = [77, 150, 29, 128].map(Wrapping);
     ((weights[0] * red + weights[1] * green + weights[2] * blue + weights[3]).0 >> 8) as u8
 }
 
-/// Luma of the demosaiced picture, without making the picture.
+/// Luma of the demosaiced picture, 0…255, without storing the RGB picture.
 pub fn luma_from_bayer(bayer: &[u8; PIXELS], luma: &mut [u8; PIXELS]) {
-    wide(|| {
+    with_avx2(|| {
         demosaic(bayer, &mut luma[..], |colours, luma: &mut [u8; 2]| {
-            *luma = colours.map(luma_of_sums);
+            *luma = colours.map(luma_from_sums);
         });
     });
 }
@@ -53,13 +52,13 @@ pub fn rgb_from_bayer(bayer: &[u8; PIXELS], rgb: &mut [u8]) {
     });
 }
 
-/// The mosaic a picture was made from: of each pixel the one colour its place in the mosaic has. Undoes
-/// [`rgb_from_bayer`] exactly.
+/// The mosaic of a demosaiced picture: of each pixel, the colour that its position in the mosaic has. Exact inverse of
+/// [`rgb_from_bayer`].
 ///
 /// # Panics
 /// If `rgb` is shorter than [`RGB_BYTES`].
 pub fn bayer_from_rgb(rgb: &[u8], bayer: &mut [u8; PIXELS]) {
-    wide(|| {
+    with_avx2(|| {
         let rows = rgb[..RGB_BYTES].as_chunks::<{ 6 * WIDTH }>().0.iter();
         for (rgb, bayer) in rows.zip(bayer.as_chunks_mut::<{ 2 * WIDTH }>().0) {
             mosaic_row::<1, 3>(&rgb[..3 * WIDTH], &mut bayer[..WIDTH]);
@@ -68,7 +67,7 @@ pub fn bayer_from_rgb(rgb: &[u8], bayer: &mut [u8; PIXELS]) {
     });
 }
 
-/// Of each two pixels the numbers with these places among their six.
+/// Picks two of the six channel values of each pair of pixels, at indices `EVEN` and `ODD`.
 #[inline(always)]
 fn mosaic_row<const EVEN: usize, const ODD: usize>(rgb: &[u8], bayer: &mut [u8]) {
     let pairs = bayer.as_chunks_mut::<2>().0.iter_mut();
@@ -77,28 +76,27 @@ fn mosaic_row<const EVEN: usize, const ODD: usize>(rgb: &[u8], bayer: &mut [u8])
     }
 }
 
-/// Luma of an RGB picture.
+/// Luma of an RGB picture, 0…255.
 ///
 /// # Panics
 /// If `rgb` is shorter than [`RGB_BYTES`].
 pub fn luma_from_rgb(rgb: &[u8], luma: &mut [u8; PIXELS]) {
-    wide(|| {
+    with_avx2(|| {
         let pixels = rgb[..RGB_BYTES].as_chunks::<3>().0;
         for (luma, &pixel) in luma.iter_mut().zip(pixels) {
-            *luma = luma_of(pixel);
+            *luma = pixel_luma(pixel);
         }
     });
 }
 
-/// A sum of pixels. None here can overflow; `Wrapping` because a check per addition would keep the rows from becoming
-/// vector instructions in builds that have checks.
+/// A sum of pixels, which cannot overflow here; `Wrapping`, because overflow checks would prevent vector instructions in debug
+/// builds.
 type Sum = Wrapping<u16>;
 /// Pairs of pixels in a row.
 const PAIRS: usize = WIDTH / 2;
 
-/// A row of the mosaic, its even and its odd columns apart, with the mirrored border: pair `i` has the even column
-/// `even[i]` and the odd one `odd[i + 1]`. Apart, each pixel's neighbours of one colour stand in line, and only what a
-/// pixel's place demands is computed.
+/// A row of the mosaic with even and odd columns in separate arrays and a mirrored border: pair `i` is `even[i]` and `odd[i + 1]`.
+/// Separate arrays keep neighbours of one colour contiguous.
 #[derive(Clone, Copy)]
 struct Row {
     even: [Sum; PAIRS + 1],
@@ -124,16 +122,16 @@ impl Row {
     }
 }
 
-/// Fills `out`, `N` bytes for two pixels, by `put([even, odd], …)` of the colours red, green, blue of every pair.
+/// Fills `out`, `N` bytes for two pixels, by `write_pair([even, odd], …)` of the colours red, green, blue of every pair.
 #[inline(always)]
 fn demosaic<const N: usize>(
     bayer: &[u8; PIXELS],
     out: &mut [u8],
-    put: impl Fn([[Sum; 3]; 2], &mut [u8; N]) + Copy,
+    write_pair: impl Fn([[Sum; 3]; 2], &mut [u8; N]) + Copy,
 ) {
-    // Row r stands in `rows[r % 3]`; above the first one is its mirror image.
+    // Row r is in `rows[r % 3]`; the row above the first one is row 1, mirrored.
     let mut rows = [Row::EMPTY; 3];
-    // A row of its own, or for all the compiler knows the pictures overlap, and the rows take ten times as long.
+    // A local row: otherwise the compiler assumes that the pictures overlap, which is ten times as slow.
     let mut pairs = [[0; N]; PAIRS];
     rows[0].load(bayer, 0);
     rows[2].load(bayer, 1);
@@ -143,9 +141,9 @@ fn demosaic<const N: usize>(
         rows[next % 3].load(bayer, shown);
         let [above, here, below] = [row + 2, row, row + 1].map(|row| &rows[row % 3]);
         if row % 2 == 0 {
-            demosaic_row::<N, true>(above, here, below, &mut pairs, put);
+            demosaic_row::<N, true>(above, here, below, &mut pairs, write_pair);
         } else {
-            demosaic_row::<N, false>(above, here, below, &mut pairs, put);
+            demosaic_row::<N, false>(above, here, below, &mut pairs, write_pair);
         }
         out[N * row * PAIRS..N * (row + 1) * PAIRS].copy_from_slice(pairs.as_flattened());
     }
@@ -158,13 +156,13 @@ fn demosaic_row<const N: usize, const RED: bool>(
     here: &Row,
     below: &Row,
     pairs: &mut [[u8; N]; PAIRS],
-    put: impl Fn([[Sum; 3]; 2], &mut [u8; N]),
+    write_pair: impl Fn([[Sum; 3]; 2], &mut [u8; N]),
 ) {
     for i in 0..PAIRS {
-        // Of this row: the even pixel and the one right of the odd; the one left of the even pixel and the odd.
+        // This row: the even pixel, the pixel right of the odd one, the pixel left of the even one, the odd pixel.
         let (even, right) = (here.even[i], here.even[i + 1]);
         let (left, odd) = (here.odd[i], here.odd[i + 1]);
-        // The same of the rows above and below, added.
+        // Sums of the rows above and below.
         let even_upright = above.even[i] + below.even[i];
         let odd_upright = above.odd[i + 1] + below.odd[i + 1];
         let colours = if RED {
@@ -188,7 +186,7 @@ fn demosaic_row<const N: usize, const RED: bool>(
                 [odd_upright >> 1, odd, (even + right) >> 1],
             ]
         };
-        put(colours, &mut pairs[i]);
+        write_pair(colours, &mut pairs[i]);
     }
 }
 
@@ -276,7 +274,7 @@ mod tests {
         assert!(direct == through_rgb);
         assert_eq!(
             direct[12_345],
-            luma_of(rgb[37_035..37_038].try_into().unwrap())
+            pixel_luma(rgb[37_035..37_038].try_into().unwrap())
         );
     }
 
@@ -300,7 +298,7 @@ mod tests {
         assert_eq!(bayer[..4], [90, 200, 90, 200]);
         assert_eq!(bayer[WIDTH..WIDTH + 4], [30, 90, 30, 90]);
         for grey in 0..=255 {
-            assert_eq!(luma_of([grey; 3]), grey);
+            assert_eq!(pixel_luma([grey; 3]), grey);
         }
     }
 }

@@ -1,5 +1,4 @@
-//! Commands to the camera and their replies, as bytes: emit, check, parse. Both directions, so that the virtual device
-//! uses the same code.
+//! Commands to the camera and their replies, as bytes: emit, check, parse. Both directions, for the driver and the virtual device.
 //!
 //! ```text
 //! byte   0..1             2..3                     4..5      6..7   8..
@@ -10,30 +9,32 @@ use mien_stages::base::prelude::*;
 
 /// Bytes of the header.
 pub const HEADER: usize = 8;
-/// A reply is fetched into this many bytes. One that fills them is no reply: some hosts deliver that when it is not ready.
+/// Bytes of the buffer for a reply. A full buffer is no reply: some hosts return it when the reply is not ready.
 pub const REPLY: usize = 512;
 
+/// First bytes of a command.
 const TO_CAMERA: [u8; 2] = *b"GM";
+/// First bytes of a reply.
 const FROM_CAMERA: [u8; 2] = *b"RB";
 
-/// What the camera can be asked.
+/// A command to the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// Register → value.
+    /// Reads a register: register → value.
     GetParameter = 0x02,
-    /// Register, value.
+    /// Writes a register: register, value.
     SetParameter = 0x03,
-    /// The optics of this unit.
+    /// Reads the optics of this unit.
     FixedParameters = 0x04,
-    /// The registration of this unit, in three blocks.
+    /// Reads the registration of this unit, in three blocks.
     AlgorithmParameters = 0x16,
-    /// A register of the colour image sensor.
+    /// Reads or writes a register of the colour image sensor.
     ImageSensor = 0x95,
 }
 
 impl Command {
-    /// By number.
-    pub fn of(number: u16) -> Option<Self> {
+    /// The command with this number.
+    pub fn from_number(number: u16) -> Option<Self> {
         let all = [
             Self::GetParameter,
             Self::SetParameter,
@@ -51,25 +52,25 @@ pub mod register {
     pub const COLOUR_STREAM: u16 = 0x05;
     /// Depth stream: 0 off, 2 depth.
     pub const DEPTH_STREAM: u16 = 0x06;
-    /// 0 = Bayer.
+    /// Format of colour pictures: 0 = Bayer.
     pub const COLOUR_FORMAT: u16 = 0x0c;
-    /// 1 = 640×480.
+    /// Size of colour pictures: 1 = 640×480.
     pub const COLOUR_RESOLUTION: u16 = 0x0d;
-    /// Pictures per second.
+    /// Colour pictures per second.
     pub const COLOUR_RATE: u16 = 0x0e;
-    /// 3 = packed 11 bit.
+    /// Format of depth pictures: 3 = packed 11 bit.
     pub const DEPTH_FORMAT: u16 = 0x12;
-    /// 1 = 640×480.
+    /// Size of depth pictures: 1 = 640×480.
     pub const DEPTH_RESOLUTION: u16 = 0x13;
-    /// Pictures per second.
+    /// Depth pictures per second.
     pub const DEPTH_RATE: u16 = 0x14;
     /// Brightness of the projector's picture: 0x1e usual, 7 in near mode.
     pub const DEPTH_GAIN: u16 = 0x15;
-    /// 1 = mirrored.
+    /// Depth pictures: 1 = mirrored.
     pub const DEPTH_MIRROR: u16 = 0x17;
-    /// 1 = mirrored.
+    /// Colour pictures: 1 = mirrored.
     pub const COLOUR_MIRROR: u16 = 0x47;
-    /// 0 = the projector stays on.
+    /// Duty cycle of the projector: 0 = always on.
     pub const PROJECTOR_CYCLE: u16 = 0x105;
     /// Second register of near mode: 0 near, 0x190 usual.
     pub const NEAR_MODE: u16 = 0x2ef;
@@ -81,25 +82,25 @@ pub mod register {
 pub mod image_sensor {
     /// Automatic functions, one bit each.
     pub const AUTOMATIC: u16 = 0x0106;
-    /// Exposure follows the light.
+    /// Bit of [`AUTOMATIC`]: automatic exposure.
     pub const AUTO_EXPOSURE: u16 = 1 << 14;
-    /// White balance follows the light.
+    /// Bit of [`AUTOMATIC`]: automatic white balance.
     pub const AUTO_WHITE_BALANCE: u16 = 1 << 1;
 }
 
-/// A reply that is not the answer to the question.
+/// Why bytes are not the reply to a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadReply {
-    /// Does not start with "RB".
+    /// It does not start with "RB".
     #[error("it starts with {0:02x?}, expected 52 42")]
     Magic([u8; 2]),
-    /// Answers another command.
+    /// It replies to another command.
     #[error("it replies to command 0x{0:02x}")]
     Command(u16),
-    /// Answers another question: the tag found and the one sent.
+    /// It has another tag: tag found, tag sent.
     #[error("it carries tag {0}, expected {1}")]
     Tag(u16, u16),
-    /// Not as long as its header says, or too short for one or for what was asked for: bytes found and expected.
+    /// Wrong length: bytes found, bytes expected.
     #[error("it has {0} bytes, expected {1}")]
     Length(usize, usize),
 }
@@ -117,7 +118,7 @@ fn emit_header(magic: [u8; 2], words: usize, command: Command, tag: u16, out: &m
     }
 }
 
-/// Writes a command into `out`.
+/// Replaces the content of `out` by a command with a tag and its words.
 pub fn emit_command(command: Command, tag: u16, words: &[u16], out: &mut Vec<u8>) {
     emit_header(TO_CAMERA, words.len(), command, tag, out);
     out.extend(words.iter().flat_map(|word| word.to_le_bytes()));
@@ -126,7 +127,7 @@ pub fn emit_command(command: Command, tag: u16, words: &[u16], out: &mut Vec<u8>
 /// The body of the reply to `command` with `tag`.
 ///
 /// # Errors
-/// It is not that reply.
+/// If `bytes` is not that reply.
 pub fn parse_reply(bytes: &[u8], command: Command, tag: u16) -> Result<&[u8], BadReply> {
     if bytes.len() < HEADER {
         return Err(BadReply::Length(bytes.len(), HEADER));
@@ -148,7 +149,7 @@ pub fn parse_reply(bytes: &[u8], command: Command, tag: u16) -> Result<&[u8], Ba
     Ok(body)
 }
 
-/// The camera's side: command, tag and words of a command; `None` if it is malformed or unknown.
+/// Camera side: parses command, tag and words; `None` if the command is malformed or unknown.
 pub fn parse_command(bytes: &[u8]) -> Option<(Command, u16, Vec<u16>)> {
     if bytes.len() < HEADER || bytes[..2] != TO_CAMERA {
         return None;
@@ -158,10 +159,10 @@ pub fn parse_command(bytes: &[u8]) -> Option<(Command, u16, Vec<u16>)> {
         return None;
     }
     let words = (0..body.len() / 2).map(|i| word(body, 2 * i)).collect();
-    Some((Command::of(word(bytes, 4))?, word(bytes, 6), words))
+    Some((Command::from_number(word(bytes, 4))?, word(bytes, 6), words))
 }
 
-/// The camera's side: writes the reply to a command.
+/// Camera side: replaces the content of `out` by the reply to a command.
 pub fn emit_reply(command: Command, tag: u16, body: &[u8], out: &mut Vec<u8>) {
     emit_header(FROM_CAMERA, body.len() / 2, command, tag, out);
     out.extend(body);

@@ -1,7 +1,7 @@
-//! The interface below the driver: what a Kinect's USB functions do, not how.
+//! The interface below the driver: a Kinect's USB functions.
 //!
-//! [`PacketSource`] has three implementations: the real device, the virtual one, and, in tests, a wrapper that injects faults.
-//! Everything above it (commands, calibration, packets, pictures) is the same code for all three.
+//! [`PacketSource`] has three implementations: the real device, the virtual one, and, in tests, a wrapper that injects faults. They
+//! share all code above it: commands, calibration, packets, pictures.
 
 use core::time::Duration;
 use mien_stages::base::prelude::*;
@@ -16,7 +16,7 @@ pub enum Stream {
 }
 
 impl Stream {
-    /// Both, in index order.
+    /// Both streams, in index order.
     pub const BOTH: [Self; 2] = [Self::Colour, Self::Depth];
 
     /// Index into tables by stream.
@@ -33,7 +33,7 @@ impl Stream {
     }
 }
 
-/// The three sensors that speak this protocol.
+/// The sensors with this protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Model {
     /// Kinect for Xbox 360, first series, with a motor device of its own.
@@ -45,13 +45,13 @@ pub enum Model {
 }
 
 impl Model {
-    /// USB vendor of every part of every model.
+    /// USB vendor id of all parts of all models.
     pub const VENDOR: u16 = 0x045e;
-    /// `bcdDevice` by which the first series is known.
+    /// `bcdDevice` of the first series.
     pub const FIRST_SERIES_RELEASE: u16 = 0x010b;
 
-    /// From the camera's product id and `bcdDevice`; `None` if it is not a Kinect v1 camera.
-    pub const fn of_camera(product: u16, release: u16) -> Option<Self> {
+    /// The model with this product id and `bcdDevice` of its camera; `None` if it is not a Kinect v1 camera.
+    pub const fn from_camera(product: u16, release: u16) -> Option<Self> {
         match (product, release) {
             (0x02bf, _) => Some(Self::Windows1517),
             (0x02ae, Self::FIRST_SERIES_RELEASE) => Some(Self::Xbox1414),
@@ -87,18 +87,18 @@ impl core::fmt::Display for Model {
     }
 }
 
-/// What came in one microframe on one endpoint.
+/// Bytes received on one endpoint in one microframe.
 #[derive(Clone, Copy, Debug)]
 pub struct Received<'a> {
-    /// The endpoint.
+    /// Stream of the endpoint.
     pub stream: Stream,
-    /// False if the bus reported an error for it; the bytes are then not to be trusted.
+    /// Whether the bus reported no error; otherwise the bytes are unreliable.
     pub intact: bool,
-    /// Header and payload; empty if the camera had nothing to say.
+    /// Header and payload; empty if the camera sent nothing.
     pub bytes: &'a [u8],
 }
 
-/// A request to one of a Kinect's devices: what is sent, or where to put what is read.
+/// A request to one of a Kinect's USB devices, with the bytes to send or the buffer to fill.
 pub enum Request<'a> {
     /// Writes one command to the camera.
     Command(&'a [u8]),
@@ -112,110 +112,110 @@ pub enum Request<'a> {
     AudioAnswer(&'a mut [u8]),
 }
 
-/// Why a Kinect cannot be reached. Each text is one sentence with the way out.
+/// Why a Kinect cannot be reached; each message contains the remedy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
-    /// Nothing of a Kinect on any bus.
+    /// No part of a Kinect is on any bus.
     #[error(
         "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug in the Kinect and its power supply"
     )]
     Absent,
-    /// Hub or motor there, camera not.
+    /// Hub or motor is on USB, but not the camera.
     #[error(
         "a Kinect's hub or motor is on USB but its camera is not, because it has no 12 V; plug in its power supply"
     )]
     NoPower,
-    /// Cameras there, but not the one of this serial number; how many.
+    /// No camera has this serial number; number of cameras found.
     #[error("no Kinect with serial {0} among the {1} on USB; `mien devices` lists the serials")]
     OtherSerial(String, usize),
-    /// The device node of this bus and address may not be opened.
+    /// No permission for the device node of this bus and address.
     #[error(
         "no permission to open the Kinect at /dev/bus/usb/{0:03}/{1:03}; install systemd/mien.rules as /etc/udev/rules.d/60-mien.rules and plug it in again"
     )]
     Access(u8, u8),
-    /// Another program or a driver that cannot be detached holds the interface; bus and address.
+    /// Another program, or a driver that cannot be detached, holds the interface: bus, address.
     #[error(
         "the Kinect at bus {0} address {1} is in use; stop the other program that reads it, or unload its driver with `rmmod gspca_kinect`"
     )]
     Busy(u8, u8),
-    /// The device at this bus and address was not configured by the kernel.
+    /// The kernel has not configured the device: bus, address.
     #[error(
         "the Kinect at bus {0} address {1} is on USB but not configured, usually because of insufficient power; use a port on the computer itself and check the 12 V supply"
     )]
     NotConfigured(u8, u8),
-    /// Connected at a speed that cannot carry the streams.
+    /// The connection is too slow for the streams: its speed.
     #[error(
         "the Kinect is connected at {0}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port on the computer itself, with a good cable"
     )]
     Slow(&'static str),
-    /// The model's alternate setting in force (the last number) lacks an isochronous endpoint.
+    /// An isochronous endpoint is missing: model, endpoint, alternate setting in use.
     #[error(
         "the {0} has no isochronous endpoint 0x{1:02x} in alternate setting {2}; unplug it, wait a second and plug it in again"
     )]
     NoEndpoint(Model, u8, u8),
-    /// The kernel offers no USB to programs.
+    /// Programs have no access to USB on this system.
     #[error(
         "no USB devices visible to programs (/dev/bus/usb is missing); load the kernel's USB driver or, in a container, pass /dev/bus/usb through"
     )]
     NoUsb,
-    /// The host controller refused the isochronous reservation.
+    /// The host controller has no isochronous bandwidth for this stream.
     #[error(
         "the USB controller has no room for the {0:?} stream; give the Kinect its own controller (not behind a hub, no other camera or sound card)"
     )]
     Bandwidth(Stream),
-    /// The device left.
+    /// The device is gone.
     #[error("the Kinect was unplugged or lost power; plug it in again")]
     Gone,
-    /// The device answered a request with a stall.
+    /// The device stalled a request.
     #[error("the Kinect refused a request (stall); unplug it and plug it in again")]
     Stall,
-    /// A transfer took longer than its limit.
+    /// A transfer exceeded its time limit.
     #[error("the Kinect did not answer a USB request in time; unplug it and plug it in again")]
     TimedOut,
-    /// This model has no motor device, or it was not found.
+    /// There is no motor device, or it was not found.
     #[error("motor, LED and tilt of this Kinect are not available; pictures are not affected")]
     NoMotor,
-    /// Anything else libusb reports.
+    /// Another error of libusb.
     #[error("USB: {0} (libusb); unplug the Kinect and plug it in again")]
     Other(String),
 }
 
-/// The USB functions of one Kinect, opened and claimed. Implementations bound every wait.
+/// The USB functions of one Kinect, opened and claimed. Every wait is bounded.
 pub trait PacketSource {
-    /// Which sensor it is.
+    /// Model of the sensor.
     fn model(&self) -> Model;
 
-    /// Serial number of the unit, as printed by `mien devices`.
+    /// Serial number, as printed by `mien devices`.
     fn serial(&self) -> &str;
 
-    /// Makes a request. The length of what was read, or 0; a reply has none while it is not ready.
+    /// Makes a request; returns the number of bytes read, 0 for a reply that is not ready.
     ///
     /// # Errors
-    /// No such device, or the transfer failed.
+    /// If this Kinect has no such device or the transfer failed.
     fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError>;
 
-    /// Puts transfers in flight on a stream, so that nothing of its first picture is missed.
+    /// Submits the transfers of a stream; called before the camera starts it, so that its first picture is complete.
     ///
     /// # Errors
-    /// The host refused the transfers.
+    /// If the host refuses the transfers.
     fn start(&mut self, stream: Stream) -> Result<(), DeviceError>;
 
-    /// Cancels a stream's transfers and takes the last of them back.
+    /// Cancels a stream's transfers and waits for their return.
     fn stop(&mut self, stream: Stream);
 
-    /// Hands on what has arrived since the last call, oldest first per stream, waiting at most `wait` for something.
+    /// Passes everything received since the last call to `sink`, oldest first per stream; waits at most `wait` if there is nothing.
     ///
     /// # Errors
-    /// The device is gone.
+    /// If the device is gone.
     fn poll(
         &mut self,
         wait: Duration,
         sink: &mut dyn FnMut(Received<'_>),
     ) -> Result<(), DeviceError>;
 
-    /// Time since some fixed moment; the device's own, so that a virtual one can run faster than the world.
+    /// Time since a fixed moment, by the device's clock; a virtual device may run faster than real time.
     fn clock(&self) -> Duration;
 
-    /// Lets time pass.
+    /// Waits for `time` on the device's clock.
     fn sleep(&mut self, time: Duration);
 }

@@ -1,15 +1,14 @@
 //! The camera over any [`PacketSource`]: calibration, start, pictures, watchdog, stop; LED and tilt.
 //!
-//! Every exchange is bounded: a reply is polled every millisecond for at most a second, and a failed exchange is retried
-//! twice with a new tag. A stream that delivers no packet for a second is stopped and restarted; if that fails twice in a
-//! row, [`KinectError::Silent`] asks the caller to reopen the device.
+//! Every exchange is bounded: a reply is polled every millisecond for at most a second, and a failed exchange is retried twice with
+//! a new tag. A stream without packets for a second is restarted; if that fails twice in a row, [`KinectError::Silent`] asks the
+//! caller to reopen the device.
 //!
-//! Depth is useful without colour: after a second without a pair, depth pictures are passed on alone, and this is logged;
-//! after five seconds, and then at doubling intervals, the streams are restarted. A colour stream that stays silent does
-//! not end depth.
+//! Depth works without colour: after a second without a pair, depth pictures are delivered without colour; after five seconds, and
+//! then at doubling intervals, the streams are restarted. A silent colour stream does not end depth.
 //!
-//! Nothing inessential stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
-//! errors and change nothing else. Memory: two pictures of each stream, 1.5 MB, allocated at opening.
+//! Errors of LED, tilt and automatic exposure do not stop the pictures. Memory: two pictures of each stream, 1.5 MB, allocated at
+//! opening.
 
 use crate::Frame;
 use core::time::Duration;
@@ -19,7 +18,7 @@ use super::calibration::CalibrationError;
 use super::colour;
 use super::command::{BadReply, register};
 use super::device::{DeviceError, Model, PacketSource, Stream};
-use super::frame::Developed;
+use super::frame::FrameSink;
 use super::motor::{Light, TILT_LIMIT_DEG};
 use super::pairing::{Paired, Pairing, RawPair};
 use super::picture_clock::PictureClock;
@@ -30,7 +29,7 @@ use super::unpack::unpack_depth;
 mod exchange;
 
 keyed! {
-    /// What can be chosen.
+    /// Settings of the Kinect.
     #[derive(Copy)]
     pub struct Settings {
         /// Kinect for Windows: measure from 0.4 m instead of 0.8 m.
@@ -46,70 +45,70 @@ keyed! {
     }
 }
 
-/// A stream is dead when nothing came for this long.
-const SILENCE: Duration = Duration::from_secs(1);
+/// A stream without packets for this long is restarted.
+const SILENCE_LIMIT: Duration = Duration::from_secs(1);
 /// Consecutive restarts that may fail before the device is reopened.
 const RESTARTS: u32 = 2;
-/// Without a pair for this long depth pictures are given alone.
-const ALONE: Duration = Duration::from_secs(1);
-/// Without a pair for this long the streams are restarted; each time waits twice as long as the one before,
-const UNPAIRED: Duration = Duration::from_secs(5);
-/// up to this.
-const UNPAIRED_MOST: Duration = Duration::from_secs(80);
-/// A stream of fewer whole pictures a second than this, but some, loses packets, which a restart does not mend.
+/// Time without a pair after which depth pictures are delivered without colour.
+const DEPTH_ONLY_AFTER: Duration = Duration::from_secs(1);
+/// Time without a pair after which the streams are restarted; doubles with every restart.
+const RESTART_AFTER: Duration = Duration::from_secs(5);
+/// Longest time between restarts for lack of pairs.
+const RESTART_AFTER_MAX: Duration = Duration::from_secs(80);
+/// Rate of whole pictures below which, but above 0, a stream is taken to lose packets, which a restart does not cure.
 const LOSSY_HZ: u64 = 15;
-/// The camera needs this between the two steps of near mode.
+/// Pause that the camera needs between the two registers of near mode.
 const NEAR_MODE_PAUSE: Duration = Duration::from_millis(100);
 
 /// Why the camera does not deliver.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum KinectError {
-    /// USB says so.
+    /// USB error.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// A command got no reply.
+    /// No reply to this command.
     #[error(
         "the Kinect did not reply to command 0x{0:02x} within 1 s; unplug it and plug it in again"
     )]
     NoReply(u16),
-    /// A command got a wrong reply, three times.
+    /// Wrong reply to this command, in all tries.
     #[error(
         "the Kinect's reply to command 0x{0:02x} is wrong: {1}; unplug it and plug it in again"
     )]
     BadReply(u16, BadReply),
-    /// The camera answered a command, for a register or block, with an error: its status.
+    /// The camera refused a command: command, register or block, status.
     #[error(
         "the Kinect refused command 0x{0:02x} for 0x{1:03x} with status {2}; unplug it and plug it in again"
     )]
     Refused(u16, u16, u16),
-    /// The calibration is not a Kinect's.
+    /// The calibration is invalid.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
-    /// No packets although the stream was restarted.
+    /// No packets on this stream in spite of restarts.
     #[error(
         "the Kinect sends no {0:?} packets although it was restarted; check its power supply and give it its own USB controller"
     )]
     Silent(Stream),
 }
 
-/// Counts since opening.
+/// Counters since opening.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
-    /// What happened to the packets, by stream.
+    /// Packet counters by stream.
     pub streams: [Tally; 2],
     /// Whole pictures without a partner, by stream.
     pub unpaired: [u64; 2],
-    /// Pairs made.
+    /// Pairs delivered.
     pub pairs: u64,
-    /// Depth pictures given without colour.
-    pub alone: u64,
-    /// Times the watchdog restarted the streams.
+    /// Depth pictures delivered without colour.
+    pub depth_only: u64,
+    /// Restarts of the streams by the watchdog.
     pub restarts: u64,
 }
 
 /// An opened camera.
 pub struct Kinect<S> {
-    /// The source below.
+    /// The device.
     pub source: S,
     settings: Settings,
     /// Calibration of this unit.
@@ -120,24 +119,24 @@ pub struct Kinect<S> {
     assemblers: [Assembler; 2],
     pairing: Pairing,
     streaming: bool,
-    /// When the last packet came, by stream.
-    heard: [Duration; 2],
+    /// Arrival of the last packet, by stream.
+    last_packet: [Duration; 2],
     failed_restarts: u32,
-    /// When the last pair was made, or the sensor started, and whole pictures by stream until then;
-    paired: (Duration, [u64; 2]),
-    /// when the streams are restarted if there is none until then,
+    /// Time of the last pair, or of the start, and the number of whole pictures by stream at that time.
+    last_pair: (Duration, [u64; 2]),
+    /// When to restart the streams if no pair has arrived.
     restart_at: Duration,
-    /// and how long it was waited for that.
-    patience: Duration,
+    /// Current interval between restarts for lack of pairs.
+    backoff: Duration,
     health: Health,
     frozen: bool,
 }
 
 impl<S: PacketSource> Kinect<S> {
-    /// Stops whatever a former program left running and reads the calibration.
+    /// Stops streams that a former program left running and reads the calibration.
     ///
     /// # Errors
-    /// The camera does not answer, or not as a Kinect.
+    /// If the camera does not answer as a Kinect does.
     pub fn open(source: S, settings: Settings) -> Result<Self, KinectError> {
         let mut kinect = Self {
             source,
@@ -149,16 +148,16 @@ impl<S: PacketSource> Kinect<S> {
             assemblers: Stream::BOTH.map(Assembler::new),
             pairing: Pairing::default(),
             streaming: false,
-            heard: [Duration::ZERO; 2],
+            last_packet: [Duration::ZERO; 2],
             failed_restarts: 0,
-            paired: (Duration::ZERO, [0; 2]),
+            last_pair: (Duration::ZERO, [0; 2]),
             restart_at: Duration::MAX,
-            patience: UNPAIRED,
+            backoff: RESTART_AFTER,
             health: Health::default(),
             frozen: false,
         };
-        kinect.set(register::DEPTH_STREAM, 0)?;
-        kinect.set(register::COLOUR_STREAM, 0)?;
+        kinect.set_register(register::DEPTH_STREAM, 0)?;
+        kinect.set_register(register::COLOUR_STREAM, 0)?;
         kinect.read_calibration()?;
         if settings.set_tilt
             && let Err(problem) = kinect.tilt(settings.tilt_deg)
@@ -168,7 +167,7 @@ impl<S: PacketSource> Kinect<S> {
         Ok(kinect)
     }
 
-    /// Counts so far.
+    /// Counters so far.
     pub fn health(&self) -> Health {
         Health {
             streams: self.assemblers.each_ref().map(|assembler| assembler.tally),
@@ -177,35 +176,35 @@ impl<S: PacketSource> Kinect<S> {
         }
     }
 
-    /// Starts both streams. All registers are written: some survive a former program.
+    /// Starts both streams. Writes all registers, because a former program may have left other values.
     ///
     /// # Errors
-    /// USB or the camera refuses.
+    /// If USB or the camera refuses.
     pub fn start(&mut self) -> Result<(), KinectError> {
         self.switch_on()?;
-        self.is_paired(self.source.clock());
+        self.note_pair(self.source.clock());
         Ok(())
     }
 
     fn switch_on(&mut self) -> Result<(), KinectError> {
-        self.set(register::COLOUR_STREAM, 0)?;
-        self.set(register::DEPTH_STREAM, 0)?;
+        self.set_register(register::COLOUR_STREAM, 0)?;
+        self.set_register(register::DEPTH_STREAM, 0)?;
         if self.source.model() == Model::Windows1517 {
             let (gain, companion) = if self.settings.near_mode {
                 (0x07, 0)
             } else {
                 (0x1e, 0x190)
             };
-            self.set(register::DEPTH_GAIN, gain)?;
+            self.set_register(register::DEPTH_GAIN, gain)?;
             self.source.sleep(NEAR_MODE_PAUSE);
-            self.set(register::NEAR_MODE, companion)?;
+            self.set_register(register::NEAR_MODE, companion)?;
         }
         for assembler in &mut self.assemblers {
             assembler.restart();
         }
         self.pairing.restart();
 
-        // Transfers first, registers after: nothing of the first picture is missed.
+        // Transfers before registers, so that the first picture is complete.
         self.streaming = true;
         self.source.start(Stream::Depth)?;
         self.source.start(Stream::Colour)?;
@@ -222,16 +221,16 @@ impl<S: PacketSource> Kinect<S> {
             (register::COLOUR_STREAM, 1),
             (register::COLOUR_MIRROR, 0),
         ] {
-            self.set(register, value)?;
+            self.set_register(register, value)?;
         }
-        self.heard = [self.source.clock(); 2];
+        self.last_packet = [self.source.clock(); 2];
         if let Err(problem) = self.freeze(false) {
             tracing::warn!("exposure not changed: {problem}");
         }
         Ok(())
     }
 
-    /// Stops both streams. Whatever fails, the transfers are taken back.
+    /// Stops both streams. Transfers are cancelled even if the camera does not answer.
     pub fn stop(&mut self) {
         if !core::mem::take(&mut self.streaming) {
             return;
@@ -240,18 +239,18 @@ impl<S: PacketSource> Kinect<S> {
             (register::DEPTH_STREAM, Stream::Depth),
             (register::COLOUR_STREAM, Stream::Colour),
         ] {
-            if let Err(problem) = self.set(register, 0) {
+            if let Err(problem) = self.set_register(register, 0) {
                 tracing::debug!("stopping the {stream:?} stream: {problem}");
             }
             self.source.stop(stream);
         }
     }
 
-    /// Takes what arrived, waiting at most `wait` for something, and calls `each` for every pair completed, or, when there have
-    /// been none for a second, for every depth picture. Restarts streams that fell silent or make no pairs.
+    /// Processes received packets, waiting for at most `wait`. Calls `each` for every completed pair, and after a second without
+    /// pairs for every depth picture. Restarts streams that are silent or do not pair.
     ///
     /// # Errors
-    /// The device is gone, or silent in spite of restarts.
+    /// If the device is gone, or silent in spite of restarts.
     pub fn poll(
         &mut self,
         wait: Duration,
@@ -264,10 +263,10 @@ impl<S: PacketSource> Kinect<S> {
             health,
             ..
         } = self;
-        let (mut heard, mut paired) = ([false; 2], false);
+        let (mut arrived, mut paired) = ([false; 2], false);
         source.poll(wait, &mut |received| {
             let i = received.stream.index();
-            heard[i] |= !received.bytes.is_empty();
+            arrived[i] |= !received.bytes.is_empty();
             let assembler = &mut assemblers[i];
             let Some(ticks) = assembler.push(received.intact, received.bytes) else {
                 return;
@@ -278,55 +277,61 @@ impl<S: PacketSource> Kinect<S> {
                 let made = u64::from(pair.has_colour());
                 paired |= made > 0;
                 health.pairs += made;
-                health.alone += 1 - made;
+                health.depth_only += 1 - made;
                 each(pair);
             }
         })?;
         let now = self.source.clock();
-        for (at, _) in self.heard.iter_mut().zip(heard).filter(|(_, heard)| *heard) {
+        for (at, _) in self
+            .last_packet
+            .iter_mut()
+            .zip(arrived)
+            .filter(|(_, arrived)| *arrived)
+        {
             *at = now;
         }
-        if heard == [true; 2] {
+        if arrived == [true; 2] {
             self.failed_restarts = 0;
         }
         if paired {
-            self.is_paired(now);
+            self.note_pair(now);
         }
-        self.watch(now)
+        self.watchdog(now)
     }
 
-    /// A pair was made, or waiting for one starts now.
-    fn is_paired(&mut self, now: Duration) {
-        self.pairing.alone = false;
-        self.paired = (now, self.pictures());
-        (self.restart_at, self.patience) = (now + UNPAIRED, UNPAIRED);
+    /// Restarts the timers for lack of pairs: after a pair, or at the start.
+    fn note_pair(&mut self, now: Duration) {
+        self.pairing.depth_only = false;
+        self.last_pair = (now, self.picture_counts());
+        (self.restart_at, self.backoff) = (now + RESTART_AFTER, RESTART_AFTER);
     }
 
     /// Whole pictures so far, by stream.
-    fn pictures(&self) -> [u64; 2] {
+    fn picture_counts(&self) -> [u64; 2] {
         self.assemblers.each_ref().map(|one| one.tally.pictures)
     }
 
-    /// Whether a stream that came through badly is reason enough for there being no pairs.
+    /// Whether packet loss explains the lack of pairs.
     fn is_lossy(&self, unpaired: Duration) -> bool {
-        let (_, before) = self.paired;
-        let mut came = self.pictures().into_iter().zip(before);
+        let (_, before) = self.last_pair;
+        let mut came = self.picture_counts().into_iter().zip(before);
         came.any(|(now, before)| (1..LOSSY_HZ * unpaired.as_secs()).contains(&(now - before)))
     }
 
-    fn watch(&mut self, now: Duration) -> Result<(), KinectError> {
+    fn watchdog(&mut self, now: Duration) -> Result<(), KinectError> {
         if !self.streaming {
             return Ok(());
         }
-        let unpaired = now.saturating_sub(self.paired.0);
-        if unpaired >= ALONE && !self.pairing.alone {
+        let unpaired = now.saturating_sub(self.last_pair.0);
+        if unpaired >= DEPTH_ONLY_AFTER && !self.pairing.depth_only {
             let [colour, depth] = self.pairing.unpaired;
             tracing::warn!(
                 "no colour picture has matched a depth picture for 1 s ({colour} colour and {depth} depth pictures unpaired so far); tracking continues without colour"
             );
-            self.pairing.alone = true;
+            self.pairing.depth_only = true;
         }
-        let silent = |stream: &Stream| now.saturating_sub(self.heard[stream.index()]) >= SILENCE;
+        let silent =
+            |stream: &Stream| now.saturating_sub(self.last_packet[stream.index()]) >= SILENCE_LIMIT;
         let silent = [Stream::Depth, Stream::Colour].into_iter().find(silent);
         match silent {
             Some(stream) if self.failed_restarts < RESTARTS => {
@@ -338,8 +343,8 @@ impl<S: PacketSource> Kinect<S> {
                 tracing::warn!(
                     "depth and colour pictures do not pair; restarting the Kinect's streams"
                 );
-                self.patience = (2 * self.patience).min(UNPAIRED_MOST);
-                self.restart_at = now + self.patience;
+                self.backoff = (2 * self.backoff).min(RESTART_AFTER_MAX);
+                self.restart_at = now + self.backoff;
             }
             _ => return Ok(()),
         }
@@ -348,7 +353,7 @@ impl<S: PacketSource> Kinect<S> {
         self.switch_on()
     }
 
-    /// Tells the camera whether a face is tracked: LED, and exposure held or freed if the settings say so.
+    /// Shows on the LED whether a face is tracked, and locks or frees exposure if the settings say so.
     pub fn show_tracking(&mut self, tracking: bool) {
         let light = if tracking {
             Light::Green
@@ -367,14 +372,14 @@ impl<S: PacketSource> Kinect<S> {
     }
 }
 
-/// Unpacks a pair, or a depth picture alone. The Bayer picture is swapped, not copied.
-pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, into: &mut impl Developed) {
+/// Unpacks a pair, or a depth picture without colour, and sets number and capture time. The Bayer picture is swapped, not copied.
+pub fn unpack_into(pair: &mut RawPair, clock: &mut PictureClock, into: &mut impl FrameSink) {
     let [colour_ticks, ticks] = pair.ticks;
     let (frame, original) = into.parts();
     (frame.index, frame.at) = (pair.number, clock.stamp(ticks));
-    develop_depth(pair, frame);
+    depth_from_pair(pair, frame);
     if pair.has_colour {
-        develop_colour(pair, frame);
+        luma_from_pair(pair, frame);
     } else {
         frame.drop_colour();
     }
@@ -392,14 +397,14 @@ pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, into: &mut impl Dev
     }
 }
 
-/// The depth half of [`develop`].
-pub fn develop_depth(pair: &RawPair, frame: &mut Frame) {
+/// Unpacks the depth picture of a pair to raw values.
+pub fn depth_from_pair(pair: &RawPair, frame: &mut Frame) {
     let packed = pair.pictures[Stream::Depth.index()].first_chunk();
     unpack_depth(packed.expect("a depth picture's length"), &mut frame.depth);
 }
 
-/// The colour half of [`develop`].
-pub fn develop_colour(pair: &RawPair, frame: &mut Frame) {
+/// Converts the Bayer picture of a pair to luma.
+pub fn luma_from_pair(pair: &RawPair, frame: &mut Frame) {
     let bayer = pair.pictures[Stream::Colour.index()].first_chunk();
     frame.has_colour = true;
     colour::luma_from_bayer(bayer.expect("a colour picture's length"), &mut frame.luma);

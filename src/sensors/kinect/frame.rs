@@ -1,4 +1,4 @@
-//! A frame with what only a Kinect's drivers and recordings know of it.
+//! A frame with the Kinect's original data.
 
 use core::ops::{Deref, DerefMut};
 
@@ -8,23 +8,23 @@ use mien_stages::base::defaults;
 use mien_stages::base::prelude::*;
 
 defaults! {
-    /// What a frame was made from and no stage reads: recorders and people who look at the picture do.
+    /// Original data of a frame, for recorders and displays; no stage reads it.
     #[derive(Clone)]
     pub struct Original {
-        /// The depth picture's stamp: the camera's 60 MHz counter, which wraps every 71.6 s.
+        /// Time stamp of the depth picture: the camera's 60 MHz counter, which wraps every 71.6 s.
         pub ticks: u32 = 0,
-        /// The colour picture's stamp, same counter; 0 without one.
+        /// Time stamp of the colour picture, same counter; 0 without one.
         pub colour_ticks: u32 = 0,
         /// Bayer mosaic of the colour camera: even rows G R G R…, odd rows B G B G…; black without a picture.
         pub bayer: Box<[u8; PIXELS]> = vec![0; PIXELS].try_into().expect("PIXELS long"),
     }
 
-    /// A frame of a Kinect and what it was made from.
+    /// A frame of a Kinect with its original data.
     #[derive(Clone)]
     pub struct KinectFrame {
-        /// What the stages see.
+        /// The frame that the stages read.
         pub frame: Frame = Frame::default(),
-        /// What it was made from.
+        /// Its original data.
         pub original: Original = Original::default(),
     }
 }
@@ -43,31 +43,37 @@ impl DerefMut for KinectFrame {
     }
 }
 
-/// What a Kinect's pictures are developed into: a frame, with or without what it was made from.
-pub trait Developed {
-    /// The frame, and where to put what it was made from.
+/// Destination of a Kinect's pictures: a frame with or without original data.
+pub trait FrameSink {
+    /// The frame, and the destination of the original data, if any.
     fn parts(&mut self) -> (&mut Frame, Option<&mut Original>);
 }
 
-impl Developed for Frame {
+impl<S: FrameSink + ?Sized> FrameSink for &mut S {
+    fn parts(&mut self) -> (&mut Frame, Option<&mut Original>) {
+        (**self).parts()
+    }
+}
+
+impl FrameSink for Frame {
     fn parts(&mut self) -> (&mut Frame, Option<&mut Original>) {
         (self, None)
     }
 }
 
-impl Developed for KinectFrame {
+impl FrameSink for KinectFrame {
     fn parts(&mut self) -> (&mut Frame, Option<&mut Original>) {
         (&mut self.frame, Some(&mut self.original))
     }
 }
 
 impl Original {
-    /// Shows the picture of a frame that no Kinect made, in grey.
-    pub fn show(&mut self, frame: &Frame) {
+    /// Sets the mosaic to the luma of a frame from another sensor, which displays as grey.
+    pub fn set_grey(&mut self, frame: &Frame) {
         self.bayer.copy_from_slice(&*frame.luma);
     }
 
-    /// Takes the colour picture away.
+    /// Clears the colour picture.
     pub fn drop_colour(&mut self) {
         self.colour_ticks = 0;
         self.bayer.fill(0);

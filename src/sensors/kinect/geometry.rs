@@ -1,30 +1,29 @@
 //! A Kinect's calibration as a [`Camera`], the form the stages use.
 //!
-//! Method: the sensor's own factory calibration, as its drivers use it. Raw disparity to distance by triangulation
-//! against the reference plane; depth pixel to colour pixel by a cubic polynomial of column and row plus a shift along
-//! the row that depends on distance (the baseline between the cameras). The device has the polynomial as forward differences
-//! in fixed point, stepped with truncating shifts; truncated to whole pixels ours is the table that drivers make of them
-//! (`tests/it/maps_depth_to_colour.rs`).
+//! Method: the sensor's factory calibration, as used by its drivers. Distance from raw disparity by triangulation against the
+//! reference plane; colour pixel from depth pixel by a cubic polynomial of column and row plus a shift along the row that depends
+//! on distance (the baseline between the cameras). The device stores the polynomial as forward differences in fixed point, stepped
+//! with truncating shifts; truncated to whole pixels, ours equals the drivers' table (`tests/it/maps_depth_to_colour.rs`).
 
 use super::registration::Registration;
 use mien_stages::base::capacity::{HEIGHT, WIDTH};
 use mien_stages::base::prelude::*;
-use mien_stages::camera::{Camera, Cubic, Picture, Pinhole};
+use mien_stages::camera::{Camera, ColourProjection, Cubic, Pinhole};
 
-/// Columns without data at the right side of the depth picture.
+/// Columns without data at the right edge of the depth picture.
 pub const BLANK_COLUMNS: usize = 8;
-/// Distances are delivered below this, millimetres; what lies farther is no measurement.
+/// Distance from which raw values are no measurements, millimetres.
 const FARTHEST_MM: f64 = 10_000.0;
-/// Offset, in pixels, which the device's own arithmetic applies to raw values and to the colour shift.
+/// Offset that the device's arithmetic applies to raw values and to the colour shift, pixels.
 const DEVICE_OFFSET: f64 = 0.375;
 
-/// The usual optics and a real unit's registration block.
+/// Geometry of the nominal calibration: the usual optics and a real unit's registration block.
 pub fn nominal() -> Camera {
     Registration::default().camera()
 }
 
 impl Registration {
-    /// Both cameras, from the numbers read from a device.
+    /// Geometry of both cameras.
     pub fn camera(&self) -> Camera {
         let plane = &self.zero_plane;
         let [emitter, between, reference, pixel] = [
@@ -38,7 +37,7 @@ impl Registration {
         let metres = |raw: f64| {
             let m = (raw / 4.0 - shift - DEVICE_OFFSET) * pixel;
             let mm = 10.0 * (m * reference / (emitter - m) + reference);
-            // From m = emitter on the emitter's ray no longer meets the pixel's.
+            // For m ≥ emitter the rays of emitter and pixel do not meet.
             let is_measured = m < emitter && mm > 0.0 && mm < FARTHEST_MM;
             if is_measured { mm * 1e-3 } else { 0.0 }
         };
@@ -49,7 +48,7 @@ impl Registration {
             focal: [(reference / (2.0 * pixel)) as f32; 2],
             centre: [320.0, 240.0],
         };
-        let picture = Picture::Polynomial {
+        let picture = ColourProjection::Polynomial {
             displacement: Box::new(displacement(&self.integers)),
             shift: [baseline + DEVICE_OFFSET, -baseline * reference / 100.0],
         };
@@ -58,7 +57,7 @@ impl Registration {
     }
 }
 
-/// Displacement of column and row.
+/// Displacement of column and of row between depth and colour pixel, as polynomials, pixels.
 fn displacement(r: &[i32; 29]) -> [Cubic; 2] {
     [0, 1].map(|k| {
         // ak, bk, ck, dk; dk_start, dxdk_start, dydk_start; dxdxdk_start, dydxdk_start, dydydk_start.
@@ -70,21 +69,21 @@ fn displacement(r: &[i32; 29]) -> [Cubic; 2] {
     })
 }
 
-/// The low `bits` of a number are signed; it counts units of 2^-`shift`.
+/// Value of the low `bits` as a signed number, times 2^`shift`.
 fn signed(value: i32, bits: u32, shift: u32) -> f64 {
     f64::from(value << (32 - bits) >> (32 - bits)) * f64::from(1 << shift)
 }
 
-/// The polynomial behind one axis's forward differences: the third ones (along the row, along the column, and the two mixed);
-/// the value and the first ones; the second ones. Sums of differences are binomials: after n steps a constant third
-/// difference has added up to n(n−1)(n−2)/6, a second one to n(n−1)/2. Each truncating shift loses half a unit on
-/// average; taking that half out of the summand leaves a few thousandths of a pixel at the far corner.
+/// The polynomial of one axis from its forward differences: `third` (row, column and the two mixed ones), the value with the first
+/// differences, and `second`. Sums of differences are binomials: after n steps, a constant third difference has added up to
+/// n(n−1)(n−2)/6, a second one to n(n−1)/2. A truncating shift loses half a unit on average; subtracting that half leaves an error
+/// of a few thousandths of a pixel at the far corner.
 fn polynomial(third: [i32; 4], [v, vc, vr]: [i32; 3], second: [i32; 3]) -> Cubic {
     let [a, b, c, d] = third.map(f64::from);
     let v = signed(v, 19, 9);
     let [vc, vr] = [vc, vr].map(|first| signed(first, 21, 8) - 32.0);
     let [vcc, vrc, vrr] = second.map(|second| signed(second, 24, 8) - 128.0);
-    // Each level is kept with more fraction bits than the one it feeds: 2^6 for the first, 2^8 more for the others.
+    // Fraction bits: first differences have 6 more than the value, second and third ones 8 more than the first.
     let (first, second) = (1.0 / 64.0, 1.0 / (64.0 * 256.0));
     let unit = 1.0 / f64::from(1 << 17);
     let binomial2 = |k: f64| [0.0, -0.5 * k, 0.5 * k, 0.0];

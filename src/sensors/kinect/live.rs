@@ -1,9 +1,9 @@
-//! A Kinect that may come and go: its own thread opens it, keeps it streaming, and reopens it after it was unplugged, lost
-//! power, or fell silent. The consumer takes frames, or learns what the thread is waiting for.
+//! A Kinect that may come and go: a thread opens it, keeps it streaming, and reopens it after it was unplugged, lost power, or fell
+//! silent. The consumer takes frames or the reason why there are none.
 //!
-//! The thread reaps packets, copies payloads into pictures, and hands pairs of pictures over through a bounded ring in
-//! which the newest wins: a slow consumer loses frames (counted), but costs no memory and adds no delay. Unpacking and luma
-//! are done by the consumer. Memory: two pairs, 1.5 MB, allocated at the start; a pair is handed over by swapping buffers.
+//! The thread assembles pictures and passes pairs on through a bounded ring, in which new pairs replace old ones: a slow consumer
+//! loses frames (counted), but adds no memory or delay. The consumer unpacks depth and computes luma. Memory: two pairs, 1.5 MB,
+//! allocated at the start; pairs are passed on by swapping buffers.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -12,8 +12,8 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use super::device::{DeviceError, Model, PacketSource, Stream};
-use super::driver::{Health, Kinect, KinectError, Settings, develop};
-use super::frame::Developed;
+use super::driver::{Health, Kinect, KinectError, Settings, unpack_into};
+use super::frame::FrameSink;
 use super::motor::Light;
 use super::pairing::{Paired, RawPair};
 use super::picture_clock::PictureClock;
@@ -24,21 +24,21 @@ use mien_stages::base::capacity::WAITING_FRAMES as RING;
 use mien_stages::base::defaults;
 use mien_stages::camera::Camera;
 
-/// Between two looks for an absent device.
+/// Interval between attempts to open the device.
 const RETRY: Duration = Duration::from_millis(500);
-/// Longest wait for packets; commands and the end are noticed as often.
+/// Longest wait for packets; also the delay of commands and of the end.
 const POLL: Duration = Duration::from_millis(20);
 
-/// What there is to know about the sensor besides its frames.
+/// State of the sensor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Status {
     /// Why there are no frames; `None` while streaming, and before the first attempt.
     pub waiting_for: Option<KinectError>,
-    /// The sensor last opened.
+    /// Model and serial number of the sensor last opened.
     pub sensor: Option<(Model, String)>,
-    /// Counts of the sensor last opened, since then.
+    /// Counters of the sensor last opened, since then.
     pub health: Health,
-    /// Times a sensor was opened.
+    /// Number of times a sensor was opened.
     pub openings: u64,
     /// Frames overwritten because the consumer was slow.
     pub overwritten: u64,
@@ -47,30 +47,30 @@ pub struct Status {
 #[derive(Default)]
 struct Shared {
     inner: Mutex<Inner>,
-    news: Condvar,
+    changed: Condvar,
 }
 
 defaults! {
     struct Inner {
-        /// Filled pairs, oldest first, each with the opening it belongs to and the time it was whole.
+        /// Filled pairs, oldest first, each with the number of its opening and the time of its completion.
         ring: VecDeque<(u64, Instant, RawPair)> = VecDeque::with_capacity(RING),
         free: Vec<RawPair> = (0..RING).map(|_| RawPair::default()).collect(),
         status: Status = Status::default(),
         registration: Registration = Registration::default(),
         tracking: bool = false,
-        end: bool = false,
+        stop: bool = false,
     }
 }
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        // What is inside stays consistent at every step, even if a holder panicked.
+        // The content is consistent at every step, even if a holder panicked.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits for what `is_over` looks for, until it is there or at most `wait`.
+    /// Waits until `is_over` returns true, but at most `wait`.
     fn wait(&self, wait: Duration, is_over: impl Fn(&Inner) -> bool) -> MutexGuard<'_, Inner> {
-        let waited = (self.news).wait_timeout_while(self.lock(), wait, |inner| !is_over(inner));
+        let waited = (self.changed).wait_timeout_while(self.lock(), wait, |inner| !is_over(inner));
         waited.unwrap_or_else(PoisonError::into_inner).0
     }
 }
@@ -80,35 +80,35 @@ pub struct LiveKinect {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
     clock: PictureClock,
-    /// Opening of the last frame, and when it was taken from the ring.
+    /// Number of the last frame's opening, and when it was taken from the ring.
     last: Option<(u64, Instant)>,
-    /// When the last frame was whole in this machine's memory.
+    /// When the last frame was complete in this machine's memory.
     pub arrived: Option<Instant>,
-    /// Calibration of the sensor behind the last frame; the usual one before the first.
+    /// Calibration of the last frame's sensor; the nominal one before the first frame.
     pub registration: Registration,
-    /// The same in the form the stages use.
+    /// Geometry by this calibration, for the stages.
     pub camera: Camera,
 }
 
 impl LiveKinect {
-    /// A Kinect on USB: the one with `serial`, else the first that is free. Returns at once, whether or not it is there.
+    /// The Kinect with `serial`, or the first free one. Returns at once, whether or not there is one.
     pub fn usb(serial: Option<String>, settings: Settings) -> Self {
-        Self::over(
+        Self::with_source(
             move || UsbKinect::open(serial.as_deref(), settings.reset_audio),
             settings,
         )
     }
 
-    /// Whatever `open` opens; it is called again until it succeeds, and whenever the device is lost.
-    pub fn over<S: PacketSource>(
+    /// The device opened by `open`, which is called until it succeeds and whenever the device is lost.
+    pub fn with_source<S: PacketSource>(
         open: impl FnMut() -> Result<S, DeviceError> + Send + 'static,
         settings: Settings,
     ) -> Self {
         let shared = Arc::<Shared>::default();
-        let theirs = Arc::clone(&shared);
+        let thread_shared = Arc::clone(&shared);
         let thread = std::thread::Builder::new()
             .name("kinect".to_owned())
-            .spawn(move || feed(&theirs, open, settings))
+            .spawn(move || run(&thread_shared, open, settings))
             .map_err(|problem| tracing::error!("cannot start the sensor thread: {problem}"))
             .ok();
         Self {
@@ -122,8 +122,8 @@ impl LiveKinect {
         }
     }
 
-    /// Fills `frame` with the oldest frame in the ring, waiting at most `wait` for one; false if none came.
-    pub fn next_frame(&mut self, frame: &mut impl Developed, wait: Duration) -> bool {
+    /// Fills `frame` with the oldest frame in the ring, waiting at most `wait`; `false` if there is none.
+    pub fn next_frame(&mut self, frame: &mut impl FrameSink, wait: Duration) -> bool {
         let mut inner = self.shared.wait(wait, |inner| !inner.ring.is_empty());
         let Some((opening, arrived, mut pair)) = inner.ring.pop_front() else {
             return false;
@@ -141,12 +141,12 @@ impl LiveKinect {
         }
         self.last = Some((opening, now));
         drop(inner);
-        develop(&mut pair, &mut self.clock, frame);
+        unpack_into(&mut pair, &mut self.clock, frame);
         self.shared.lock().free.push(pair);
         true
     }
 
-    /// Waits until a sensor has been opened or the first attempt has failed, at most `wait`.
+    /// Waits for at most `wait` until a sensor has been opened or the first attempt has failed.
     pub fn wait_for_first_attempt(&mut self, wait: Duration) -> Status {
         let attempted =
             |inner: &Inner| inner.status.openings > 0 || inner.status.waiting_for.is_some();
@@ -156,12 +156,12 @@ impl LiveKinect {
         inner.status.clone()
     }
 
-    /// State and counts.
+    /// State and counters.
     pub fn status(&self) -> Status {
         self.shared.lock().status.clone()
     }
 
-    /// Tells the sensor whether a face is tracked: LED, and exposure if the settings say so. Cheap to call every frame.
+    /// Shows on the LED whether a face is tracked, and locks or frees exposure if the settings say so. Cheap to call every frame.
     pub fn show_tracking(&self, tracking: bool) {
         self.shared.lock().tracking = tracking;
     }
@@ -169,23 +169,23 @@ impl LiveKinect {
 
 impl Drop for LiveKinect {
     fn drop(&mut self) {
-        self.shared.lock().end = true;
-        self.shared.news.notify_all();
+        self.shared.lock().stop = true;
+        self.shared.changed.notify_all();
         if let Some(thread) = self.thread.take() {
-            // A panic there has been reported already.
+            // The panic hook has already reported a panic.
             let _ = thread.join();
         }
     }
 }
 
-/// The thread: open, stream, and again.
-fn feed<S: PacketSource>(
+/// The thread: opens the device, streams, and repeats.
+fn run<S: PacketSource>(
     shared: &Shared,
     mut open: impl FnMut() -> Result<S, DeviceError>,
     settings: Settings,
 ) {
     let mut attempted = false;
-    // Whole depth pictures of former openings: numbering goes on.
+    // Whole depth pictures of former openings, to continue the numbering.
     let mut pictures = 0;
     loop {
         let opened = open().map_err(KinectError::from);
@@ -195,22 +195,22 @@ fn feed<S: PacketSource>(
         let Err(problem) = streamed else { return };
         let mut inner = shared.lock();
         if inner.status.waiting_for.as_ref() != Some(&problem) {
-            // What became of the first attempt is for the one who asked for the sensor to say.
+            // The caller reports the first failure.
             if attempted {
                 tracing::warn!("waiting for the Kinect: {problem}");
             }
             inner.status.waiting_for = Some(problem);
-            shared.news.notify_all();
+            shared.changed.notify_all();
         }
         drop(inner);
         attempted = true;
-        if shared.wait(RETRY, |inner| inner.end).end {
+        if shared.wait(RETRY, |inner| inner.stop).stop {
             return;
         }
     }
 }
 
-/// Streams until asked to stop (`Ok`) or the device fails. `pictures`: whole depth pictures before and after.
+/// Streams until asked to stop (`Ok`) or the device fails. `pictures` counts whole depth pictures of all openings.
 fn stream<S: PacketSource>(
     shared: &Shared,
     mut kinect: Kinect<S>,
@@ -231,7 +231,7 @@ fn stream<S: PacketSource>(
     kinect.stop();
     let health = kinect.health();
     *pictures += health.streams[Stream::Depth.index()].pictures;
-    let (alone, restarts) = (health.alone, health.restarts);
+    let (depth_only, restarts) = (health.depth_only, health.restarts);
     for stream in Stream::BOTH {
         let unpaired = health.unpaired[stream.index()];
         let Tally {
@@ -246,14 +246,14 @@ fn stream<S: PacketSource>(
             misplaced,
         } = health.streams[stream.index()];
         tracing::info!(
-            "{stream:?}: {pictures} pictures whole, {broken} broken; packets {packets}, lost {lost}, repeated {repeated}, damaged {damaged}, bus errors {bus_errors}, wrong length {wrong_length}, misplaced {misplaced}; unpaired pictures {unpaired}, depth alone {alone}, restarts {restarts}"
+            "{stream:?}: {pictures} pictures whole, {broken} broken; packets {packets}, lost {lost}, repeated {repeated}, damaged {damaged}, bus errors {bus_errors}, wrong length {wrong_length}, misplaced {misplaced}; unpaired pictures {unpaired}, depth alone {depth_only}, restarts {restarts}"
         );
     }
     shared.lock().status.health = health;
     result
 }
 
-/// Starts, and hands over what comes until asked to stop.
+/// Starts the streams and passes pairs on until asked to stop.
 fn deliver<S: PacketSource>(
     shared: &Shared,
     kinect: &mut Kinect<S>,
@@ -267,10 +267,10 @@ fn deliver<S: PacketSource>(
         let mut delivered = false;
         kinect.poll(POLL, |pair| {
             delivered = true;
-            hand_over(shared, former, pair);
+            push_pair(shared, former, pair);
         })?;
         let mut inner = shared.lock();
-        if inner.end {
+        if inner.stop {
             return Ok(());
         }
         if delivered {
@@ -285,8 +285,8 @@ fn deliver<S: PacketSource>(
     }
 }
 
-/// Swaps a completed pair into the ring, numbered on from `former` pictures; the oldest in it gives way.
-fn hand_over(shared: &Shared, former: u64, pair: Paired<'_>) {
+/// Swaps a completed pair into the ring, replacing the oldest if full; numbers continue from `former`.
+fn push_pair(shared: &Shared, former: u64, pair: Paired<'_>) {
     let mut inner = shared.lock();
     let opening = inner.status.openings;
     if inner.free.is_empty()
@@ -299,6 +299,6 @@ fn hand_over(shared: &Shared, former: u64, pair: Paired<'_>) {
         pair.swap_into(&mut filled);
         filled.number += former;
         inner.ring.push_back((opening, Instant::now(), filled));
-        shared.news.notify_all();
+        shared.changed.notify_all();
     }
 }

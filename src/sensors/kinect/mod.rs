@@ -1,6 +1,5 @@
-//! The Kinect v1: USB packets to pictures, pairing, calibration, the live sensor, and recordings in its drivers' layout.
-//! Disparity, the 60 MHz counter and the Bayer mosaic exist only here; what leaves is a [`super::Frame`] and a
-//! [`super::camera::Camera`].
+//! The Kinect v1: USB packets to pictures, pairing, calibration, the live sensor, and recordings in libfreenect's layout. Disparity,
+//! the 60 MHz counter and the Bayer mosaic exist only here; the results are a [`super::Frame`] and a [`super::camera::Camera`].
 
 pub mod calibration;
 pub mod colour;
@@ -10,6 +9,8 @@ pub mod device;
 pub mod driver;
 pub mod frame;
 pub mod geometry;
+#[cfg(feature = "std")]
+mod kind;
 #[cfg(feature = "std")]
 pub mod live;
 pub mod motor;
@@ -25,3 +26,6 @@ pub mod unpack;
 pub mod usb;
 #[cfg(feature = "std")]
 pub mod usb_devices;
+
+#[cfg(feature = "std")]
+pub(crate) use kind::KIND;

@@ -1,23 +1,22 @@
-//! Motor and LED, as messages: the first series has a motor device with vendor requests; later ones take
-//! bulk messages through the audio device (only if its firmware is running).
+//! Messages for motor and LED. The first series has a motor device with vendor requests; later ones take bulk messages through the
+//! audio device, if its firmware is running.
 //!
-//! Units: degrees. The tilt is relative to the horizon; the device has no limit stop, so
-//! nothing beyond ±31° is ever sent.
+//! Tilt is in degrees relative to the horizon. The device has no limit stop, so nothing beyond ±31° is sent.
 
 #[cfg(not(feature = "std"))]
 use mien_stages::base::prelude::*;
 
-/// Largest tilt either way, degrees.
+/// Largest tilt up or down, degrees.
 pub const TILT_LIMIT_DEG: f32 = 31.0;
 
-/// What the LED can show.
+/// State of the LED.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Light {
     /// Dark.
     Off,
-    /// Steady green: a face is tracked.
+    /// Green: a face is tracked.
     Green,
-    /// Steady red: a fault.
+    /// Red: a fault.
     Red,
     /// Blinking green: looking for a face.
     BlinkGreen,
@@ -29,7 +28,7 @@ pub const SET_LIGHT: u8 = 0x06;
 pub const SET_TILT: u8 = 0x31;
 
 impl Light {
-    /// Value of [`SET_LIGHT`], and of the message to the audio device.
+    /// Values for [`SET_LIGHT`] and for the audio device.
     pub const fn values(self) -> (u16, u32) {
         match self {
             Self::Off => (0, 1),
@@ -40,13 +39,13 @@ impl Light {
     }
 }
 
-/// Value of [`SET_TILT`]: half degrees, limited.
+/// Value for [`SET_TILT`]: half degrees, limited to ±31°.
 pub fn tilt_value(degrees: f32) -> u16 {
-    ((limited(degrees) * 2.0).round() as i16).cast_unsigned()
+    ((clamp_tilt(degrees) * 2.0).round() as i16).cast_unsigned()
 }
 
-/// A tilt that may be sent; not a number becomes level.
-fn limited(degrees: f32) -> f32 {
+/// Limits a tilt to ±31°; NaN becomes 0.
+fn clamp_tilt(degrees: f32) -> f32 {
     if degrees.is_nan() {
         return 0.0;
     }
@@ -55,36 +54,36 @@ fn limited(degrees: f32) -> f32 {
 
 /// Messages through the audio device of the later models.
 pub mod audio {
-    use super::{Light, limited};
+    use super::{Light, clamp_tilt};
     #[cfg(not(feature = "std"))]
     use mien_stages::base::prelude::*;
 
     const MAGIC: u32 = 0x0602_2009;
     const STATUS_MAGIC: u32 = 0x0a6f_e000;
-    /// Bytes of the status that answers every message.
+    /// Bytes of the status that replies to a message.
     pub const STATUS: usize = 12;
 
     fn words(words: &[u32]) -> Vec<u8> {
         words.iter().flat_map(|word| word.to_le_bytes()).collect()
     }
 
-    /// Sets the LED.
+    /// Message that sets the LED.
     pub fn light(tag: u32, light: Light) -> Vec<u8> {
         words(&[MAGIC, tag, 0, 0x10, light.values().1])
     }
 
-    /// Sets the tilt, whole degrees.
+    /// Message that sets the tilt, rounded to whole degrees.
     pub fn tilt(tag: u32, degrees: f32) -> Vec<u8> {
-        let degrees = (limited(degrees).round() as i32).cast_unsigned();
+        let degrees = (clamp_tilt(degrees).round() as i32).cast_unsigned();
         words(&[MAGIC, tag, 0, 0x803b, degrees])
     }
 
-    /// True if `bytes` is the status "done" for `tag`.
+    /// Whether `bytes` is the status "done" for `tag`.
     pub fn is_done(bytes: &[u8], tag: u32) -> bool {
         bytes.len() == STATUS && bytes == words(&[STATUS_MAGIC, tag, 0])
     }
 
-    /// The device's side: status of the message with `tag`.
+    /// Device side: status "done" for `tag`.
     pub fn status(tag: u32) -> Vec<u8> {
         words(&[STATUS_MAGIC, tag, 0])
     }

@@ -5,9 +5,9 @@
 //!        'R'  'B'  0    flag  ?    sequence  size   time, 60 MHz, little e.  payload
 //! ```
 //!
-//! The high nibble of the flag names the stream (7 depth, 8 colour), the low nibble the place in the picture (1 first,
-//! 2 middle, 5 last). `sequence` counts the packets of one stream, 8 bits, across pictures. `size` is the length of the
-//! packet, big endian; it is written here but not relied upon, since no common driver checks it.
+//! The high nibble of the flag is the stream (7 depth, 8 colour), the low nibble the position in the picture (1 first, 2 middle,
+//! 5 last). `sequence` counts the packets of one stream modulo 256, across pictures. `size` is the length of the packet, big
+//! endian; it is written but not checked, as in common drivers.
 
 use super::device::Stream;
 
@@ -15,34 +15,34 @@ use super::device::Stream;
 pub const HEADER: usize = 12;
 /// First two bytes of each packet.
 pub const MAGIC: [u8; 2] = *b"RB";
-/// The camera's clock.
+/// Rate of the camera's counter, Hz.
 pub const TICKS_PER_SECOND: u32 = 60_000_000;
-/// Ticks from picture to picture at 30 Hz.
+/// Ticks between pictures at 30 Hz.
 pub const TICKS_PER_PICTURE: u32 = TICKS_PER_SECOND / 30;
-/// Longest packet either stream sends.
+/// Longest packet of either stream, bytes.
 pub const LONGEST: usize = 1920;
 
-/// Where in its picture a packet belongs.
+/// Position of a packet in its picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
-    /// Opens the picture.
+pub enum Position {
+    /// First packet.
     First = 1,
-    /// Between the two.
+    /// Any packet in between.
     Middle = 2,
-    /// Closes the picture.
+    /// Last packet.
     Last = 5,
 }
 
-/// The header's content.
+/// Content of a header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Which picture stream.
+    /// Stream of the packet.
     pub stream: Stream,
-    /// Where in the picture.
-    pub place: Place,
-    /// Running number of the packet in its stream.
+    /// Position in the picture.
+    pub position: Position,
+    /// Number of the packet in its stream, modulo 256.
     pub sequence: u8,
-    /// 60 MHz counter, wraps after 71.6 s.
+    /// Time stamp of the picture: 60 MHz counter, wraps after 71.6 s.
     pub ticks: u32,
 }
 
@@ -54,19 +54,19 @@ const fn stream_nibble(stream: Stream) -> u8 {
 }
 
 impl Header {
-    /// Reads the header of a packet that came on `stream`; the payload follows at byte [`HEADER`]. `None` if it is too short for
-    /// one, or begins with another magic or a flag that is none of this stream.
+    /// Parses the header of a packet received on `stream`; the payload starts at byte [`HEADER`]. `None` if the packet is too short
+    /// or has another magic or an invalid flag.
     pub fn parse(bytes: &[u8], stream: Stream) -> Option<Self> {
         let [m0, m1, _, flag, _, sequence, _, _, ticks @ ..] = *bytes.first_chunk::<HEADER>()?;
-        let place = match flag ^ stream_nibble(stream) {
-            1 => Place::First,
-            2 => Place::Middle,
-            5 => Place::Last,
+        let position = match flag ^ stream_nibble(stream) {
+            1 => Position::First,
+            2 => Position::Middle,
+            5 => Position::Last,
             _ => return None,
         };
         let header = Self {
             stream,
-            place,
+            position,
             sequence,
             ticks: u32::from_le_bytes(ticks),
         };
@@ -77,7 +77,7 @@ impl Header {
     pub fn emit(&self, payload: usize) -> [u8; HEADER] {
         let mut header = [0; HEADER];
         header[..2].copy_from_slice(&MAGIC);
-        header[3] = stream_nibble(self.stream) | self.place as u8;
+        header[3] = stream_nibble(self.stream) | self.position as u8;
         header[5] = self.sequence;
         let size = u16::try_from(HEADER + payload).unwrap_or(u16::MAX);
         header[6..8].copy_from_slice(&size.to_be_bytes());
@@ -94,7 +94,7 @@ mod tests {
     fn known_bytes() {
         let header = Header {
             stream: Stream::Depth,
-            place: Place::Last,
+            position: Position::Last,
             sequence: 0xfe,
             ticks: 0x0403_0201,
         };
@@ -113,7 +113,7 @@ mod tests {
             let stream = Stream::BOTH[random.usize(..2)];
             let header = Header {
                 stream,
-                place: [Place::First, Place::Middle, Place::Last][random.usize(..3)],
+                position: [Position::First, Position::Middle, Position::Last][random.usize(..3)],
                 sequence: random.u8(..),
                 ticks: random.u32(..),
             };

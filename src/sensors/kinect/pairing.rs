@@ -1,17 +1,15 @@
 //! Pairs colour pictures with depth pictures.
 //!
-//! Both streams carry timestamps of the same clock (60 MHz, wraps after 71.6 s) at one rate, in step or at a constant
-//! offset. A depth picture is paired with the colour picture whose stamp, less the offset learned so far, is nearest, if it
-//! is within half a picture's time. At equal rates there is at most one such picture, so the pair is made when the second
-//! of the two arrives, without waiting. The offset is learned slowly and kept within one period, so that jitter around half
-//! a period does not make the choice flip.
+//! Both streams have time stamps of the same clock (60 MHz, wraps after 71.6 s) and the same rate, with a constant offset. A depth
+//! picture is paired with the colour picture whose stamp, minus the learned offset, is within half a period. At equal rates there is
+//! at most one, so the pair is complete when the second of the two arrives. The offset is learned slowly and kept within one
+//! period, so that jitter around half a period does not make the choice flip.
 //!
-//! While no colour comes ([`Pairing::alone`]) each depth picture that is replaced by the next is passed on alone, one
-//! period late, so that returning colour finds its partner.
+//! Without colour ([`Pairing::depth_only`]), a depth picture is delivered when the next one replaces it, one period late, so that
+//! returning colour finds its partner.
 //!
-//! Memory: one picture per stream, allocated once: they come in turn, so of two that wait the newer one will find its partner,
-//! and the older one is dropped and counted. A pair stays in the buffers where its halves waited until it is swapped for
-//! free ones.
+//! Memory: one waiting picture per stream, allocated once. A newer picture of the same stream replaces the waiting one, which is
+//! counted as unpaired. A pair stays in these buffers until it is swapped for free ones.
 
 use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;
@@ -19,42 +17,44 @@ use super::stream::Layout;
 use mien_stages::base::defaults;
 use mien_stages::base::prelude::*;
 
-const HALF: u32 = TICKS_PER_PICTURE / 2;
-/// The offset follows a difference by one part in this many: a second or so.
-const SLOWNESS: i32 = 16;
+/// Largest residual of a pair, ticks.
+const HALF_PERIOD: u32 = TICKS_PER_PICTURE / 2;
+/// The offset moves by 1/16 of each residual: a time constant of about half a second.
+const OFFSET_SMOOTHING: i32 = 16;
 
 fn pictures() -> [Box<[u8]>; 2] {
-    Stream::BOTH.map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice())
+    Stream::BOTH.map(|stream| vec![0; Layout::new(stream).bytes].into_boxed_slice())
 }
 
 defaults! {
-    /// A depth picture and the colour picture of the same moment, if there is one, as they came.
+    /// A depth picture and the colour picture of the same moment, if there is one, as received.
     #[derive(Clone, Debug)]
     pub struct RawPair {
         /// Number of the depth picture among all whole ones since the start, from 0.
         pub number: u64 = 0,
-        /// Stamps by stream, 60 MHz.
+        /// Time stamps by stream, 60 MHz ticks.
         pub ticks: [u32; 2] = [0; 2],
-        /// Whether there is a colour picture; what its bytes and its stamp say is of no meaning if not.
+        /// Whether there is a colour picture; if not, its bytes and stamp are meaningless.
         pub has_colour: bool = true,
-        /// Picture bytes by stream: Bayer, packed depth.
+        /// Bytes of the pictures by stream: Bayer, packed depth.
         pub pictures: [Box<[u8]>; 2] = pictures(),
     }
 
-    /// Holds the pictures that wait for their other half.
+    /// Holds the pictures that wait for a partner.
     pub struct Pairing {
-        /// Number and stamp of the picture that waits, by stream.
+        /// Number and time stamp of the waiting picture, by stream.
         waiting: [Option<(u64, u32)>; 2] = [None; 2],
         pictures: [Box<[u8]>; 2] = pictures(),
+        /// Learned offset, colour minus depth, ticks.
         offset: i32 = 0,
-        /// Pictures by stream that found no partner.
+        /// Pictures without a partner, by stream.
         pub unpaired: [u64; 2] = [0; 2],
-        /// Whether depth pictures that find no partner are handed on by themselves.
-        pub alone: bool = false,
+        /// Whether depth pictures without a partner are delivered without colour.
+        pub depth_only: bool = false,
     }
 }
 
-/// A pair just made, where its halves waited, or a depth picture alone.
+/// A pair, or a depth picture without colour, still in the buffers of [`Pairing`].
 pub struct Paired<'a> {
     number: u64,
     ticks: [u32; 2],
@@ -63,7 +63,7 @@ pub struct Paired<'a> {
 }
 
 impl Paired<'_> {
-    /// Puts the pair into `pair`, whose buffers take its place.
+    /// Moves the content into `pair` by swapping buffers.
     pub fn swap_into(self, pair: &mut RawPair) {
         (pair.number, pair.ticks) = (self.number, self.ticks);
         pair.has_colour = self.has_colour();
@@ -74,21 +74,21 @@ impl Paired<'_> {
         }
     }
 
-    /// Whether it is a pair.
+    /// Whether there is a colour picture.
     pub const fn has_colour(&self) -> bool {
         self.colour.is_some()
     }
 }
 
 impl Pairing {
-    /// Forgets what waits and the offset: after the camera's clock may have restarted.
+    /// Discards waiting pictures and the offset; to be called when the camera's clock may have restarted.
     pub fn restart(&mut self) {
         self.offset = 0;
         self.waiting = [None; 2];
     }
 
-    /// Takes picture `number` of a stream (its buffer is swapped for a free one). A pair if that made one; it is gone with
-    /// the next picture. So is a depth picture alone, which comes when the next one takes its place.
+    /// Takes picture `number` of a stream, swapping its buffer for a free one. Returns a completed pair or, with `depth_only`, the
+    /// depth picture that the new one replaces; valid until the next call.
     pub fn offer<'a>(
         &'a mut self,
         stream: Stream,
@@ -96,24 +96,24 @@ impl Pairing {
         ticks: u32,
         picture: &'a mut Box<[u8]>,
     ) -> Option<Paired<'a>> {
-        let own = stream.index();
-        let before = self.waiting[own].replace((number, ticks));
-        self.unpaired[own] += u64::from(before.is_some());
-        core::mem::swap(&mut self.pictures[own], picture);
+        let index = stream.index();
+        let replaced = self.waiting[index].replace((number, ticks));
+        self.unpaired[index] += u64::from(replaced.is_some());
+        core::mem::swap(&mut self.pictures[index], picture);
         if let [Some((_, colour)), Some((number, depth))] = self.waiting
-            && let Some(miss) = self.miss(colour, depth)
+            && let Some(residual) = self.residual(colour, depth)
         {
-            self.learn(miss);
+            self.update_offset(residual);
             self.waiting = [None; 2];
-            let [of_colour, of_depth] = &mut self.pictures;
+            let [colour_buffer, depth_buffer] = &mut self.pictures;
             return Some(Paired {
                 number,
                 ticks: [colour, depth],
-                colour: Some(of_colour),
-                depth: of_depth,
+                colour: Some(colour_buffer),
+                depth: depth_buffer,
             });
         }
-        let (number, ticks) = before.filter(|_| self.alone && stream == Stream::Depth)?;
+        let (number, ticks) = replaced.filter(|_| self.depth_only && stream == Stream::Depth)?;
         Some(Paired {
             number,
             ticks: [0, ticks],
@@ -122,14 +122,15 @@ impl Pairing {
         })
     }
 
-    /// The stamps' difference, less what is usual, if that is near enough.
-    fn miss(&self, colour: u32, depth: u32) -> Option<i32> {
+    /// Difference of the stamps minus the offset, ticks; `None` if it is more than half a period.
+    fn residual(&self, colour: u32, depth: u32) -> Option<i32> {
         let difference = colour.wrapping_sub(depth).cast_signed();
-        Some(difference.wrapping_sub(self.offset)).filter(|miss| miss.unsigned_abs() <= HALF)
+        Some(difference.wrapping_sub(self.offset))
+            .filter(|residual| residual.unsigned_abs() <= HALF_PERIOD)
     }
 
-    fn learn(&mut self, miss: i32) {
-        self.offset += miss / SLOWNESS;
+    fn update_offset(&mut self, residual: i32) {
+        self.offset += residual / OFFSET_SMOOTHING;
         // Beyond three quarters of a period the next picture is the natural partner.
         let period = TICKS_PER_PICTURE.cast_signed();
         if self.offset.abs() > period * 3 / 4 {
@@ -142,7 +143,7 @@ impl Pairing {
 mod tests {
     use super::*;
 
-    const HALF: i32 = super::HALF.cast_signed();
+    const HALF_PERIOD: i32 = super::HALF_PERIOD.cast_signed();
 
     struct Bench {
         pairing: Pairing,
@@ -177,11 +178,11 @@ mod tests {
             let mut random = fastrand::Rng::with_seed(seed);
             let mut bench = Bench::new();
             let start = u32::MAX - TICKS_PER_PICTURE * 5;
-            let offset = random.i32(-HALF * 4 / 5..HALF * 4 / 5);
+            let offset = random.i32(-HALF_PERIOD * 4 / 5..HALF_PERIOD * 4 / 5);
             let (mut made, mut expected) = (0, 0);
             for number in 0..40u8 {
                 let base = start.wrapping_add(u32::from(number) * TICKS_PER_PICTURE);
-                let jitter = random.i32(-HALF / 10..HALF / 10);
+                let jitter = random.i32(-HALF_PERIOD / 10..HALF_PERIOD / 10);
                 let colour = base.wrapping_add_signed(offset + jitter);
                 // One of four pictures does not come.
                 let came = [random.u8(..4) > 0, random.u8(..4) > 0];
@@ -214,9 +215,9 @@ mod tests {
             let jitter = if number < 60 {
                 0
             } else {
-                random.i32(-HALF / 10..HALF / 10)
+                random.i32(-HALF_PERIOD / 10..HALF_PERIOD / 10)
             };
-            let colour = base.wrapping_add_signed(HALF * 96 / 100 + jitter);
+            let colour = base.wrapping_add_signed(HALF_PERIOD * 96 / 100 + jitter);
             for (stream, ticks) in [(Stream::Depth, base), (Stream::Colour, colour)] {
                 if let Some([colour, depth]) = bench.offer(stream, number, ticks) {
                     relations[usize::from(colour.wrapping_sub(depth).wrapping_add(1))] += 1;
@@ -229,7 +230,7 @@ mod tests {
     #[test]
     fn depth_alone_comes_one_picture_late_and_whole_until_colour_is_back() {
         let mut bench = Bench::new();
-        bench.pairing.alone = true;
+        bench.pairing.depth_only = true;
         let mut came = Vec::new();
         for number in 0..20u8 {
             let ticks = u32::from(number) * TICKS_PER_PICTURE;
@@ -304,19 +305,19 @@ mod tests {
     #[test]
     fn three_quarters_of_a_period_are_still_this_pictures() {
         let period = TICKS_PER_PICTURE.cast_signed();
-        let learned = |offset: i32, miss: i32| {
+        let learned = |offset: i32, residual: i32| {
             let mut pairing = Pairing {
                 offset,
                 ..Pairing::default()
             };
-            pairing.learn(miss);
+            pairing.update_offset(residual);
             pairing.offset
         };
         let edge = period * 3 / 4;
         for side in [-1, 1] {
             assert_eq!(learned(side * edge, 0), side * edge);
             assert_eq!(
-                learned(side * edge, side * SLOWNESS),
+                learned(side * edge, side * OFFSET_SMOOTHING),
                 side * (edge + 1 - period)
             );
         }

@@ -1,29 +1,29 @@
-//! The camera's wrapping 60 MHz counter to a running time.
+//! Converts the camera's wrapping 60 MHz counter to capture time.
 
 use core::time::Duration;
 
 use super::packet::TICKS_PER_SECOND;
 use mien_stages::base::time::Timestamp;
 
-/// Ticks of the 60 MHz counter from picture to picture, at 30 pictures a second.
+/// Ticks of the 60 MHz counter between pictures at 30 Hz.
 pub const FRAME_TICKS: i64 = 2_000_000;
 
-/// Capture time of unwrapped 60 MHz ticks since the first depth picture, rounded down to whole microseconds. Every source
-/// goes through here, so that a run and its replay agree to the bit.
+/// Capture time of unwrapped 60 MHz ticks since the first depth picture, rounded down to whole microseconds. Every source uses this
+/// function, so that a run and its replay have identical times.
 pub fn timestamp_from_ticks(ticks: i64) -> Timestamp {
     Timestamp::from_us(ticks.max(0).unsigned_abs() / 60)
 }
 
-/// Tells the depth pictures' time since the first one. It goes on across the counter's wrap and a restart of the camera.
+/// Capture time of depth pictures since the first one, continued across wraps of the counter and restarts of the camera.
 #[derive(Clone, Debug, Default)]
 pub struct PictureClock {
     last: Option<u32>,
-    /// Since the first picture.
+    /// Unwrapped ticks since the first picture.
     ticks: u64,
 }
 
 impl PictureClock {
-    /// Time of the picture stamped `ticks`. Pictures come less than 71 s apart, or [`Self::restart`] comes between them.
+    /// Capture time of the picture stamped `ticks`. Requires less than 71 s since the last picture, or a call of [`Self::restart`].
     pub fn stamp(&mut self, ticks: u32) -> Timestamp {
         if let Some(last) = self.last {
             self.ticks += u64::from(ticks.wrapping_sub(last));
@@ -32,7 +32,7 @@ impl PictureClock {
         timestamp_from_ticks(self.ticks.cast_signed())
     }
 
-    /// The camera's counter can no longer be trusted: the next picture comes `pause` after the last one.
+    /// The camera's counter has restarted: the next picture is dated `pause` after the last one.
     pub fn restart(&mut self, pause: Duration) {
         if self.last.take().is_some() {
             let ticks = pause.as_nanos() * u128::from(TICKS_PER_SECOND) / 1_000_000_000;

@@ -7,14 +7,12 @@
 //! | `a-<wall s>-<ticks>.dump` | acceleration and tilt; not used |
 //! | `device.json` | calibration of the sensor; optional, the nominal one without it |
 //!
-//! Ticks are the camera's 60 MHz counter and the only clock used here: wall time depends on when the recording computer
-//! handled the picture. `index` unwraps them and pairs the pictures, `write` is the other direction, [`device`] the
-//! calibration.
+//! Ticks are the camera's 60 MHz counter and the only clock used, because wall time depends on when the recording computer handled
+//! the picture. `index` unwraps them and pairs the pictures, `write` records, [`device`] reads the calibration.
 //!
-//! A depth picture without a colour picture, or whose colour picture is missing, is a frame without colour. Any other
-//! damaged or missing file skips its frame with a warning and a count and never ends the run; anything but a regular file
-//! (a pipe) is skipped without waiting. Memory: 0.9 MB of reused scratch and about 60 bytes per picture of the index;
-//! nothing is allocated per frame. Cost: reading 1.5 MB per frame.
+//! A depth picture without a colour picture is a frame without colour. Any other damaged or missing file skips its frame with a
+//! warning and a count and never ends the run; files that are not regular (a pipe) are skipped without waiting. Memory: 0.9 MB of
+//! reused scratch and about 60 bytes per picture of the index; nothing is allocated per frame. Cost: reading 1.5 MB per frame.
 
 pub mod device;
 mod index;
@@ -26,7 +24,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::colour;
-use super::frame::{Developed, Original};
+use super::frame::{FrameSink, Original};
 use super::picture_clock::timestamp_from_ticks;
 use super::registration::Registration;
 use crate::NO_DEPTH;
@@ -34,23 +32,24 @@ use crate::picture_file::{Damage, PictureFile, RecordingError, Skipped};
 use index::{Entry, Index};
 use mien_stages::base::bounded_read::{self, reason};
 use mien_stages::base::capacity::{HEIGHT, WIDTH};
-use mien_stages::base::vectors::wide;
+use mien_stages::base::vectors::with_avx2;
 use mien_stages::camera::Camera;
 use write::{DEVICE_NAME, INDEX_NAME};
 
-/// Bytes and pictures of the longest index: nine hours of both streams at 30 a second, which take a terabyte and a half.
-const INDEX_MOST: [usize; 2] = [1 << 26, 1 << 21];
-/// A recording that is played.
+/// Limits on the index, bytes and pictures: nine hours of both streams at 30 Hz, 1.5 TB.
+const INDEX_MAX: [usize; 2] = [1 << 26, 1 << 21];
+
+/// A recording being played.
 pub struct Recording {
-    /// Calibration of the sensor that was recorded, or the nominal one.
+    /// Calibration of the recorded sensor, or the nominal one.
     pub registration: Registration,
-    /// The same in the form the stages use.
+    /// Geometry by this calibration, for the stages.
     pub camera: Camera,
     index: Index,
     next: usize,
     skipped: Skipped,
-    /// Whether it was logged that a colour picture is missing.
-    told_missing: bool,
+    /// Whether a missing colour picture has been logged.
+    missing_logged: bool,
     directory: PathBuf,
     /// The path being read; kept to reuse its memory.
     path: PathBuf,
@@ -61,16 +60,16 @@ impl Recording {
     /// Opens the recording in `directory`.
     ///
     /// # Errors
-    /// If there is no index, or none that names a depth picture, or `device.json` is there and unusable.
+    /// If the index is missing or names no depth picture, or `device.json` exists and is unusable.
     pub fn open(directory: &Path) -> Result<Self, RecordingError> {
         let path = directory.join(INDEX_NAME);
-        let text = bounded_read::regular(&path, INDEX_MOST[0]).and_then(|text| {
+        let text = bounded_read::read_regular(&path, INDEX_MAX[0]).and_then(|text| {
             let text = String::from_utf8_lossy(&text).into_owned();
-            let fits = index::names(&text).count() <= INDEX_MOST[1];
+            let fits = index::names(&text).count() <= INDEX_MAX[1];
             fits.then_some(text).ok_or(ErrorKind::FileTooLarge.into())
         });
         let text = text.map_err(|problem| match problem.kind() {
-            ErrorKind::Other | ErrorKind::FileTooLarge => RecordingError::of_file(&path, &problem),
+            ErrorKind::Other | ErrorKind::FileTooLarge => RecordingError::from_io(&path, &problem),
             _ => RecordingError(path.clone(), format!("cannot be read ({}); a recording is a directory with INDEX.txt and the files that it lists", reason(&problem))),
         })?;
         let index = Index::parse(&text);
@@ -84,33 +83,33 @@ impl Recording {
             index,
             next: 0,
             skipped: Skipped::default(),
-            told_missing: false,
+            missing_logged: false,
             directory: directory.to_path_buf(),
-            // Long enough for any name, so that no frame makes it grow.
+            // Capacity for the longest file name, so that no frame allocates.
             path: PathBuf::with_capacity(directory.as_os_str().len() + 256),
             file: PictureFile::new(colour::RGB_BYTES),
         })
     }
 
-    /// Depth pictures the index names, skipped ones included.
+    /// Number of depth pictures in the index, skipped ones included.
     pub fn frames(&self) -> usize {
         self.index.depth.len()
     }
 
-    /// Frames skipped so far because a file of theirs is damaged or missing.
+    /// Number of frames skipped so far because of a damaged or missing file.
     pub fn skipped(&self) -> u64 {
         self.skipped.0
     }
 
-    /// Plays on from the depth picture of this number, as [`crate::Frame::index`] counts.
-    pub fn go_to(&mut self, number: usize) {
+    /// Continues at the depth picture with this [`crate::Frame::index`].
+    pub fn seek(&mut self, number: usize) {
         let mut numbers = self.index.depth.iter().map(|depth| depth.number);
         let at = numbers.position(|known| known == number);
         self.next = at.unwrap_or(self.index.depth.len());
     }
 
-    /// Fills `frame` with the next whole frame; `false` at the end.
-    pub fn next_frame(&mut self, frame: &mut impl Developed) -> bool {
+    /// Fills `frame` with the next undamaged frame; `false` at the end.
+    pub fn next_frame(&mut self, frame: &mut impl FrameSink) -> bool {
         while self.next < self.index.depth.len() {
             let at = self.next;
             self.next += 1;
@@ -125,7 +124,7 @@ impl Recording {
         false
     }
 
-    fn read(&mut self, at: usize, into: &mut impl Developed) -> Result<(), Damage> {
+    fn read(&mut self, at: usize, into: &mut impl FrameSink) -> Result<(), Damage> {
         let (frame, mut original) = into.parts();
         let depth = self.index.depth[at];
         self.path.clone_from(&self.directory);
@@ -138,11 +137,11 @@ impl Recording {
             None => "its name is malformed, expected d-<wall s>-<ticks>.pgm",
         }))?;
         let pixels = self.file.read(&self.path, [WIDTH, HEIGHT])?;
-        if pixels.channels != 1 || !pixels.wide {
+        if pixels.channels != 1 || !pixels.is_16_bit {
             return Err(Damage::Kind("a 16-bit grey picture, as raw depth is"));
         }
-        // fakenect copies memory: not the format's byte order.
-        let largest = wide(|| {
+        // Little endian, unlike the format: fakenect copies memory.
+        let largest = with_avx2(|| {
             let mut largest = 0;
             for (raw, bytes) in frame.depth.iter_mut().zip(pixels.body.as_chunks().0) {
                 *raw = u16::from_le_bytes(*bytes);
@@ -174,14 +173,16 @@ impl Recording {
         Ok(())
     }
 
-    /// Reads a colour picture; `None` if there is no such file, as in a recording of which only depth was kept: that is logged
-    /// once.
+    /// Reads a colour picture as RGB; `None` if the file is missing, which is logged once: some recordings keep only depth.
+    ///
+    /// # Errors
+    /// If the file is damaged.
     fn read_colour(&mut self, colour: &Entry) -> Result<Option<&[u8]>, Damage> {
         self.path.clone_from(&self.directory);
         self.path.push(self.index.name(colour));
         match self.file.read(&self.path, [WIDTH, HEIGHT]) {
             Err(Damage::Unreadable(error)) if error.kind() == ErrorKind::NotFound => {
-                if !core::mem::replace(&mut self.told_missing, true) {
+                if !core::mem::replace(&mut self.missing_logged, true) {
                     let file = self.path.display();
                     tracing::warn!(
                         "{file} is missing; frames whose colour picture is missing play without colour"
@@ -189,7 +190,7 @@ impl Recording {
                 }
                 Ok(None)
             }
-            Ok(pixels) if pixels.channels != 3 || pixels.wide => {
+            Ok(pixels) if pixels.channels != 3 || pixels.is_16_bit => {
                 Err(Damage::Kind("an 8-bit colour picture"))
             }
             read => Ok(Some(read?.body)),

@@ -1,32 +1,31 @@
-//! Packets of one stream to whole pictures. A picture is delivered whole or not at all, and losses are counted by reason.
+//! Assembles the packets of one stream to whole pictures; incomplete pictures are discarded, and losses are counted by reason.
 //!
-//! A picture is whole if all its packets arrived, in sequence, with the flag and length their position demands. The 8-bit
-//! sequence alone would mistake a loss of 256 + k packets for one of k; here any gap ends the picture, and a loss of a
-//! multiple of 256 shows when the last flag arrives at the wrong place. Only a loss of exactly 128 pictures (4.3 s) would
-//! pass; the driver restarts a stream that is silent for a second.
+//! A picture is whole if all its packets arrive in sequence, with the flag and length of their position. Any gap in the 8-bit
+//! sequence ends the picture; a loss of a multiple of 256 packets shows because the last flag arrives at the wrong position. Only a
+//! loss of exactly 128 pictures (4.3 s) would pass, but the driver restarts a stream that is silent for a second.
 //!
-//! Memory: one picture, allocated once, plus what the caller swaps in. Cost: one copy of the payload. Limitations: a run of
-//! lost packets longer than 255 is counted modulo 256; damage inside the payload is visible only if the bus reports it.
+//! Memory: one picture, allocated once. Cost: one copy of the payload. Limitations: runs of more than 255 lost packets are counted
+//! modulo 256; damage inside the payload is detected only if the bus reports it.
 
 use super::device::Stream;
-use super::packet::{HEADER, Header, Place};
+use super::packet::{HEADER, Header, Position};
 use super::unpack::PACKED_DEPTH;
 use mien_stages::base::capacity::PIXELS;
 #[cfg(not(feature = "std"))]
 use mien_stages::base::prelude::*;
 
-/// How a stream's pictures are cut into packets.
+/// Division of a stream's pictures into packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Bytes of a picture.
     pub bytes: usize,
-    /// Payload of every packet but the last.
+    /// Bytes of payload of every packet but the last.
     pub payload: usize,
 }
 
 impl Layout {
-    /// Of the formats used: packed 11-bit depth and Bayer, both 640×480.
-    pub const fn of(stream: Stream) -> Self {
+    /// Layout of the formats used: packed 11-bit depth and Bayer, both 640×480.
+    pub const fn new(stream: Stream) -> Self {
         match stream {
             Stream::Depth => Self {
                 bytes: PACKED_DEPTH,
@@ -39,61 +38,61 @@ impl Layout {
         }
     }
 
-    /// Packets of a picture.
+    /// Number of packets of a picture.
     pub const fn packets(&self) -> usize {
         self.bytes.div_ceil(self.payload)
     }
 
-    /// Bytes of the picture that packet `number` carries.
+    /// Range of the picture's bytes in packet `number`.
     pub fn range(&self, number: usize) -> core::ops::Range<usize> {
         let start = number * self.payload;
         start..self.bytes.min(start + self.payload)
     }
 
-    /// Flag of packet `number`.
-    pub const fn place(&self, number: usize) -> Place {
+    /// Position of packet `number`.
+    pub const fn position(&self, number: usize) -> Position {
         if number == 0 {
-            Place::First
+            Position::First
         } else if number + 1 == self.packets() {
-            Place::Last
+            Position::Last
         } else {
-            Place::Middle
+            Position::Middle
         }
     }
 }
 
-/// What happened on one stream, by reason. Packets unless said otherwise.
+/// Counters of one stream; of packets unless stated otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Pictures delivered whole.
     pub pictures: u64,
-    /// Pictures begun (or found running) and given up.
+    /// Pictures discarded as incomplete.
     pub broken: u64,
     /// Packets with a valid header.
     pub packets: u64,
-    /// Missing from the sequence, those with an error of the bus among them.
+    /// Missing from the sequence, including those with bus errors.
     pub lost: u64,
-    /// Came twice; the second was ignored.
+    /// Received twice; the second one was ignored.
     pub repeated: u64,
-    /// Header unreadable.
+    /// Invalid header.
     pub damaged: u64,
-    /// Microframes that the bus reported bad, with or without a packet in them.
+    /// Microframes with a bus error, with or without a packet.
     pub bus_errors: u64,
-    /// Header whole, payload of the wrong length; or too short for a header.
+    /// Wrong length of payload, or too short for a header.
     pub wrong_length: u64,
-    /// Flag does not fit the place in the picture.
+    /// Flag does not match the position in the picture.
     pub misplaced: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// Switched on in the middle of a picture: wait for the next.
+    /// Just started, possibly in the middle of a picture: wait for the next one.
     Joining,
     /// The next packet opens a picture.
     Between,
-    /// So many packets are in.
+    /// This number of packets has been received.
     Filling(usize),
-    /// Given up; wait for the next picture.
+    /// Discarded: wait for the next picture.
     Broken,
 }
 
@@ -101,20 +100,20 @@ enum State {
 pub struct Assembler {
     stream: Stream,
     layout: Layout,
-    /// The buffer behind the picture that [`Self::push`] has just completed; it may be swapped for another of the same length.
+    /// The picture, valid when [`Self::push`] has just completed it; may be swapped for another buffer of the same length.
     pub picture: Box<[u8]>,
     state: State,
     previous: Option<Header>,
-    /// Packets since `previous` that came but could not be read: their numbers are missing without being lost.
+    /// Unreadable packets since `previous`, whose sequence numbers are missing but not lost.
     unreadable: u8,
-    /// Counts so far.
+    /// Counters so far.
     pub tally: Tally,
 }
 
 impl Assembler {
-    /// Waits for the first picture of `stream`.
+    /// An assembler waiting for the first picture of `stream`.
     pub fn new(stream: Stream) -> Self {
-        let layout = Layout::of(stream);
+        let layout = Layout::new(stream);
         Self {
             stream,
             layout,
@@ -126,16 +125,16 @@ impl Assembler {
         }
     }
 
-    /// Forgets the picture in progress and the sequence, keeps the tally: after the stream was stopped.
+    /// Discards the picture in progress and the sequence, after the stream was stopped; keeps the counters.
     pub fn restart(&mut self) {
         (self.state, self.previous, self.unreadable) = (State::Joining, None, 0);
     }
 
-    /// Takes what came in one microframe. `Some(ticks)` if that completed a picture; it stays in [`Self::picture`] until
+    /// Takes the bytes of one microframe. Returns the time stamp if they complete a picture, which stays in [`Self::picture`] until
     /// the next call.
     pub fn push(&mut self, intact: bool, bytes: &[u8]) -> Option<u32> {
         if !intact {
-            // Whether the microframe held a packet, and so a number, only the sequence can tell.
+            // Only the sequence shows whether the microframe had a packet.
             self.tally.bus_errors += 1;
             return None;
         }
@@ -161,34 +160,36 @@ impl Assembler {
             let gap = step.wrapping_sub(1);
             if gap != 0 {
                 self.tally.lost += u64::from(gap.saturating_sub(self.unreadable));
-                self.give_up();
+                self.abandon_picture();
             }
         }
         self.unreadable = 0;
         self.previous = Some(header);
-        self.place(header, &bytes[HEADER..])
+        self.insert(header, &bytes[HEADER..])
     }
 
-    fn give_up(&mut self) {
-        // Between pictures nothing is spoilt: if a first packet was lost, its followers show it.
+    fn abandon_picture(&mut self) {
+        // Between pictures nothing is lost yet: a lost first packet shows at the next one.
         if let State::Filling(_) = self.state {
             self.tally.broken += 1;
             self.state = State::Broken;
         }
     }
 
-    fn place(&mut self, header: Header, payload: &[u8]) -> Option<u32> {
-        let number = match (self.state, header.place) {
-            (State::Filling(number), place) if place == self.layout.place(number) => number,
+    fn insert(&mut self, header: Header, payload: &[u8]) -> Option<u32> {
+        let number = match (self.state, header.position) {
+            (State::Filling(number), position) if position == self.layout.position(number) => {
+                number
+            }
             (State::Filling(_), _) => {
                 self.tally.misplaced += 1;
-                self.give_up();
-                if header.place != Place::First {
+                self.abandon_picture();
+                if header.position != Position::First {
                     return None;
                 }
                 0
             }
-            (_, Place::First) => 0,
+            (_, Position::First) => 0,
             (State::Between, _) => {
                 self.tally.broken += 1;
                 self.state = State::Broken;
@@ -204,7 +205,7 @@ impl Assembler {
             return None;
         }
         self.picture[range].copy_from_slice(payload);
-        if header.place == Place::Last {
+        if header.position == Position::Last {
             self.state = State::Between;
             self.tally.pictures += 1;
             return Some(header.ticks);
@@ -214,21 +215,21 @@ impl Assembler {
     }
 }
 
-/// Cuts a picture into packets: the camera's side of [`Assembler`].
+/// Cuts pictures into packets; the camera's counterpart of [`Assembler`].
 #[derive(Clone, Debug)]
 pub struct Cutter {
     stream: Stream,
-    /// How pictures are cut.
+    /// Division of the pictures.
     pub layout: Layout,
     sequence: u8,
 }
 
 impl Cutter {
-    /// Starts at `sequence`, which the camera chooses as it likes.
+    /// Numbers packets from `sequence`, which is arbitrary.
     pub const fn new(stream: Stream, sequence: u8) -> Self {
         Self {
             stream,
-            layout: Layout::of(stream),
+            layout: Layout::new(stream),
             sequence,
         }
     }
@@ -244,7 +245,7 @@ impl Cutter {
         let payload = &picture[self.layout.range(number)];
         let header = Header {
             stream: self.stream,
-            place: self.layout.place(number),
+            position: self.layout.position(number),
             sequence: self.sequence,
             ticks,
         };

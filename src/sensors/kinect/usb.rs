@@ -1,14 +1,14 @@
 //! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of six files with unsafe code.
 //!
-//! Per stream there are 16 transfers of 16 packets (32 ms of the bus). A completed transfer is queued as it is; when polled,
-//! its packets are read in place and it is resubmitted. A caller that does not poll for 32 ms, for instance during a long
-//! request to the device, misses what arrives meanwhile, which is counted as lost in its stream.
+//! Per stream there are 16 transfers of 16 packets (32 ms of the bus). A completed transfer is queued; `poll` reads its packets in
+//! place and resubmits it. Packets that arrive while the caller does not poll for 32 ms, for instance during a long request to the
+//! device, are lost and counted.
 //!
 //! Everything runs in the thread that owns [`UsbKinect`]: libusb calls back only from within `handle_events` and synchronous
-//! requests, both made here. The type is neither `Send` nor `Sync`, so the compiler holds us to it.
+//! requests, both made here. The type is neither `Send` nor `Sync`, so the compiler enforces this.
 //!
 //! Memory: 0.5 MB per stream, allocated when it is started. Limitation: a device that does not return its cancelled
-//! transfers within two seconds leaks their memory (it is left to libusb on purpose).
+//! transfers within two seconds leaks their memory, because libusb may still write to it.
 #![expect(
     unsafe_code,
     reason = "isochronous transfers exist only in libusb's C interface"
@@ -29,29 +29,29 @@ use rusb::ffi::constants::{
 
 use super::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 use super::packet::LONGEST;
-use super::usb_devices::{self, Opened, REQUEST, plain};
+use super::usb_devices::{self, Opened, REQUEST, device_error};
 use mien_stages::base::capacity::{PACKETS, TRANSFERS};
 use mien_stages::base::defaults;
 
-/// Cancelled transfers come back within this.
+/// Longest wait for cancelled transfers.
 const DRAIN: Duration = Duration::from_secs(2);
 
 defaults! {
-    /// What the callback writes and [`UsbKinect`] reads.
+    /// State written by the callback and read by [`UsbKinect`].
     struct Inbox {
-        /// Landed transfers that hold packets, oldest first: room for all there are.
+        /// Completed transfers with packets, oldest first; has room for all transfers.
         landed: VecDeque<(Stream, *mut ffi::libusb_transfer)> = VecDeque::with_capacity(2 * TRANSFERS),
-        /// Transfers that libusb holds, by stream.
-        flying: [usize; 2] = [0; 2],
+        /// Number of transfers held by libusb, by stream.
+        submitted: [usize; 2] = [0; 2],
         stopping: [bool; 2] = [false; 2],
         gone: bool = false,
     }
 }
 
-/// Transfers of one stream and the memory they land in.
+/// Transfers of one stream and their buffers.
 struct Flight {
     transfers: Vec<*mut ffi::libusb_transfer>,
-    /// Kept because libusb writes into it; read through the transfer.
+    /// Written by libusb; read through the transfer.
     buffers: Vec<Box<[u8]>>,
 }
 
@@ -64,10 +64,10 @@ pub struct UsbKinect {
 }
 
 impl UsbKinect {
-    /// Opens the Kinect with `serial`, or the first that is free; resets its audio device first if asked to.
+    /// Opens the Kinect with `serial`, or the first free one, and resets its audio device if `reset_audio`.
     ///
     /// # Errors
-    /// None there, or none that may be had; each with the way out.
+    /// If there is none, or it cannot be opened.
     pub fn open(serial: Option<&str>, reset_audio: bool) -> Result<Self, DeviceError> {
         Ok(Self {
             flights: [None, None],
@@ -77,11 +77,14 @@ impl UsbKinect {
         })
     }
 
-    /// Lets libusb work for at most `time`.
-    fn events(&self, time: Duration) -> Result<(), DeviceError> {
+    /// Lets libusb process events for at most `time`.
+    ///
+    /// # Errors
+    /// If the device is gone.
+    fn handle_events(&self, time: Duration) -> Result<(), DeviceError> {
         match self.opened.context.handle_events(Some(time)) {
             Ok(()) | Err(rusb::Error::Interrupted) => {}
-            Err(problem) => return Err(plain(problem)),
+            Err(problem) => return Err(device_error(problem)),
         }
         if self.inbox.borrow().gone {
             return Err(DeviceError::Gone);
@@ -109,7 +112,7 @@ impl UsbKinect {
             let transfer = unsafe { ffi::libusb_alloc_transfer(PACKETS as c_int) };
             if transfer.is_null() {
                 free(&mut flight);
-                return Err(plain(rusb::Error::NoMem));
+                return Err(device_error(rusb::Error::NoMem));
             }
             let user_data: *const RefCell<Inbox> = &raw const *self.inbox;
             // SAFETY: `transfer` is valid and not in flight. `buffer` lives in the flight, at a fixed address, until the
@@ -134,12 +137,12 @@ impl UsbKinect {
         Ok(flight)
     }
 
-    /// Hands a transfer that libusb does not hold over to it; its answer.
+    /// Submits a transfer that libusb does not hold; returns libusb's result code.
     fn submit(&self, stream: Stream, transfer: *mut ffi::libusb_transfer) -> c_int {
         // SAFETY: filled in `allocate` and not freed, since it is of a flight; not in flight.
         let result = unsafe { ffi::libusb_submit_transfer(transfer) };
         if result == 0 {
-            self.inbox.borrow_mut().flying[stream.index()] += 1;
+            self.inbox.borrow_mut().submitted[stream.index()] += 1;
         }
         result
     }
@@ -158,15 +161,15 @@ impl UsbKinect {
             }
         }
         let deadline = Instant::now() + DRAIN;
-        while self.inbox.borrow().flying[i] > 0 && Instant::now() < deadline {
-            // The device may be gone; its transfers come back all the same.
-            let _ = self.events(Duration::from_millis(10));
+        while self.inbox.borrow().submitted[i] > 0 && Instant::now() < deadline {
+            // Even if the device is gone, its transfers are returned.
+            let _ = self.handle_events(Duration::from_millis(10));
         }
-        self.inbox.borrow().flying[i] == 0
+        self.inbox.borrow().submitted[i] == 0
     }
 }
 
-/// Frees transfers none of which is in flight.
+/// Frees transfers, none of which may be in flight.
 fn free(flight: &mut Flight) {
     for transfer in flight.transfers.drain(..) {
         // SAFETY: allocated by `libusb_alloc_transfer`, not in flight, and forgotten by the drain.
@@ -175,7 +178,7 @@ fn free(flight: &mut Flight) {
     flight.buffers.clear();
 }
 
-/// The descriptors of a landed transfer's packets, and its bytes.
+/// Packet descriptors and bytes of a completed transfer.
 ///
 /// # Safety
 /// The transfer was filled in [`UsbKinect::allocate`], is not in flight, and stays so as long as the slices are used.
@@ -194,7 +197,7 @@ unsafe fn packets<'a>(
     }
 }
 
-/// A transfer has landed: with packets it is queued, without it is submitted again.
+/// Callback of a completed transfer: queues it if it has packets, else resubmits it.
 extern "system" fn landed(transfer: *mut ffi::libusb_transfer) {
     // SAFETY: libusb hands back a transfer filled in `allocate`, which nobody else touches while the callback runs.
     let (user_data, endpoint, status) = unsafe {
@@ -203,7 +206,7 @@ extern "system" fn landed(transfer: *mut ffi::libusb_transfer) {
     };
     // SAFETY: `user_data` is the boxed inbox, alive while any transfer is in flight, and reached only from this thread.
     let inbox = unsafe { &*user_data.cast::<RefCell<Inbox>>() };
-    // Nobody holds a borrow while libusb works; should it ever be otherwise, the transfer is given up, not the process.
+    // No borrow is held while libusb runs; if one were, the transfer is lost instead of the process.
     let Ok(mut inbox) = inbox.try_borrow_mut() else {
         return;
     };
@@ -224,11 +227,11 @@ extern "system" fn landed(transfer: *mut ffi::libusb_transfer) {
         }
         LIBUSB_TRANSFER_NO_DEVICE => inbox.gone = true,
         LIBUSB_TRANSFER_CANCELLED => inbox.gone |= !inbox.stopping[i],
-        // Anything else is a passing fault of the bus: the gap in the sequence tells.
+        // Any other status is a transient bus fault, visible as a gap in the sequence.
         _ => {}
     }
     if news || inbox.stopping[i] || inbox.gone {
-        inbox.flying[i] -= 1;
+        inbox.submitted[i] -= 1;
         if !inbox.stopping[i] && news {
             inbox.landed.push_back((stream, transfer));
         }
@@ -237,7 +240,7 @@ extern "system" fn landed(transfer: *mut ffi::libusb_transfer) {
     // SAFETY: the transfer has just come back, so it is not in flight; all its memory is as `allocate` left it.
     let result = unsafe { ffi::libusb_submit_transfer(transfer) };
     if result != 0 {
-        inbox.flying[i] -= 1;
+        inbox.submitted[i] -= 1;
         inbox.gone |= result == LIBUSB_ERROR_NO_DEVICE;
     }
 }
@@ -270,7 +273,7 @@ impl PacketSource for UsbKinect {
                 audio.read_bulk(0x81, bytes, REQUEST)
             }
         };
-        sent.map_err(plain)
+        sent.map_err(device_error)
     }
 
     fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
@@ -302,7 +305,7 @@ impl PacketSource for UsbKinect {
         if all_back {
             free(&mut flight);
         } else {
-            // libusb still holds some and may write to them: their memory must stay.
+            // libusb still holds some and may write to them, so their memory is leaked.
             core::mem::forget(flight);
         }
     }
@@ -317,7 +320,7 @@ impl PacketSource for UsbKinect {
         } else {
             Duration::ZERO
         };
-        let mut alive = self.events(wait);
+        let mut alive = self.handle_events(wait);
         loop {
             let next = self.inbox.borrow_mut().landed.pop_front();
             let Some((stream, transfer)) = next else {
@@ -355,7 +358,7 @@ impl PacketSource for UsbKinect {
             if left.is_zero() {
                 return;
             }
-            if self.inbox.borrow().flying == [0; 2] || self.events(left).is_err() {
+            if self.inbox.borrow().submitted == [0; 2] || self.handle_events(left).is_err() {
                 std::thread::sleep(until.saturating_duration_since(Instant::now()));
                 return;
             }
@@ -368,7 +371,7 @@ impl Drop for UsbKinect {
         for stream in Stream::BOTH {
             self.stop(stream);
         }
-        if self.inbox.borrow().flying != [0; 2] {
+        if self.inbox.borrow().submitted != [0; 2] {
             // See `stop`: a late callback would still write here.
             core::mem::forget(core::mem::take(&mut self.inbox));
         }

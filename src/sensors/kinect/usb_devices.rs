@@ -1,9 +1,9 @@
-//! The Kinects on USB: listing, matching, opening, claiming. No pictures yet, no unsafe.
+//! The Kinects on USB: listing, matching, opening, claiming.
 //!
-//! A Kinect is a hub with separate devices behind it: camera, audio, and (first series) motor. The parts of one unit are
-//! matched by their parent hub; else the only one on the same bus; else the only one there is. Cameras of later models
-//! all report the serial `0000000000000000`: the audio device's serial is then used, and if that cannot be read, the bus and
-//! port numbers, which identify a socket rather than a sensor.
+//! A Kinect is a hub with separate devices: camera, audio, and (first series) motor. A part belongs to the camera with the same hub,
+//! or if it is the only one on the same bus, or the only one at all. Cameras of later models all report the serial
+//! `0000000000000000`; then the audio device's serial is used, or if that cannot be read, the bus and port numbers, which identify
+//! a USB port instead of a sensor.
 
 use std::path::Path;
 use std::time::Duration;
@@ -12,21 +12,23 @@ use rusb::{Context, Device, DeviceHandle, Speed, UsbContext};
 
 use super::device::{DeviceError, Model, Stream};
 
+/// Product id of the motor device.
 const MOTOR: u16 = 0x02b0;
+/// Product ids of the audio device.
 const AUDIO: [u16; 4] = [0x02ad, 0x02be, 0x02c3, 0x02bb];
-/// The hub of the later models.
+/// Product id of the later models' hub.
 const HUB: u16 = 0x02c2;
-/// Where Linux keeps the device nodes.
+/// Folder of Linux's device nodes.
 const NODES: &str = "/dev/bus/usb";
-/// Where Linux lists the bound drivers.
+/// Folder in which Linux lists devices and their drivers.
 const SYSFS: &str = "/sys/bus/usb/devices";
 
-/// Who holds the camera's interface.
+/// Current user of the camera's interface.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Driver {
-    /// Nobody.
+    /// None.
     Free,
-    /// A kernel driver, which is detached when the camera is opened.
+    /// A kernel driver, which is detached on opening: its name.
     Kernel(String),
     /// Another program.
     Program,
@@ -35,9 +37,9 @@ pub enum Driver {
 /// One camera on USB.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Listed {
-    /// Which sensor.
+    /// Model of the sensor.
     pub model: Model,
-    /// Serial for `kinect:SERIAL`; see the module's header.
+    /// Serial number for `kinect:SERIAL`; see the module's header.
     pub serial: String,
     /// Speed of the connection; the streams need `480 Mbit/s`.
     pub speed: &'static str,
@@ -45,15 +47,15 @@ pub struct Listed {
     pub bus: u8,
     /// Address on the bus.
     pub address: u8,
-    /// Who holds it.
+    /// Current user of its interface.
     pub driver: Driver,
-    /// What would keep it from being opened.
+    /// Why it could not be opened, if so.
     pub trouble: Option<DeviceError>,
-    /// A motor device, or an audio device with firmware, goes with it: LED and tilt work.
+    /// Whether LED and tilt are available: through a motor device, or an audio device with firmware.
     pub motor: bool,
 }
 
-/// One line; the trouble is a sentence of its own.
+/// One line, without the trouble.
 impl core::fmt::Display for Listed {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
@@ -73,8 +75,8 @@ impl core::fmt::Display for Listed {
 /// All cameras on USB, by bus and address.
 ///
 /// # Errors
-/// [`DeviceError::NoUsb`] where programs have no access to USB at all; [`DeviceError::NoPower`] if parts of a Kinect are
-/// there and no camera; [`DeviceError::Absent`] if no part of a Kinect is there.
+/// [`DeviceError::NoUsb`] if programs have no access to USB; [`DeviceError::NoPower`] if there are parts of a Kinect but no camera;
+/// [`DeviceError::Absent`] if there is no part of a Kinect.
 pub fn devices() -> Result<Vec<Listed>, DeviceError> {
     let bus = Bus::scan()?;
     let cameras = bus.cameras();
@@ -82,23 +84,26 @@ pub fn devices() -> Result<Vec<Listed>, DeviceError> {
         .map(|(device, model)| bus.list(device, model))
         .collect();
     if cameras.is_empty() {
-        return Err(bus.no_camera());
+        return Err(bus.missing_camera());
     }
     Ok(cameras)
 }
 
-/// A camera opened and claimed, with what belongs to it.
+/// A camera, opened and claimed, with its other devices.
 pub(super) struct Opened {
     pub(super) model: Model,
     pub(super) serial: String,
-    // Handles before the context: they are closed first.
+    // Handles before the context, so that they are dropped first.
     pub(super) camera: DeviceHandle<Context>,
     pub(super) motor: Option<DeviceHandle<Context>>,
     pub(super) audio: Option<DeviceHandle<Context>>,
     pub(super) context: Context,
 }
 
-/// Opens the camera with `serial`, else the first that is not in use, claims it and chooses the setting with the streams.
+/// Opens and claims the camera with `serial`, or the first free one, and selects the alternate setting with the streams.
+///
+/// # Errors
+/// If there is none, or it cannot be opened.
 pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, DeviceError> {
     let bus = Bus::scan()?;
     let cameras: Vec<_> = bus.cameras().collect();
@@ -106,7 +111,7 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
         Some(wanted) if !cameras.is_empty() => {
             DeviceError::OtherSerial(wanted.to_owned(), cameras.len())
         }
-        _ => bus.no_camera(),
+        _ => bus.missing_camera(),
     };
     for (device, model) in cameras {
         let own = bus.serial(device, model);
@@ -115,17 +120,17 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
         }
         match bus.claim(device, model) {
             Ok(camera) => {
-                // Some units keep streaming only then; others lose their audio device for seconds. A failure is not fatal.
+                // Some units stop streaming without it; others lose their audio device for seconds. A failure is not fatal.
                 if reset_audio && model != Model::Xbox1414 {
                     bus.reset_audio(device);
                 }
-                let motor = bus.part(device, &[MOTOR]);
+                let motor = bus.find_part(device, &[MOTOR]);
                 return Ok(Opened {
                     model,
                     serial: own,
                     camera,
                     motor: motor.and_then(|device| device.open().ok()),
-                    audio: (bus.audio_with_firmware(device)).and_then(|it| claimed(it).ok()),
+                    audio: (bus.audio_with_firmware(device)).and_then(|it| open_and_claim(it).ok()),
                     context: bus.context.clone(),
                 });
             }
@@ -135,8 +140,8 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
     Err(failure)
 }
 
-/// Opens a device and claims its first interface, which the kernel's driver gets back at the end.
-fn claimed(device: &Device<Context>) -> rusb::Result<DeviceHandle<Context>> {
+/// Opens a device and claims its first interface; the kernel's driver gets it back at the end.
+fn open_and_claim(device: &Device<Context>) -> rusb::Result<DeviceHandle<Context>> {
     let handle = device.open()?;
     // Fails on hosts without kernel drivers, where there is nothing to detach.
     let _ = handle.set_auto_detach_kernel_driver(true);
@@ -150,8 +155,8 @@ struct Bus {
 }
 
 impl Bus {
-    /// Why there is no camera.
-    fn no_camera(&self) -> DeviceError {
+    /// The error if there is no camera.
+    fn missing_camera(&self) -> DeviceError {
         if self.has_parts() {
             DeviceError::NoPower
         } else {
@@ -159,13 +164,13 @@ impl Bus {
         }
     }
 
-    /// A fresh look at what is there. Microsoft's devices only.
+    /// Lists Microsoft's devices on USB.
     fn scan() -> Result<Self, DeviceError> {
         let no_usb = |problem: rusb::Error| {
             if problem == rusb::Error::Other || !Path::new(NODES).exists() {
                 DeviceError::NoUsb
             } else {
-                plain(problem)
+                device_error(problem)
             }
         };
         let context = Context::new().map_err(no_usb)?;
@@ -192,7 +197,7 @@ impl Bus {
         self.devices
             .iter()
             .filter_map(|(device, product, release)| {
-                Some((device, Model::of_camera(*product, *release)?))
+                Some((device, Model::from_camera(*product, *release)?))
             })
     }
 
@@ -201,8 +206,8 @@ impl Bus {
         products.any(|product| [MOTOR, HUB].contains(&product))
     }
 
-    /// The device with one of these products that belongs to the camera.
-    fn part(&self, camera: &Device<Context>, products: &[u16]) -> Option<&Device<Context>> {
+    /// The device with one of these product ids that belongs to the camera.
+    fn find_part(&self, camera: &Device<Context>, products: &[u16]) -> Option<&Device<Context>> {
         let parts = self.devices.iter();
         let parts = parts.filter(|(_, product, _)| products.contains(product));
         let parts: Vec<_> = parts.map(|(device, ..)| device).collect();
@@ -211,28 +216,28 @@ impl Bus {
             Some((hub.bus_number(), hub.address()))
         };
         let only = |is_near: &dyn Fn(&Device<Context>) -> bool| {
-            let mut near = parts.iter().copied().filter(|part| is_near(part));
+            let mut near = parts.iter().copied().filter(|one| is_near(one));
             near.next().filter(|_| near.next().is_none())
         };
-        let of_hub = |part: &&&Device<Context>| hub(camera).is_some() && hub(part) == hub(camera);
+        let of_hub = |one: &&&Device<Context>| hub(camera).is_some() && hub(one) == hub(camera);
         let of_hub = parts.iter().find(of_hub).copied();
         of_hub
-            .or_else(|| only(&|part| part.bus_number() == camera.bus_number()))
+            .or_else(|| only(&|one| one.bus_number() == camera.bus_number()))
             .or_else(|| only(&|_| true))
     }
 
-    /// With firmware the audio device has two or more interfaces.
+    /// The audio device, if its firmware is running: only then does it have two or more interfaces.
     fn audio_with_firmware(&self, camera: &Device<Context>) -> Option<&Device<Context>> {
-        self.part(camera, &AUDIO).filter(|device| {
+        self.find_part(camera, &AUDIO).filter(|device| {
             device
                 .active_config_descriptor()
                 .is_ok_and(|configuration| configuration.num_interfaces() >= 2)
         })
     }
 
-    /// See [`super::driver::Settings::reset_audio`]. The handles of the other parts stay valid.
+    /// Resets the audio device ([`super::driver::Settings::reset_audio`]). The handles of the other parts stay valid.
     fn reset_audio(&self, camera: &Device<Context>) {
-        let Some(audio) = self.part(camera, &AUDIO) else {
+        let Some(audio) = self.find_part(camera, &AUDIO) else {
             return;
         };
         if let Err(problem) = audio.open().and_then(|handle| handle.reset()) {
@@ -241,36 +246,36 @@ impl Bus {
     }
 
     fn serial(&self, camera: &Device<Context>, model: Model) -> String {
-        // Linux read it when the device was plugged in, and shows it to everybody.
-        let known = |device: &Device<Context>| {
-            let file = Path::new(SYSFS).join(socket(device)).join("serial");
+        // Linux has read it when the device was plugged in; readable without permissions.
+        let from_sysfs = |device: &Device<Context>| {
+            let file = Path::new(SYSFS).join(port_path(device)).join("serial");
             Some(std::fs::read_to_string(file).ok()?.trim().to_owned())
         };
-        let asked = |device: &Device<Context>| {
+        let from_device = |device: &Device<Context>| {
             let descriptor = device.device_descriptor().ok()?;
             let handle = device.open().ok()?;
             handle.read_serial_number_string_ascii(&descriptor).ok()
         };
         let read = |device: &Device<Context>| {
-            let mut serial = known(device).or_else(|| asked(device))?;
-            // What a device says of itself may end up on a terminal.
+            let mut serial = from_sysfs(device).or_else(|| from_device(device))?;
+            // The text may be printed on a terminal, so control characters are removed.
             serial.retain(|c| c.is_ascii_graphic());
             Some(serial).filter(|serial| serial.chars().any(|c| c != '0'))
         };
         let own = match model {
             Model::Xbox1414 => read(camera),
-            _ => read(camera).or_else(|| self.part(camera, &AUDIO).and_then(read)),
+            _ => read(camera).or_else(|| self.find_part(camera, &AUDIO).and_then(read)),
         };
-        own.unwrap_or_else(|| socket(camera))
+        own.unwrap_or_else(|| port_path(camera))
     }
 
     fn list(&self, device: &Device<Context>, model: Model) -> Listed {
         let (bus, address) = (device.bus_number(), device.address());
         let driver = driver(device);
         let trouble = match device.open() {
-            Err(problem) => Some(opening(problem, bus, address)),
+            Err(problem) => Some(open_error(problem, bus, address)),
             Ok(_) if driver == Driver::Program => Some(DeviceError::Busy(bus, address)),
-            Ok(_) => fit(device, model).err(),
+            Ok(_) => usable_setting(device, model).err(),
         };
         Listed {
             model,
@@ -281,7 +286,7 @@ impl Bus {
             driver,
             trouble,
             motor: match model {
-                Model::Xbox1414 => self.part(device, &[MOTOR]).is_some(),
+                Model::Xbox1414 => self.find_part(device, &[MOTOR]).is_some(),
                 _ => self.audio_with_firmware(device).is_some(),
             },
         }
@@ -293,8 +298,8 @@ impl Bus {
         model: Model,
     ) -> Result<DeviceHandle<Context>, DeviceError> {
         let (bus, address) = (device.bus_number(), device.address());
-        let handle = claimed(device).map_err(|problem| opening(problem, bus, address))?;
-        let alternate = fit(device, model)?;
+        let handle = open_and_claim(device).map_err(|problem| open_error(problem, bus, address))?;
+        let alternate = usable_setting(device, model)?;
         if alternate != 0 && handle.set_alternate_setting(0, alternate).is_err() {
             return Err(DeviceError::NoEndpoint(model, Stream::Depth.endpoint(), 0));
         }
@@ -302,9 +307,11 @@ impl Bus {
     }
 }
 
-/// Whether the connection and the descriptors can carry the streams; the alternate setting of interface 0 to choose, in which
-/// both have an isochronous endpoint: the model's usual one first.
-fn fit(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
+/// The alternate setting of interface 0 in which both streams have an isochronous endpoint; the model's usual one is preferred.
+///
+/// # Errors
+/// If the connection is too slow, the device is not configured, or there is no such setting.
+fn usable_setting(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
     if matches!(device.speed(), Speed::Low | Speed::Full) {
         return Err(DeviceError::Slow(speed(device.speed())));
     }
@@ -331,15 +338,15 @@ fn fit(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
         ))
 }
 
-/// Bus and ports, which name the socket a unit without a readable serial sits in.
-fn socket(device: &Device<Context>) -> String {
+/// Bus and port numbers, which identify a unit without a readable serial.
+fn port_path(device: &Device<Context>) -> String {
     let ports = device.port_numbers().unwrap_or_default();
     let ports: Vec<_> = ports.iter().map(u8::to_string).collect();
     format!("{}-{}", device.bus_number(), ports.join("."))
 }
 
 fn driver(device: &Device<Context>) -> Driver {
-    let link = Path::new(SYSFS).join(format!("{}:1.0/driver", socket(device)));
+    let link = Path::new(SYSFS).join(format!("{}:1.0/driver", port_path(device)));
     let name = std::fs::read_link(link)
         .ok()
         .and_then(|target| Some(target.file_name()?.to_string_lossy().into_owned()));
@@ -362,21 +369,21 @@ const fn speed(speed: Speed) -> &'static str {
     }
 }
 
-/// Longest a request on endpoint 0 or a bulk message may take.
+/// Time limit of a request on endpoint 0 and of a bulk message.
 pub(super) const REQUEST: Duration = Duration::from_millis(500);
 
-/// What a failure to open or claim means.
-fn opening(problem: rusb::Error, bus: u8, address: u8) -> DeviceError {
+/// The error for a failure to open or claim.
+fn open_error(problem: rusb::Error, bus: u8, address: u8) -> DeviceError {
     match problem {
         rusb::Error::Access => DeviceError::Access(bus, address),
         rusb::Error::Busy => DeviceError::Busy(bus, address),
         rusb::Error::NotFound => DeviceError::NotConfigured(bus, address),
-        other => plain(other),
+        other => device_error(other),
     }
 }
 
-/// What a failed transfer means.
-pub(super) fn plain(problem: rusb::Error) -> DeviceError {
+/// The error for a failed transfer.
+pub(super) fn device_error(problem: rusb::Error) -> DeviceError {
     match problem {
         rusb::Error::NoDevice => DeviceError::Gone,
         rusb::Error::Pipe => DeviceError::Stall,

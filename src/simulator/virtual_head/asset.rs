@@ -1,15 +1,14 @@
-//! A head that can be drawn: mesh, photograph, expressions and the 68 points on it, all in the head frame, metres.
+//! A head that can be drawn: mesh, photograph, expressions and the 68 points, in the head frame, metres.
 //!
-//! The texture is a frontal photograph, and every vertex carries its place in it. Where the photograph cannot know (sides,
-//! back of the head, inside of the mouth) a vertex has a colour of its own, and `photo_share` says how much the
-//! photograph counts: 1 in the middle of the face, 0 behind the ears, smooth between, so that there is no seam.
+//! The texture is a frontal photograph. Each vertex also has a colour of its own for parts not visible in it (sides, back of the
+//! head, inside of the mouth). `photo_share` blends both without a seam: 1 in the middle of the face, 0 behind the ears.
 
 use std::sync::Arc;
 
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::{Point, Rotation, Vector};
 
-/// What a triangle shows; training renders vary the look of each part on its own.
+/// Part of the head that a triangle shows; training renders vary each part's brightness separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Part {
@@ -28,7 +27,7 @@ pub enum Part {
 }
 
 impl Part {
-    /// All, by their numbers.
+    /// All parts, by number.
     pub const ALL: [Self; 6] = [
         Self::Skin,
         Self::MouthSocket,
@@ -41,28 +40,28 @@ impl Part {
     pub const COUNT: usize = Self::ALL.len();
 }
 
-/// Differences to the neutral of the vertices that an expression moves.
+/// An expression: offsets from the neutral face of the vertices that move.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expression {
     /// Name, ARKit-like with `_L` and `_R`, for example `eyeBlink_L`.
     pub name: String,
-    /// Vertices that move, ascending.
+    /// Indices of the vertices that move, ascending.
     pub vertices: Vec<u32>,
-    /// How far each moves at weight 1, metres in the head frame.
+    /// Offset of each at weight 1, head frame, metres.
     pub offsets: Vec<Vector>,
 }
 
-/// A place on the mesh: a point of a triangle, so that it need not be a vertex.
+/// A point of the mesh: a vertex, or a point in a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Site {
-    /// Corners.
+    /// Corners of the triangle.
     pub vertices: [u32; 3],
-    /// Shares of the corners; they add up to 1.
+    /// Barycentric coordinates; they add up to 1.
     pub shares: [f32; 3],
 }
 
 impl Site {
-    /// A vertex itself.
+    /// The site of a vertex.
     pub fn vertex(vertex: u32) -> Self {
         Self {
             vertices: [vertex; 3],
@@ -70,12 +69,12 @@ impl Site {
         }
     }
 
-    /// Where the place is, given all vertices.
-    pub fn on(&self, vertices: &[Point]) -> Point {
+    /// Position, given all vertices.
+    pub fn position(&self, vertices: &[Point]) -> Point {
         Point::from(self.mix(|v| vertices[v as usize].coords))
     }
 
-    /// What vertices have of something, by the corners' shares.
+    /// Interpolates a quantity of the vertices.
     pub fn mix(&self, of: impl Fn(u32) -> Vector) -> Vector {
         let corners = self.vertices.iter().zip(self.shares);
         let counting = corners.filter(|corner| corner.1 != 0.0);
@@ -83,12 +82,12 @@ impl Site {
     }
 }
 
-/// RGB picture, row by row.
+/// RGB image, row by row.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Texture {
-    /// Columns.
+    /// Width, pixels.
     pub width: usize,
-    /// Rows.
+    /// Height, pixels.
     pub height: usize,
     /// Red, green, blue of each pixel, 0…255.
     pub rgb: Vec<u8>,
@@ -117,7 +116,7 @@ impl Texture {
         colour
     }
 
-    /// Half the size, means of four.
+    /// The image at half size: means of four pixels.
     pub fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let mut rgb = Vec::with_capacity(width * height * 3);
@@ -134,7 +133,7 @@ impl Texture {
         Self { width, height, rgb }
     }
 
-    /// The picture at full, half and quarter size, for drawing it smaller without aliasing.
+    /// The image at full, half and quarter size, to avoid aliasing when it is drawn smaller.
     pub fn levels(self) -> Vec<Self> {
         let half = self.halved();
         let quarter = half.halved();
@@ -142,18 +141,18 @@ impl Texture {
     }
 }
 
-/// One person's head. What all people share is shared in memory.
+/// One person's head; data common to all people is shared in memory.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct HeadAsset {
-    /// Vertices of the neutral face, the person's own shape applied.
+    /// Vertices of the person's neutral face.
     pub neutral: Vec<Point>,
-    /// Corners of the triangles; a triangle whose corners run clockwise in the picture faces the camera.
+    /// Corners of the triangles, clockwise seen from outside.
     pub triangles: Arc<[[u32; 3]]>,
-    /// What each triangle shows.
+    /// Part of each triangle.
     pub parts: Arc<[Part]>,
-    /// Place of each vertex in the photograph, pixels (pixel centres are integers).
+    /// Position of each vertex in the photograph, pixels (pixel centres are integers).
     pub photo: Arc<[[f32; 2]]>,
-    /// How far the photograph counts at each vertex, 0…1; the rest is the vertex's own colour.
+    /// Share of the photograph in each vertex's colour, 0…1; the rest is its own colour.
     pub photo_share: Arc<[f32]>,
     /// Own colour of each vertex, RGB 0…255.
     pub colour: Arc<[[f32; 3]]>,
@@ -166,19 +165,19 @@ pub struct HeadAsset {
 }
 
 impl HeadAsset {
-    /// Position of an expression in `expressions`.
+    /// Index of an expression.
     pub fn expression(&self, name: &str) -> Option<usize> {
         self.expressions.iter().position(|e| e.name == name)
     }
 
-    /// Turns the neutral face within the head frame; expressions keep their directions.
-    pub fn turn(&mut self, rotation: &Rotation) {
+    /// Rotates the neutral face in the head frame; expressions keep their directions.
+    pub fn rotate(&mut self, rotation: &Rotation) {
         for p in &mut self.neutral {
             *p = rotation * *p;
         }
     }
 
-    /// The same head stretched along its axes: another person's, as far as depth can tell.
+    /// The head stretched along its axes, as a substitute for another person's.
     pub fn stretched(&self, factors: [f32; 3]) -> Self {
         let factors = Vector::from(factors);
         let mut other = self.clone();
@@ -191,14 +190,18 @@ impl HeadAsset {
     /// Moves the origin of the head frame to the middle between the inner eye corners (landmarks 39 and 42).
     pub fn centre(&mut self) {
         if let [Some(right), Some(left)] = [39, 42].map(|k| self.landmarks.get(k)) {
-            let origin = nalgebra::center(&right.on(&self.neutral), &left.on(&self.neutral)).coords;
+            let origin = nalgebra::center(
+                &right.position(&self.neutral),
+                &left.position(&self.neutral),
+            )
+            .coords;
             for p in &mut self.neutral {
                 *p -= origin;
             }
         }
     }
 
-    /// The 68 points while one expression, if there is one, is acted by so much.
+    /// The 68 points with one expression at a weight, head frame, metres.
     #[cfg(feature = "studio")]
     pub fn acting(&self, expression: Option<usize>, weight: f32) -> [Point; LANDMARKS] {
         let of = |k: usize| if Some(k) == expression { weight } else { 0.0 };
@@ -208,7 +211,7 @@ impl HeadAsset {
         self.landmarks_on(&vertices)
     }
 
-    /// Adds what expressions of these weights, one each, do to the vertices of a face.
+    /// Adds the expressions with these weights to the vertices `out`.
     pub fn express(&self, weights: &[f32], out: &mut [Point]) {
         for (expression, &weight) in self.expressions.iter().zip(weights) {
             if weight != 0.0 {
@@ -219,9 +222,9 @@ impl HeadAsset {
         }
     }
 
-    /// The 68 points on a deformed mesh.
+    /// The 68 points of a deformed mesh.
     pub fn landmarks_on(&self, vertices: &[Point]) -> [Point; LANDMARKS] {
-        let on = |k: usize| Some(self.landmarks.get(k)?.on(vertices));
+        let on = |k: usize| Some(self.landmarks.get(k)?.position(vertices));
         std::array::from_fn(|k| on(k).unwrap_or_default())
     }
 }

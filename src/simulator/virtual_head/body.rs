@@ -1,9 +1,9 @@
-//! What stands around the head, from simple shapes: shoulders and chest, a hand, furniture, a wall. Enough that a head must be cut
-//! from a body and from a background; nothing here is meant to be looked at.
+//! Simple shapes around the head: shoulders and chest, a hand, furniture, a wall. They test segmentation; realism is in
+//! `appearance`.
 
 use mien_stages::base::geometry::{Point, Vector};
 
-/// A coloured closed surface, corners of its triangles clockwise seen from outside.
+/// A coloured mesh; corners clockwise seen from outside.
 #[derive(Clone, Debug, Default)]
 pub struct Shape {
     pub(crate) vertices: Vec<Point>,
@@ -13,7 +13,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Adds a grid of so many rows and columns of squares; `at(row, column)`: place, normal and colour of a corner.
+    /// Adds a grid of squares; `at(row, column)`: position, normal and colour of a corner.
     fn grid(
         &mut self,
         [rows, columns]: [u32; 2],
@@ -48,11 +48,11 @@ impl Shape {
             let (sin_r, cos_r) = turn(std::f32::consts::PI, ring, RINGS);
             let (sin_s, cos_s) = turn(std::f32::consts::TAU, segment, SEGMENTS);
             let unit = Vector::new(sin_r * cos_s, cos_r, sin_r * sin_s);
-            // Whole tenths of a millimetre, so that the last digit of a sine cannot show in a picture.
+            // Rounded to tenths of a millimetre, so that pictures do not depend on the last digit of a platform's sine.
             let place = [0, 1, 2].map(|k| ((centre[k] + radii[k] * unit[k]) * 1e4).round() * 1e-4);
             let normal = Vector::from([0, 1, 2].map(|k| unit[k] / radii[k])).normalize();
             let normal = normal.map(|c| (c * 1e3).round() * 1e-3);
-            // Stripes give the clothes an edge here and there.
+            // Stripes give the clothes some edges.
             let shade = if ring % 4 == 0 { 0.8 } else { 1.0 };
             (place.into(), normal, colour.map(|c| c * shade))
         });
@@ -81,7 +81,7 @@ impl Shape {
         });
     }
 
-    /// Shoulders, chest and upper arms. Origin and axes as of a head that looks straight ahead above them.
+    /// Shoulders, chest and upper arms, in the frame of a head that faces straight ahead.
     pub fn bust(colour: [f32; 3]) -> Self {
         let mut shape = Self::default();
         shape.ellipsoid([0.0, 0.245, 0.10], [0.20, 0.075, 0.085], colour);
@@ -110,7 +110,7 @@ impl Shape {
         shape
     }
 
-    /// Things of about a head's size: a globe on a stand, a lamp's shade, the head rest of a chair, a jacket over one.
+    /// Adds things of about a head's size: a globe on a stand, a lampshade, a headrest, a jacket over a chair.
     fn furniture(&mut self) {
         let stand = [90.0, 90.0, 95.0];
         self.ellipsoid([-0.42, 0.05, 1.3], [0.105; 3], [90.0, 120.0, 160.0]);
@@ -122,7 +122,7 @@ impl Shape {
         self.ellipsoid([0.02, 0.42, 1.05], [0.23, 0.20, 0.10], [75.0, 85.0, 70.0]);
     }
 
-    /// The room: a wall at `wall` metres, and in front of it a chair's back and furniture if there are.
+    /// A wall at `wall` metres, with a chair's back and furniture in front of it if asked for.
     pub(crate) fn room(wall: f32, chair: bool, furniture: bool, seed: u64) -> Self {
         let mut shape = Self::default();
         let (half, paint) = ([wall * 0.9, wall * 0.7], [150.0, 155.0, 160.0]);

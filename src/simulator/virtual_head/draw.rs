@@ -1,7 +1,7 @@
-//! Draws a head and simple shapes as both cameras see them.
+//! Draws a head and simple shapes for both cameras.
 //!
-//! Light is ambient plus one direction (Lambert 1760), evaluated at vertices and interpolated (Gouraud 1971). All buffers are
-//! made once per mesh; drawing allocates nothing. Units and frames: vertices in the sensor frame, metres; corners in pixels.
+//! Light is ambient plus directional (Lambert 1760), evaluated at vertices and interpolated (Gouraud 1971). Buffers are made once
+//! per mesh; drawing allocates nothing. Units: vertices in the sensor frame, metres; corners in pixels.
 
 use super::asset::{HeadAsset, Part};
 use super::body::Shape;
@@ -15,11 +15,11 @@ defaults! {
     pub struct Light {
         /// Unit vector from the scene towards the light, sensor frame.
         pub towards: Vector = Vector::new(-0.35, -0.55, -0.76),
-        /// Share of the light that comes from everywhere, 0…1.
+        /// Share of ambient light, 0…1.
         pub ambient: f32 = 0.62,
-        /// Gain of each channel: colour temperature.
+        /// Gain of red, green and blue: colour temperature.
         pub tint: [f32; 3] = [1.0; 3],
-        /// Gain of each [`Part`], by its number: how white teeth are, how dark a mouth is.
+        /// Brightness of each [`Part`], by its number.
         pub parts: [f32; Part::COUNT] = [1.0; Part::COUNT],
     }
 }
@@ -33,7 +33,7 @@ impl Light {
 
 /// A colour picture with its depth buffer.
 pub struct Canvas {
-    /// Depth of what each pixel shows.
+    /// Depth of each pixel.
     pub depth: DepthBuffer,
     /// Colours, row by row.
     pub rgb: Vec<[u8; 3]>,
@@ -48,7 +48,7 @@ impl Canvas {
         }
     }
 
-    /// Another size, empty depth; keeps its memory.
+    /// Changes the size and clears the depth; keeps the memory.
     #[cfg(feature = "studio")]
     pub fn resize(&mut self, width: usize, height: usize) {
         self.depth.width = width;
@@ -59,7 +59,7 @@ impl Canvas {
     }
 }
 
-/// Nearest grey level; the conversion itself stops at 0 and 255.
+/// Rounds to a grey level; the cast saturates at 0 and 255.
 #[inline]
 fn grey(value: f32) -> u8 {
     (value + 0.5) as u8
@@ -79,17 +79,17 @@ pub struct HeadPainter {
     normals: Vec<Vector>,
     bright: Vec<f32>,
     corners: Vec<Corner>,
-    /// How far each vertex stays with the shoulders when the head turns, 0…1.
+    /// Share by which each vertex follows the torso instead of the head, 0…1.
     neck: Vec<f32>,
-    /// The deformed vertices are a mirror image, so triangles turn the other way round.
+    /// Whether the deformed vertices are a mirror image, so that corners must be swapped.
     pub mirrored: bool,
 }
 
-/// Height below the eyes at which the neck begins to stay behind, and at which it does so fully, metres.
+/// Heights below the eyes at which the neck begins to follow the torso, and follows it fully, metres.
 const NECK_M: [f32; 2] = [0.125, 0.21];
 
 impl HeadPainter {
-    /// Buffers for this head.
+    /// Work space for this head.
     pub fn new(asset: &HeadAsset) -> Self {
         let n = asset.neutral.len();
         let stays = |p: &Point| ((p.y - NECK_M[0]) / (NECK_M[1] - NECK_M[0])).clamp(0.0, 1.0);
@@ -104,14 +104,14 @@ impl HeadPainter {
         }
     }
 
-    /// Sets the pose of what is in `deformed`, above upright shoulders.
+    /// Moves `deformed` to the sensor frame, above upright shoulders.
     #[cfg(feature = "studio")]
     pub fn place_deformed(&mut self, sensor_from_head: &Rigid) {
         let upright = shoulders_below(sensor_from_head, &Rotation::identity());
         self.place_above(sensor_from_head, &upright);
     }
 
-    /// Sets the pose of what is in `deformed`, above these shoulders.
+    /// Moves `deformed` to the sensor frame, above these shoulders.
     pub(crate) fn place_above(&mut self, sensor_from_head: &Rigid, sensor_from_torso: &Rigid) {
         let rotation = sensor_from_head.rotation.to_rotation_matrix();
         let shift = sensor_from_head.translation.vector;
@@ -133,7 +133,7 @@ impl HeadPainter {
         }
     }
 
-    /// Draws depth, and tells where.
+    /// Draws depth; calls `drawn` for each pixel and returns the window drawn to.
     pub(crate) fn draw_depth(
         &mut self,
         asset: &HeadAsset,
@@ -150,7 +150,7 @@ impl HeadPainter {
         window
     }
 
-    /// Draws colour; call [`HeadPainter::light`] before.
+    /// Draws colour; returns the window drawn to. [`HeadPainter::light`] must be called before.
     pub fn draw_colour(
         &mut self,
         asset: &HeadAsset,
@@ -191,7 +191,7 @@ impl HeadPainter {
         window
     }
 
-    /// Size of the photograph that suits the size on the screen, by the distance of the outer eye corners in both.
+    /// Level of the photograph that matches the drawn size, by the distance of the outer eye corners.
     fn level(&self, asset: &HeadAsset) -> usize {
         let [Some(right), Some(left)] = [36, 45].map(|k| asset.landmarks.get(k)) else {
             return 0;
@@ -209,11 +209,11 @@ impl HeadPainter {
     }
 }
 
-/// Top of the neck, about which the head turns, head frame.
+/// Top of the neck, about which the head turns, head frame, metres.
 const PIVOT: Vector = Vector::new(0.0, 0.08, 0.09);
 
-/// Where the shoulders are: below a head that turns about the top of its neck, and as upright as the world's vertical, which
-/// is turned by `tilt` in the sensor's view.
+/// Pose of the shoulders (sensor from torso): below a head that turns about the top of its neck, and upright in the world, which
+/// the sensor sees rotated by `tilt`.
 pub fn shoulders_below(sensor_from_head: &Rigid, tilt: &Rotation) -> Rigid {
     let neck = sensor_from_head.translation.vector + sensor_from_head.rotation * PIVOT;
     Rigid::from_parts((neck - tilt * PIVOT).into(), *tilt)
@@ -227,7 +227,7 @@ pub struct ShapePainter {
 }
 
 impl ShapePainter {
-    /// Buffers for this shape.
+    /// Work space for this shape.
     pub fn new(shape: Shape) -> Self {
         Self {
             placed: shape.vertices.clone(),
@@ -255,7 +255,7 @@ impl ShapePainter {
         }
     }
 
-    /// The shape must not be turned: its normals are used as they are.
+    /// Draws colour; returns the window drawn to. The shape must not be rotated, because its normals are not.
     pub fn draw_colour(
         &mut self,
         light: &Light,

@@ -1,10 +1,10 @@
-//! The file of a head: `MIENHEAD`, version, CRC-32 of the rest (little endian), then counts and arrays, quantised, as
-//! numbers of an adaptive range coder (`range`): differences to the neighbour before, in contexts by array and axis.
-//! Nothing is lost by the coding; the arrays themselves would be three times as long.
+//! The file of a head: `MIENHEAD`, version, CRC-32 of the rest (little endian), then counts and quantised arrays, coded by an
+//! adaptive range coder (`range`) as differences to the previous element, in contexts by array and axis. This takes a third of the
+//! arrays' size.
 //!
-//! Places in steps of 10 µm, offsets of an expression in 1/127 of its largest, the photograph in bytes. The truth
-//! of a simulation comes from the head as read, so quantisation is no error. Heads are built in: they are read without being
-//! doubted. Reading and writing are the same lines, so that they cannot differ.
+//! Resolution: positions 10 µm, offsets of an expression 1/127 of its largest, the photograph 8 bits. The truth of a simulation is
+//! computed from the head as read, so quantisation causes no error. Heads are built in, so reading does not validate them. The same
+//! code reads and writes, so that both agree.
 
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::{Point, Vector};
@@ -12,36 +12,39 @@ use mien_stages::base::geometry::{Point, Vector};
 use super::asset::{Expression, HeadAsset, Part, Site, Texture};
 use super::range::Coder;
 
+/// Bytes before the coded data.
 const HEADER: usize = 16;
-/// Metres per step of a place.
+/// Resolution of positions, metres.
 const STEP_M: f32 = 1e-5;
-/// Pixels per step of a place in the photograph.
+/// Resolution of positions in the photograph, pixels.
 const STEP_PX: f32 = 1.0 / 32.0;
 
-/// Contexts of the coder; those of several axes take as many.
+/// First contexts of the coder by array; arrays with several axes or classes use consecutive ones.
 mod context {
     pub(super) const COUNT: usize = 0;
-    /// Of a vertex: place, place in the photograph, share of it, colour.
+    /// Nine numbers of a vertex: position, position in the photograph, its share, colour.
     pub(super) const VERTEX: usize = 1;
     pub(super) const CORNER: usize = 10;
     pub(super) const PART: usize = 13;
     pub(super) const BYTE: usize = 14;
     pub(super) const SITE: usize = 15;
     pub(super) const GAP: usize = 16;
-    /// By axis, and by how much the offset before differed from its own.
+    /// By axis and roughness class.
     pub(super) const OFFSET: usize = 17;
-    /// By channel, and by how rough the photograph is around.
+    /// By channel and roughness class.
     pub(super) const PIXEL: usize = 29;
 }
-/// Steps of roughness that have a context of their own.
+/// Number of roughness classes, each with a context.
 const ROUGH: usize = 4;
+
+/// Roughness class of a difference, by ascending thresholds.
 fn rough(difference: i32, steps: [i32; ROUGH - 1]) -> usize {
     let size = difference.abs();
     steps.iter().filter(|&&step| size > step).count()
 }
 
-/// What the neighbours before and above say of a pixel's channel (LOCO-I; Weinberger, Seroussi & Sapiro 2000), and how
-/// rough it is there. Green as it is, red and blue as differences to it.
+/// Prediction of a pixel's channel from the pixels left and above (LOCO-I; Weinberger, Seroussi & Sapiro 2000), and the roughness
+/// class. Red and blue are predicted as differences to green.
 fn predicted(rgb: &[i32], width: usize, at: usize, channel: usize) -> (i32, usize) {
     let (row, col) = (at / width, at % width);
     let value = |at: usize| {
@@ -61,12 +64,12 @@ fn predicted(rgb: &[i32], width: usize, at: usize, channel: usize) -> (i32, usiz
     (guess, rough(around, [2, 6, 16]))
 }
 
-/// Order of the channels: green first, since the others lean on it.
+/// Coding order of the channels: green first, because the others are relative to it.
 const CHANNELS: [usize; 3] = [1, 0, 2];
 
-/// Each array is a function that hands every number of the head on to the coder, and keeps what the coder gives back.
+/// One function per array: passes each number to the coder and stores its result, which is the number read or written.
 impl Coder<'_> {
-    /// A number that differs from the one before.
+    /// Codes a number as the difference to the previous one.
     fn next(&mut self, context: usize, number: i32, before: i32) -> i32 {
         before + self.number(context, number - before)
     }
@@ -128,7 +131,7 @@ impl Coder<'_> {
         asset.colour = colour.into();
     }
 
-    /// The triangles, and what each is part of.
+    /// The triangles and their parts.
     fn triangles(&mut self, asset: &mut HeadAsset) {
         let (mut triangles, mut parts) = (asset.triangles.to_vec(), asset.parts.to_vec());
         let count = self.count(triangles.len());
@@ -201,7 +204,7 @@ impl Coder<'_> {
         expression.offsets = offsets.collect();
     }
 
-    /// The photograph, level by level from what is left of and above it.
+    /// The photograph, each grey level relative to its prediction.
     fn photograph(&mut self, asset: &mut HeadAsset) {
         let photograph = asset.texture.first().cloned().unwrap_or_default();
         let width = self.count(photograph.width);
@@ -223,7 +226,7 @@ impl Coder<'_> {
 }
 
 impl HeadAsset {
-    /// The head built into the appliance.
+    /// The built-in head.
     pub fn shipped() -> Self {
         Self::parse(include_bytes!("../../../config/simulated.head"))
     }
@@ -235,7 +238,7 @@ impl HeadAsset {
         asset
     }
 
-    /// The bytes of the file, quantised; places within ±0.32 m.
+    /// The bytes of the file; positions must be within ±0.32 m.
     pub fn emit(&self) -> Vec<u8> {
         let mut coder = Coder::writing();
         coder.head(&mut self.clone());

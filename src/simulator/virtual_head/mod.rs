@@ -1,16 +1,14 @@
-//! The simulated sensor: people with known pose, expression and landmarks, drawn as the raw frames of a Kinect v1.
+//! The simulated sensor: people with known pose, expression and landmarks, drawn as raw frames of a Kinect v1.
 //!
-//! Heads ([`HeadAsset`]) on shoulders, a hand and a room are drawn twice, as the depth camera and as the colour camera see
-//! them, both through [`Camera`]; then the errors of the sensor are added (`noise`). The truth is handed out with the picture,
-//! so that whatever is measured on a frame can be compared with it. A frame is a pure function of heads, scene, seed and
-//! time: no state is carried over, and the same four give the same bytes.
+//! Heads ([`HeadAsset`]) on shoulders, a hand and a room are drawn twice, for the depth and the colour camera, both by [`Camera`];
+//! then the sensor's errors are added (`noise`). Each frame has its ground truth. A frame is a pure function of heads, scene, seed
+//! and time, without state.
 //!
-//! Two worlds: the plain one of the beginning (bald heads, a wall, a sensor with few faults), whose bytes tests rely on, and a
-//! dressed one ([`Simulator::dressed`]: `appearance`) before a sensor with a real one's faults ([`Simulator::seen_by`]), which is
-//! where `mien-studio evaluate --wild` measures.
+//! There are two worlds: a plain one (bald heads, a wall, few sensor errors), on whose bytes tests rely, and a dressed one
+//! ([`Simulator::dressed`]) with a real sensor's errors ([`Simulator::with_sensor`]), for `mien-studio evaluate --wild`.
 //!
-//! Memory: the heads, their work space and 12 MB of buffers, all made at construction. Limitations: no cast shadows of the
-//! room's light, hair that does not swing, a built-in head whose eyes do not turn, shoulders that stay upright, one hand.
+//! Memory: the heads, their work space and 12 MB of buffers, allocated at construction. Limitations: no cast shadows, stiff hair, a
+//! built-in head whose eyes do not turn, upright shoulders, one hand.
 
 mod appearance;
 mod asset;
@@ -26,19 +24,19 @@ mod real_noise;
 mod script;
 mod sensor;
 
-pub use appearance::{Beard, HairStyle, Headgear, Held, Look, Neck};
+pub use appearance::{Appearance, Beard, HairStyle, Headgear, Held, Neck};
 pub use asset::{Expression, HeadAsset, Part, Site, Texture};
 pub use draw::Light;
 pub use person::{EXPRESSIONS, Truth};
 pub use script::Scene;
 pub use sensor::Sensor;
 
-use appearance::{OutfitPainter, Stuff};
+use appearance::{Material, OutfitPainter};
 use body::Shape;
 use draw::{Canvas, ShapePainter};
 use mien_sensors::Frame;
 use mien_sensors::kinect::colour;
-use mien_sensors::kinect::frame::{Developed, Original};
+use mien_sensors::kinect::frame::{FrameSink, Original};
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use mien_stages::base::geometry::{Point, Rigid};
 use mien_stages::base::time::Timestamp;
@@ -54,9 +52,9 @@ const WALL_M: f32 = 2.2;
 /// Draws frames of one scene.
 ///
 /// ```no_run
-/// use mien::sensor::Frame;
-/// use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
-/// use mien::base::time::Timestamp;
+/// use mien_sensors::Frame;
+/// use mien_simulator::virtual_head::{HeadAsset, Scene, Simulator};
+/// use mien_stages::base::time::Timestamp;
 /// let mut simulator = Simulator::new(HeadAsset::default(), Scene::Acted, 1);
 /// let mut frame = Frame::default();
 /// if let Some(truth) = simulator.draw(Timestamp::from_us(33_333), &mut frame) {
@@ -72,17 +70,17 @@ pub struct Simulator {
     reading: DepthReading,
     tiles: Tiles,
     people: Vec<Person>,
-    /// Stand behind, and are nobody's truth.
+    /// People behind, without truth.
     bystanders: Vec<Person>,
     hand: ShapePainter,
     sensor: Sensor,
     real: Option<RealReading>,
-    /// The room is furnished and people wear clothes and hair.
+    /// Whether the room is furnished and people wear clothes and hair.
     dressed: bool,
-    /// What each depth pixel shows.
-    stuff: Vec<Stuff>,
-    room_stuff: Vec<Stuff>,
-    /// The room as both cameras see it, drawn once.
+    /// Material of each depth pixel.
+    material: Vec<Material>,
+    room_material: Vec<Material>,
+    /// The room, drawn once for both cameras: 1/z, colour.
     room_depth: Vec<f32>,
     room_rgb: Vec<[u8; 3]>,
     depth: DepthBuffer,
@@ -93,8 +91,8 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// Prepares a scene with the nominal camera. Expressions of the asset beyond [`EXPRESSIONS`] stay at 0. Where a scene has
-    /// several people, the others have the same head, stretched; see [`Simulator::joined_by`].
+    /// Prepares a scene with the nominal camera. Expressions of the asset beyond [`EXPRESSIONS`] stay at 0. In scenes with several
+    /// people, the others have the same head, stretched; see [`Simulator::with_others`].
     pub fn new(asset: HeadAsset, scene: Scene, seed: u64) -> Self {
         let camera = mien_sensors::kinect::geometry::nominal();
         let light = Light::default();
@@ -123,8 +121,8 @@ impl Simulator {
             sensor: Sensor::default(),
             real: None,
             dressed: false,
-            stuff: vec![Stuff::Matt; PIXELS],
-            room_stuff: vec![Stuff::Matt; PIXELS],
+            material: vec![Material::Matt; PIXELS],
+            room_material: vec![Material::Matt; PIXELS],
             room_depth: depth.inverse.clone(),
             room_rgb: canvas.rgb.clone(),
             depth,
@@ -136,28 +134,28 @@ impl Simulator {
         }
     }
 
-    /// Gives the second and later people of the scene heads of their own, as far as there are both.
+    /// Gives the second and later people of the scene these heads.
     #[must_use]
-    pub fn joined_by(mut self, others: impl IntoIterator<Item = HeadAsset>) -> Self {
+    pub fn with_others(mut self, others: impl IntoIterator<Item = HeadAsset>) -> Self {
         for (k, (person, asset)) in self.people.iter_mut().skip(1).zip(others).enumerate() {
             *person = Person::new(asset, CLOTHES[k + 1]);
         }
         self
     }
 
-    /// Dresses the people, as far as there are looks, and furnishes the room.
+    /// Dresses the people and furnishes the room.
     #[must_use]
-    pub fn dressed(mut self, looks: impl IntoIterator<Item = Look>) -> Self {
-        for (person, look) in self.people.iter_mut().zip(looks) {
-            person.wear(&look);
-            if look.bystander {
+    pub fn dressed(mut self, appearances: impl IntoIterator<Item = Appearance>) -> Self {
+        for (person, appearance) in self.people.iter_mut().zip(appearances) {
+            person.wear(&appearance);
+            if appearance.bystander {
                 let mut other = Person::new(person.asset.stretched(OTHERS[1]), CLOTHES[1]);
-                other.wear(&Look {
-                    seed: look.seed + 1,
+                other.wear(&Appearance {
+                    seed: appearance.seed + 1,
                     hair: HairStyle::Short,
-                    hair_colour: look.hair_colour,
+                    hair_colour: appearance.hair_colour,
                     clothes: CLOTHES[2],
-                    ..Look::default()
+                    ..Appearance::default()
                 });
                 self.bystanders.push(other);
             }
@@ -167,9 +165,9 @@ impl Simulator {
         self
     }
 
-    /// Sees all this through another sensor.
+    /// Draws frames with this sensor's imperfections.
     #[must_use]
-    pub fn seen_by(mut self, sensor: Sensor) -> Self {
+    pub fn with_sensor(mut self, sensor: Sensor) -> Self {
         self.sensor = sensor;
         if sensor.faults > 0.0 {
             self.real = Some(RealReading::new(&self.tiles, self.seed));
@@ -180,33 +178,33 @@ impl Simulator {
         self
     }
 
-    /// Draws the room that belongs to dressed people.
+    /// Draws the furnished room.
     fn furnish(&mut self) {
         let (camera, sensor) = (&self.camera, self.sensor);
         let mut painter = OutfitPainter::new(appearance::room(self.seed));
         let view = sensor.viewpoint();
         painter.place(&[], &view, &view);
         self.depth.inverse.fill(0.0);
-        self.stuff.fill(Stuff::Matt);
+        self.material.fill(Material::Matt);
         let depth_pixel = |p: &Point| camera.depth_pixel(p);
-        painter.draw_depth(depth_pixel, &mut self.depth, &mut self.stuff);
+        painter.draw_depth(depth_pixel, &mut self.depth, &mut self.material);
         self.canvas.depth.inverse.fill(0.0);
         self.canvas.rgb.fill([0; 3]);
-        let seen = |p: &Point| sensor.seen_at(camera.colour_pixel(p));
+        let seen = |p: &Point| sensor.distort(camera.colour_pixel(p));
         painter.draw_colour(&self.light, seen, &mut self.canvas);
         self.room_depth.copy_from_slice(&self.depth.inverse);
-        self.room_stuff.copy_from_slice(&self.stuff);
+        self.room_material.copy_from_slice(&self.material);
         self.room_rgb.copy_from_slice(&self.canvas.rgb);
     }
 
-    /// Changes the light and the exposure (1 = as photographed).
+    /// Sets light and exposure (gain; 1 = as photographed).
     #[must_use]
-    pub fn lit(mut self, light: Light, exposure: f32) -> Self {
+    pub fn with_light(mut self, light: Light, exposure: f32) -> Self {
         self.set_light(light, exposure);
         self
     }
 
-    /// As [`Simulator::lit`], in the middle of a scene.
+    /// As [`Simulator::with_light`], in the middle of a scene.
     pub fn set_light(&mut self, light: Light, exposure: f32) {
         self.light = light;
         self.exposure = exposure;
@@ -222,14 +220,14 @@ impl Simulator {
         &self.people[0].asset
     }
 
-    /// What the last frame shows of each person; `None` for those who are not there.
+    /// Truth of the last frame for each person; `None` if absent.
     pub fn truths(&self) -> impl ExactSizeIterator<Item = Option<&Truth>> {
         self.people.iter().map(|person| person.truth.as_ref())
     }
 
-    /// Draws the scene at a time. The truth is that of the first person who is there, `None` when nobody is; the others'
-    /// are in [`Simulator::truths`]. Sets all of the frame; its index counts the frames drawn.
-    pub fn draw(&mut self, at: Timestamp, into: &mut impl Developed) -> Option<Truth> {
+    /// Draws the scene at a time and sets the whole frame; its index counts the frames drawn. Returns the truth of the first person
+    /// present, `None` if nobody is; [`Simulator::truths`] has that of all.
+    pub fn draw(&mut self, at: Timestamp, into: &mut impl FrameSink) -> Option<Truth> {
         let (frame, original) = into.parts();
         let t = (at.as_us() as f64 * 1e-6) as f32;
         self.begin();
@@ -246,7 +244,7 @@ impl Simulator {
         self.people.iter().find_map(|person| person.truth.clone())
     }
 
-    /// Puts everybody where the script has them; `truth`: notes them as the truth, else only those noted already move.
+    /// Poses everybody by the script at `t` seconds. With `truth` records the truth; without, moves only people that have one.
     fn play(&mut self, t: f32, truth: bool) {
         let (scene, seed) = (self.scene, self.seed);
         let view = self.sensor.viewpoint();
@@ -275,8 +273,8 @@ impl Simulator {
         }
     }
 
-    /// Draws the first person with any pose and expression (`weights` in the order of the asset's expressions), and nobody
-    /// else, instead of the script's.
+    /// Draws only the first person, with this pose and expression (`weights` in the order of the asset's expressions) instead of the
+    /// script's.
     pub fn draw_pose(
         &mut self,
         sensor_from_head: &Rigid,
@@ -297,22 +295,22 @@ impl Simulator {
         truth.expect("somebody is drawn when a pose is given")
     }
 
-    /// Nobody is there.
+    /// Clears the truths: nobody is present.
     fn begin(&mut self) {
         for person in &mut self.people {
             person.truth = None;
         }
     }
 
-    /// Draws what the depth camera sees of those who are there, the hand, and the room around them.
+    /// Draws the depth picture of present people, hand and room, with the sensor's errors.
     fn draw_depth(&mut self, hand: Option<Point>, at: Timestamp, frame: &mut Frame) {
         let camera = &self.camera;
         self.depth.inverse.copy_from_slice(&self.room_depth);
-        self.stuff.copy_from_slice(&self.room_stuff);
+        self.material.copy_from_slice(&self.room_material);
         let depth_pixel = |p: &Point| camera.depth_pixel(p);
         let all = self.people.iter_mut().chain(&mut self.bystanders);
         for person in all.filter(|one| one.truth.is_some()) {
-            person.draw_depth(depth_pixel, &mut self.depth, &mut self.stuff);
+            person.draw_depth(depth_pixel, &mut self.depth, &mut self.material);
         }
         if let Some(hand) = hand {
             (self.hand).place(&Rigid::translation(hand.x, hand.y, hand.z));
@@ -320,23 +318,23 @@ impl Simulator {
         }
         let seed = random::hash(self.seed, at.as_us());
         let (reading, seen, depth) = (&self.reading, &self.depth.inverse, &mut frame.depth);
-        let (faults, stuff, tiles) = (self.sensor.faults, &self.stuff, &self.tiles);
+        let (faults, material, tiles) = (self.sensor.faults, &self.material, &self.tiles);
         match &mut self.real {
             Some(real) if faults > 0.0 => {
-                real.read(reading, faults, seen, stuff, tiles, seed, depth);
+                real.read(reading, faults, seen, material, tiles, seed, depth);
             }
             _ => reading.read(seen, tiles, seed, depth),
         }
     }
 
-    /// Likewise the colour camera.
+    /// Draws the colour picture, likewise.
     fn draw_colour(&mut self, hand: Option<Point>, at: Timestamp, frame: &mut Frame) {
         let (camera, sensor) = (&self.camera, self.sensor);
         self.canvas.rgb.copy_from_slice(&self.room_rgb);
-        // Everything in front of the room: its own depth buffer starts empty.
+        // The depth buffer starts empty: everything else is in front of the room.
         self.canvas.depth.inverse.fill(0.0);
         let mut window = Window::NOTHING;
-        let colour_pixel = |p: &Point| sensor.seen_at(camera.colour_pixel(p));
+        let colour_pixel = |p: &Point| sensor.distort(camera.colour_pixel(p));
         for person in self.people.iter_mut().chain(&mut self.bystanders) {
             window.include(person.draw_colour(&self.light, colour_pixel, &mut self.canvas));
         }
@@ -358,7 +356,7 @@ impl Simulator {
     }
 }
 
-/// The lens's softness: a 3 × 3 binomial over the window, through `scratch`.
+/// Blurs the window like the lens: 3 × 3 binomial, with `scratch` as work space.
 fn blur(rgb: &mut [[u8; 3]], window: Window, scratch: &mut [[u8; 3]]) {
     let Window(first, [right, bottom]) = window;
     let [left, top] = first.map(|at| at.max(1));

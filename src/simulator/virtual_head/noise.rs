@@ -1,15 +1,15 @@
-//! What the cameras of a Kinect v1 make of a perfect picture: the errors of the depth reading and of the colour sensor.
+//! Errors of a Kinect v1's depth measurement and colour sensor, applied to perfect images.
 //!
-//! Depth is a disparity in eighths of a pixel, measured by correlation over a small window, so its noise is Gaussian in
-//! disparity, alike in neighbouring pixels, and then rounded: total standard deviation about half a raw unit, which is
-//! 1.4 mm at 1 m (Khoshelham & Elberink, "Accuracy and resolution of Kinect depth data", 2012). The pattern comes from a
-//! projector 7.5 cm to the right (+x): what it does not light has no depth, a band to the left of near things. Edges are
-//! ragged by a pixel, surfaces seen at a grazing angle drop out, the last columns are blank.
+//! Depth is a disparity in eighths of a pixel, measured by correlation over a small window. Its noise is Gaussian in disparity,
+//! correlated between neighbouring pixels, and then rounded: total standard deviation about half a raw unit, 1.4 mm at 1 m
+//! (Khoshelham & Elberink, "Accuracy and resolution of Kinect depth data", 2012). The projector is 7.5 cm to the right (+x);
+//! surfaces that it does not light have no depth, a band to the left of near things. Edges are ragged by a pixel, surfaces at a
+//! grazing angle drop out, the last columns are blank.
 //!
-//! `real_noise` adds what real recordings show beyond it.
+//! `real_noise` adds further errors of real recordings.
 //!
-//! All randomness is looked up in one tile of prepared numbers at offsets hashed from seed and time, so a frame costs no
-//! random-number generation and is the same on every machine. Limitation: the tile repeats after 256 pixels.
+//! Random numbers are read from one prepared tile at offsets hashed from seed and time, so a frame needs no random-number generator
+//! and is the same on every machine. Limitation: the tile repeats after 256 pixels.
 
 use super::random::{hash, uniform};
 use mien_sensors::NO_DEPTH;
@@ -20,22 +20,22 @@ use mien_stages::camera::Camera;
 pub(super) const SIDE: usize = 256;
 /// Standard deviation of the disparity before rounding, raw units.
 pub(super) const DISPARITY_SIGMA: f32 = 0.4;
-/// Nearest raw value the optics give: 0.5 m.
+/// Smallest raw value the optics give: 0.5 m.
 pub(super) const NEAREST_RAW: f32 = 395.0;
-/// Farthest raw value that is a measurement: about 13 m.
+/// Largest raw value that is a measurement: about 13 m.
 pub(super) const FARTHEST_RAW: f32 = 1075.0;
-/// Columns at the right without data, because of the correlation window.
+/// Columns at the right edge without data, because of the correlation window.
 pub(super) const BLANK_COLUMNS: usize = 8;
-/// Slope in raw units per pixel from which readings fail: 0.6 tan(angle) / z, so 77° at 0.8 m.
+/// Slope from which readings fail, raw units per pixel: 0.6 tan(angle) / z, so 77° at 0.8 m.
 pub(super) const GRAZING_SLOPE: f32 = 3.2;
-/// Slope added until four of five readings fail.
+/// Further slope at which four of five readings fail, raw units per pixel.
 pub(super) const GRAZING_SPAN: f32 = 5.0;
 
 /// Prepared random numbers.
 pub(crate) struct Tiles {
     /// Independent, standard normal.
     pub(super) white: Vec<f32>,
-    /// Alike within about three pixels, standard normal.
+    /// Correlated within about three pixels, standard normal.
     pub(super) smooth: Vec<f32>,
 }
 
@@ -43,12 +43,12 @@ impl Tiles {
     pub(crate) fn new(seed: u64) -> Self {
         let white: Vec<f32> = (0..(SIDE * SIDE) as u64)
             .map(|i| {
-                // A sum of uniforms is normal enough, and needs no library function whose last digit may differ.
+                // A sum of uniforms is close to normal and needs no library function whose last digit depends on the platform.
                 let sum: f32 = (0..8).map(|k| uniform(seed, i * 8 + k)).sum();
                 sum * (3.0f32 / 8.0).sqrt()
             })
             .collect();
-        // Root of the sum of the squared weights: 1.5.
+        // 1.5: root of the sum of the squared weights.
         let smooth = blurred(&white).iter().map(|sum| sum / 1.5).collect();
         Self { white, smooth }
     }
@@ -74,13 +74,13 @@ pub(super) fn blurred(tile: &[f32]) -> Vec<f32> {
     (0..SIDE * SIDE).map(sum).collect()
 }
 
-/// A row of a picture.
+/// A row of an image.
 pub(super) fn line<T>(picture: &[T], row: usize) -> &[T; WIDTH] {
     let rest = &picture[row * WIDTH..];
     rest.first_chunk().expect("a row of the picture")
 }
 
-/// The depth camera's errors.
+/// Simulates the depth camera's errors.
 pub(crate) struct DepthReading {
     /// Raw value = `raw_far` + `raw_per_inverse` / z.
     pub(crate) raw_far: f32,
@@ -88,7 +88,7 @@ pub(crate) struct DepthReading {
 }
 
 impl DepthReading {
-    /// Raw depth is linear in 1/z: the simulator needs no more of the camera's tables.
+    /// Reads both constants from the camera: its raw depth is linear in 1/z.
     pub(crate) fn from_camera(camera: &Camera) -> Self {
         let (near, far) = (0.5, 4.0);
         let (a, b) = (camera.raw_from_m(near), camera.raw_from_m(far));
@@ -99,7 +99,7 @@ impl DepthReading {
         }
     }
 
-    /// Reads a perfect picture (1/z per pixel, 0 = nothing) as the sensor would.
+    /// Converts a perfect image (1/z per pixel, 0 = empty) to raw depth with errors.
     pub(crate) fn read(
         &self,
         inverse: &[f32],
@@ -125,7 +125,7 @@ impl DepthReading {
                 let mut value = here[col];
                 let mut lit = !dark[col];
                 if slope > GRAZING_SLOPE {
-                    // An edge: the window sees one side or the other.
+                    // At an edge the window measures one side or the other.
                     let n = jitter[(col + o1) % SIDE];
                     let source = match n {
                         n if n > 0.7 => after,
@@ -150,8 +150,8 @@ impl DepthReading {
         }
     }
 
-    /// Marks what the projector does not light. Seen from the projector a pixel stands at column + raw / 8 (plus a
-    /// constant); going left, that must fall, else something nearer to the right is in the way.
+    /// Marks pixels that the projector does not light. Seen from the projector, a pixel is at column + raw / 8 (plus a constant); a
+    /// pixel is lit only if it is left of all pixels to its right.
     pub(super) fn shade(&self, inverse: &[f32; WIDTH], dark: &mut [bool; WIDTH]) {
         let mut nearest = f32::INFINITY;
         for col in (0..WIDTH).rev() {
@@ -162,7 +162,7 @@ impl DepthReading {
     }
 }
 
-/// Bayer mosaic of an RGB picture with exposure of each channel and sensor noise (`sigma` grey levels). Green, red / blue, green.
+/// Bayer mosaic (green, red / blue, green) of an RGB image, with an exposure per channel and sensor noise of `sigma` grey levels.
 pub(crate) fn expose(
     rgb: &[[u8; 3]],
     exposure: [f32; 3],
@@ -182,7 +182,7 @@ pub(crate) fn expose(
                 let value = f32::from(colours[col][channel]) * exposure[channel]
                     + sigma * noise[(col + o6) % SIDE]
                     + 0.5;
-                // The conversion itself stops at 0 and 255.
+                // The cast saturates at 0 and 255.
                 value as u8
             };
             pair[0] = level(col, even);

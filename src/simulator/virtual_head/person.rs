@@ -1,8 +1,8 @@
-//! People of a scene: who can be drawn, where they are, and how they are drawn.
+//! People of a scene: pose, expression and drawing.
 
 #[cfg(feature = "studio")]
 use super::appearance::Held;
-use super::appearance::{Look, Outfit, OutfitPainter, Stuff};
+use super::appearance::{Appearance, Material, Outfit, OutfitPainter};
 use super::asset::HeadAsset;
 use super::body::Shape;
 use super::draw::{Canvas, HeadPainter, Light, ShapePainter, shoulders_below};
@@ -12,7 +12,7 @@ use mien_stages::base::capacity::{LANDMARKS, USERS};
 use mien_stages::base::geometry::Vector;
 use mien_stages::base::geometry::{Point, Rigid, Rotation};
 
-/// Expressions a head may have.
+/// Most expressions of a head.
 pub const EXPRESSIONS: usize = 64;
 /// Colours of the clothes, by person.
 pub(super) const CLOTHES: [[f32; 3]; USERS] = [
@@ -21,7 +21,7 @@ pub(super) const CLOTHES: [[f32; 3]; USERS] = [
     [80.0, 110.0, 75.0],
     [105.0, 95.0, 60.0],
 ];
-/// How the shipped head is stretched to be somebody else: width, height, depth.
+/// Factors by which the head is stretched for other people: width, height, depth.
 pub(super) const OTHERS: [[f32; 3]; USERS] = [
     [1.0; 3],
     [0.94, 1.05, 0.98],
@@ -29,10 +29,10 @@ pub(super) const OTHERS: [[f32; 3]; USERS] = [
     [0.96, 0.95, 1.02],
 ];
 
-/// What was drawn.
+/// Ground truth of a drawn person.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// Pose of the head.
+    /// Pose of the head, metres.
     pub sensor_from_head: Rigid,
     /// The 68 points in the head frame, metres, expression included.
     pub landmarks_head: [Point; LANDMARKS],
@@ -42,14 +42,14 @@ pub struct Truth {
     pub activations: heapless::Vec<f32, EXPRESSIONS>,
 }
 
-/// One who can be drawn, and what was drawn of them last.
+/// A person, with the work space and the truth of the last drawing.
 pub(super) struct Person {
     pub(super) asset: HeadAsset,
     head: HeadPainter,
     bust: ShapePainter,
-    /// Instead of the bust.
+    /// Clothes and hair, drawn instead of the bust.
     worn: Option<OutfitPainter>,
-    /// What a hand holds, and whether it is there now.
+    /// The hand, and whether it is visible now.
     #[cfg(feature = "studio")]
     held: Option<(Held, OutfitPainter, bool)>,
     pub(super) weights: heapless::Vec<f32, EXPRESSIONS>,
@@ -74,15 +74,19 @@ impl Person {
     }
 
     /// Puts on clothes, hair and things.
-    pub(super) fn wear(&mut self, look: &Look) {
-        self.worn = Some(OutfitPainter::new(Outfit::worn(&self.asset, look)));
+    pub(super) fn wear(&mut self, appearance: &Appearance) {
+        self.worn = Some(OutfitPainter::new(Outfit::worn(&self.asset, appearance)));
         #[cfg(feature = "studio")]
-        if look.held != Held::None {
-            self.held = Some((look.held, OutfitPainter::new(Outfit::held(look)), false));
+        if appearance.held != Held::None {
+            self.held = Some((
+                appearance.held,
+                OutfitPainter::new(Outfit::held(appearance)),
+                false,
+            ));
         }
     }
 
-    /// Brings the hand to where it is at `t` seconds.
+    /// Moves the hand to its position at `t` seconds.
     #[cfg(feature = "studio")]
     pub(super) fn move_hand(&mut self, t: f32, tilt: &Rotation) {
         if let Some((held, painter, there)) = &mut self.held {
@@ -90,7 +94,7 @@ impl Person {
             *there = place.is_some();
             if let Some(place) = place {
                 let turn = self.pose.rotation;
-                // It meets the face wherever that is turned, but comes from below.
+                // The target turns with the face, but the hand comes from below.
                 let up = Vector::new(place.x, place.y.min(0.15), place.z);
                 let rest = Vector::new(0.0, place.y - up.y, 0.0);
                 let at = self.pose.translation.vector + turn * up + tilt * rest;
@@ -100,7 +104,7 @@ impl Person {
         }
     }
 
-    /// Sets the pose, and notes it as the truth; the expression is in `weights`.
+    /// Sets the pose and records it as the truth, with the expression in `weights`.
     pub(super) fn place(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
         self.pose(sensor_from_head, tilt);
         self.truth = Some(Truth {
@@ -124,27 +128,26 @@ impl Person {
         }
     }
 
-    /// Draws what the depth camera sees, and notes in `stuff` what that is made of.
+    /// Draws depth, and the material of each pixel into `material`.
     pub(super) fn draw_depth(
         &mut self,
         pixel: impl Fn(&Point) -> [f32; 2] + Copy,
         depth: &mut DepthBuffer,
-        stuff: &mut [Stuff],
+        material: &mut [Material],
     ) {
-        let skin = |pixel| stuff[pixel] = Stuff::Skin;
+        let skin = |pixel| material[pixel] = Material::Skin;
         self.head.draw_depth(&self.asset, pixel, depth, skin);
         match &mut self.worn {
-            Some(worn) => worn.draw_depth(pixel, depth, stuff),
+            Some(worn) => worn.draw_depth(pixel, depth, material),
             None => self.bust.draw_depth(pixel, depth),
         }
         #[cfg(feature = "studio")]
         if let Some((_, held, true)) = &mut self.held {
-            held.draw_depth(pixel, depth, stuff);
+            held.draw_depth(pixel, depth, material);
         }
     }
 
-    /// Draws what the colour camera sees of somebody who is there, notes in the truth where their landmarks are, and tells where
-    /// it drew.
+    /// Draws colour if the person is present, and records the landmarks' pixels in the truth; returns the window drawn to.
     pub(super) fn draw_colour(
         &mut self,
         light: &Light,

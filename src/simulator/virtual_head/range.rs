@@ -1,34 +1,36 @@
-//! An adaptive range coder for small whole numbers: what makes the file of a head a third of its arrays.
+//! An adaptive range coder for small integers, for the file of a head.
 //!
-//! Binary range coding with adaptive bits (Martin 1979; the carry-less form and the constants of LZMA, Pavlov 1998). A number
-//! is mapped to 0, −1, 1, −2…, then written as its count of binary digits and the digits themselves, all but the last of a long
-//! one by bits that learn, in a context that the caller names: alike numbers share a context. Reading and writing are the same
-//! lines, [`Coder::number`], so that both learn the same.
+//! Binary range coding with adaptive bits (Martin 1979; form and constants of LZMA, Pavlov 1998). An integer is mapped (0, −1, 1,
+//! −2… to 0, 1, 2, 3…), then coded as its number of binary digits and the digits, with probabilities adapted per context; similar
+//! numbers share a context. [`Coder::number`] both reads and writes, so that both adapt alike.
 
-/// Contexts that numbers may have.
+/// Number of contexts.
 pub(super) const CONTEXTS: usize = 48;
 /// Most binary digits of a number.
 const DIGITS: usize = 20;
-/// Digits of a number, after its first, that are learnt.
+/// Digits after the first that have probabilities of their own.
 const LEARNT: usize = 8;
-/// Probabilities are in 1/2048; each bit moves its own by 1/32 of the rest.
+/// Bits of a probability: unit 1/2048.
 const ONE_BITS: u32 = 11;
+/// Adaptation: each bit moves its probability by 1/2⁵ of the distance.
 const RATE: u32 = 5;
+/// Range below which a byte is shifted.
 const TOP: u32 = 1 << 24;
-/// Learnt bits of a context: its count of digits, and the digits for each count.
+/// Probabilities per context for the number of digits.
 const LENGTH_NODES: usize = 32;
+/// All probabilities per context: also for the digits, by their number.
 const NODES: usize = LENGTH_NODES + (DIGITS + 1) * (1 << LEARNT);
 
-/// Reads numbers, or writes them.
+/// Reads or writes numbers.
 pub(super) struct Coder<'a> {
-    way: Way<'a>,
+    mode: Mode<'a>,
     range: u32,
     /// Probabilities of a zero.
     learnt: Vec<u16>,
 }
 
-enum Way<'a> {
-    /// What is still to be read.
+enum Mode<'a> {
+    /// Remaining bytes, and the current code value.
     Read { bytes: &'a [u8], code: u32 },
     Write {
         bytes: Vec<u8>,
@@ -40,23 +42,23 @@ enum Way<'a> {
 }
 
 impl<'a> Coder<'a> {
-    fn new(way: Way<'a>) -> Self {
+    fn new(mode: Mode<'a>) -> Self {
         Self {
-            way,
+            mode,
             range: u32::MAX,
             learnt: vec![1 << (ONE_BITS - 1); CONTEXTS * NODES],
         }
     }
 
-    /// Reads what [`Self::finish`] gave.
+    /// A coder that reads the bytes of [`Self::finish`].
     pub(super) fn reading(bytes: &'a [u8]) -> Self {
-        let mut coder = Self::new(Way::Read { bytes, code: 0 });
+        let mut coder = Self::new(Mode::Read { bytes, code: 0 });
         (0..5).for_each(|_| coder.shift());
         coder
     }
 
     pub(super) fn writing() -> Self {
-        Self::new(Way::Write {
+        Self::new(Mode::Write {
             bytes: Vec::new(),
             low: 0,
             held: 0,
@@ -64,23 +66,23 @@ impl<'a> Coder<'a> {
         })
     }
 
-    /// All that was written.
+    /// The bytes written.
     pub(super) fn finish(mut self) -> Vec<u8> {
         (0..5).for_each(|_| self.shift());
-        match self.way {
-            Way::Read { .. } => Vec::new(),
-            Way::Write { bytes, .. } => bytes,
+        match self.mode {
+            Mode::Read { .. } => Vec::new(),
+            Mode::Write { bytes, .. } => bytes,
         }
     }
 
-    /// Takes the next byte, or gives one away.
+    /// Reads the next byte, or writes one.
     fn shift(&mut self) {
-        match &mut self.way {
-            Way::Read { bytes, code } => {
+        match &mut self.mode {
+            Mode::Read { bytes, code } => {
                 let byte = bytes.split_off_first().expect("a whole head");
                 *code = *code << 8 | u32::from(*byte);
             }
-            Way::Write {
+            Mode::Write {
                 bytes,
                 low,
                 held,
@@ -100,17 +102,17 @@ impl<'a> Coder<'a> {
         }
     }
 
-    /// Writes `bit`, or ignores it and reads one, by the probability learnt at `node`. What it was.
+    /// Writes `bit`, or ignores it and reads one, with the probability of `node`; returns the bit.
     fn bit(&mut self, node: usize, bit: u32) -> u32 {
         let p = self.learnt[node];
         let bound = (self.range >> ONE_BITS) * u32::from(p);
-        let bit = match &mut self.way {
-            Way::Read { code, .. } => {
+        let bit = match &mut self.mode {
+            Mode::Read { code, .. } => {
                 let bit = u32::from(*code >= bound);
                 *code -= bit * bound;
                 bit
             }
-            Way::Write { low, .. } => {
+            Mode::Write { low, .. } => {
                 *low += u64::from(bit * bound);
                 bit
             }
@@ -126,7 +128,7 @@ impl<'a> Coder<'a> {
         bit
     }
 
-    /// Writes a number of a context, −2¹⁹…2¹⁹, or ignores `value` and reads one. What it was.
+    /// Writes `value` (−2¹⁹…2¹⁹) in a context, or ignores it and reads one; returns the number.
     pub(super) fn number(&mut self, context: usize, value: i32) -> i32 {
         let value = ((value << 1) ^ (value >> 31)).cast_unsigned();
         let start = context * NODES;
@@ -138,7 +140,7 @@ impl<'a> Coder<'a> {
         let count = (node - LENGTH_NODES).min(DIGITS);
         let (mut number, mut node) = (u32::from(count > 0), 1);
         for k in (0..count.saturating_sub(1)).rev() {
-            // What is beyond the learnt digits goes on as the last of them.
+            // Further digits share the last probabilities.
             let place = start + LENGTH_NODES + (count << LEARNT) + (node & ((1 << LEARNT) - 1));
             let digit = self.bit(place, (value >> k) & 1);
             number = 2 * number + digit;

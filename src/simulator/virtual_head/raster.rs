@@ -1,25 +1,24 @@
-//! Filled triangles with a depth buffer: the one drawing primitive of the simulated cameras.
+//! Filled triangles with a depth buffer, the drawing primitive of the simulated cameras.
 //!
-//! Pineda, "A parallel algorithm for polygon rasterization" (1988): a pixel is inside where three edge functions agree in
-//! sign. Depth is kept as inverse distance 1/z, which is linear in the picture, so perspective is exact; colours
-//! are interpolated linearly within a triangle, whose size of a few pixels makes the difference invisible.
-//! Pixel centres are integers. Cost: set-up of about 30 operations per triangle, then one row at a time. A triangle
-//! seen edge-on, beyond the picture or behind the camera draws nothing.
+//! Pineda, "A parallel algorithm for polygon rasterization" (1988): a pixel is inside where three edge functions have the same sign.
+//! Depth is the inverse distance 1/z, which is linear in the image, so perspective is exact; colours are interpolated linearly,
+//! which makes no visible difference in triangles of a few pixels. Pixel centres are integers. Cost: about 30 operations per
+//! triangle, then row by row. A triangle seen edge-on, outside of the image or behind the camera draws nothing.
 
 use mien_stages::base::geometry::{Point, Vector};
 
-/// A corner on the screen.
+/// A projected corner.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Corner {
     /// Column, pixels.
     pub x: f32,
     /// Row, pixels.
     pub y: f32,
-    /// 1/z, 1/metres; 0 = not drawable.
+    /// 1/z, 1/metres; 0 = behind the camera.
     pub inverse: f32,
 }
 
-/// Projects places in the sensor's frame, metres, with `pixel`; what is behind the camera is not drawable.
+/// Projects points of the sensor frame (metres) with `pixel`.
 pub(crate) fn project(
     placed: &[Point],
     pixel: impl Fn(&Point) -> [f32; 2],
@@ -32,14 +31,14 @@ pub(crate) fn project(
     }
 }
 
-/// Between three corners, at shares of the second and the third.
+/// Interpolates between three corners; `u` and `v` are the shares of the second and third.
 #[inline]
 pub(crate) fn mix([a, b, c]: [f32; 3], u: f32, v: f32) -> f32 {
     a + u * (b - a) + v * (c - a)
 }
 
-/// The sums of the normals of the triangles around each vertex. Corners are clockwise in a picture whose y points down, and z
-/// away: outwards is this way round.
+/// Sums the outward normals (weighted by area) of the triangles around each vertex. Corners are clockwise in an image with y down
+/// and z away from the camera.
 pub fn sum_normals(
     triangles: impl Iterator<Item = [usize; 3]>,
     vertices: &[Point],
@@ -55,7 +54,7 @@ pub fn sum_normals(
     }
 }
 
-/// Part of a picture that was drawn to: column and row of its first pixel, and one past those of its last.
+/// Part of an image that was drawn to: column and row of its first pixel, and one past the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window(pub(crate) [usize; 2], pub(crate) [usize; 2]);
 
@@ -71,12 +70,12 @@ impl Window {
     }
 }
 
-/// Inverse distance of what is nearest so far, per pixel.
+/// Inverse distance of the nearest surface so far, per pixel.
 pub struct DepthBuffer {
     /// Pixels in a row.
     pub width: usize,
     pub(crate) height: usize,
-    /// 1/z of each pixel, row by row, 1/metres; 0 = nothing.
+    /// 1/z of each pixel, row by row, 1/metres; 0 = empty.
     pub inverse: Vec<f32>,
 }
 
@@ -90,8 +89,8 @@ impl DepthBuffer {
         }
     }
 
-    /// Draws one triangle, corners clockwise in the picture; calls `paint(pixel, shares of b and c)` where it is the
-    /// nearest so far. Returns what it may have touched.
+    /// Draws a triangle, corners clockwise in the image; calls `paint(pixel, shares of b and c)` where it is the nearest so far.
+    /// Returns the window drawn to.
     #[inline]
     pub fn triangle(
         &mut self,
@@ -104,7 +103,7 @@ impl DepthBuffer {
         })
     }
 
-    /// As [`DepthBuffer::triangle`], for a surface with gaps: `paint` says whether there is anything.
+    /// As [`DepthBuffer::triangle`], for a surface with gaps: `paint` returns whether the pixel is opaque.
     #[inline]
     pub fn triangle_where(
         &mut self,
@@ -112,7 +111,7 @@ impl DepthBuffer {
         mut paint: impl FnMut(usize, f32, f32) -> bool,
     ) -> Window {
         let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-        // Not `area <= 0`, so that a triangle with a corner that is not a number is left out as well.
+        // Not `area <= 0`, so that NaN is rejected too.
         if !(area > 1e-6 && a.inverse > 0.0 && b.inverse > 0.0 && c.inverse > 0.0) {
             return Window::NOTHING;
         }
@@ -133,7 +132,7 @@ impl DepthBuffer {
             return Window::NOTHING;
         }
         let scale = 1.0 / area;
-        // Share of b and of c at (x, y): planes over the picture.
+        // Gradients of the shares of b and c over the image.
         let (b_dx, b_dy) = ((c.y - a.y) * scale, -(c.x - a.x) * scale);
         let (c_dx, c_dy) = (-(b.y - a.y) * scale, (b.x - a.x) * scale);
         let (inverse_b, inverse_c) = (b.inverse - a.inverse, c.inverse - a.inverse);
@@ -146,7 +145,7 @@ impl DepthBuffer {
                 let dx = (left + k) as f32 - a.x;
                 let share_b = dx * b_dx + b_row;
                 let share_c = dx * c_dx + c_row;
-                // A hair's breadth of overlap closes cracks between neighbours.
+                // A slight overlap closes cracks between neighbours.
                 if share_b < -1e-4 || share_c < -1e-4 || share_b + share_c > 1.0001 {
                     continue;
                 }
@@ -160,7 +159,7 @@ impl DepthBuffer {
     }
 }
 
-/// First whole number that is not below `x`, at least 0. The library's `ceil` is a call on processors without the instruction.
+/// Ceiling of `x`, at least 0; faster than `ceil` on processors without such an instruction.
 fn first_from(x: f32) -> usize {
     let whole = x as usize;
     whole + usize::from(x > whole as f32)

@@ -1,7 +1,6 @@
-//! What real recordings show beyond the errors of [`DepthReading::read`], which every scene had from the beginning, as measured
-//! on three of public origin:
+//! Errors of real sensors beyond [`DepthReading::read`], as measured on three public recordings:
 //!
-//! | what | `kinect.webm` of three.js, a man at 0.7 to 1 m | OpenISS `test-recording`, two men at 0.8 to 1 m | PCL `five_people`, 1.8 to 4 m |
+//! | quantity | `kinect.webm` of three.js, a man at 0.7 to 1 m | OpenISS `test-recording`, two men at 0.8 to 1 m | PCL `five_people`, 1.8 to 4 m |
 //! | --- | --- | --- | --- |
 //! | no reading within hair; within 3 px of its outline | 0.9 %; 18 % | dark 2.2 % | brown 2 %, black 10, 11, 30 % with outline |
 //! | … on the face; face and beard | 0.25 % | 1.6 % | |
@@ -15,10 +14,10 @@
 //! | relief that stands still, raw units | | 0.62, of it columns 0.17 | |
 //! | pixels that come and go | | 7.5 % of those with a reading | |
 //!
-//! The window's size is what makes all of it: detail below some 7 px is not there, an outline is that of the dots that happened
-//! to fall there. The first recording went through a video codec; only its holes and outlines are used.
+//! The correlation window causes all of this: detail below about 7 px is missing, and outlines follow the dots of the pattern. The
+//! first recording is video-compressed; only its holes and outlines are used.
 
-use super::appearance::Stuff;
+use super::appearance::Material;
 use super::noise::{
     BLANK_COLUMNS, DISPARITY_SIGMA, DepthReading, FARTHEST_RAW, GRAZING_SLOPE, GRAZING_SPAN,
     NEAREST_RAW, SIDE, Tiles, blurred, line,
@@ -27,20 +26,21 @@ use super::random::{hash, uniform};
 use mien_sensors::NO_DEPTH;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
-/// Width of the rim in which readings fail more often.
+/// Width of the rim in which readings fail more often, pixels.
 const RIM_PX: usize = 3;
-/// Step between neighbours that is an edge, raw units.
+/// Step between neighbouring pixels that counts as an edge, raw units.
 const STEP_RAW: f32 = 18.0;
-/// Share of the readings beside an edge that lie between its two sides.
+/// Share of readings beside an edge that are between its two sides.
 const BETWEEN: f32 = 0.035;
-/// Standard deviations of a surface's relief that is not there, raw units: of the pattern, of the columns; and of the
-/// change from frame to frame.
+/// Standard deviation of the constant false relief from the pattern, raw units.
 const RELIEF_SIGMA: f32 = 0.34;
+/// Standard deviation of constant column offsets, raw units.
 const STRIPE_SIGMA: f32 = 0.17;
+/// Standard deviation of noise that changes per frame, raw units.
 const CHANGE_SIGMA: f32 = 0.42;
-/// Strength from which outlines are those of the window.
+/// Strength above which outlines follow the correlation window.
 const HALF: f32 = 0.5;
-/// Where the correlation window is looked into, pixels from its middle.
+/// Samples of the correlation window, pixels from its middle.
 const TAPS: [(isize, isize); 9] = [
     (0, 0),
     (-3, 0),
@@ -52,14 +52,14 @@ const TAPS: [(isize, isize); 9] = [
     (-2, 2),
     (2, -2),
 ];
-/// Surfaces closer than this are one for the correlation window, raw units.
+/// Largest difference within which the correlation window averages, raw units.
 const WINDOW_RAW: f32 = 12.0;
 
-/// The depth camera's errors in full: work space for [`RealReading::read`].
+/// Simulates all errors of a real depth camera; work space of [`RealReading::read`].
 pub(crate) struct RealReading {
-    /// Alike within about five pixels, standard normal.
+    /// Correlated within about five pixels, standard normal.
     lobes: Vec<f32>,
-    /// Alike within about eight pixels, as ranks in 0…1.
+    /// Correlated within about eight pixels, as ranks in 0…1.
     ranks: Vec<f32>,
     stripes: Vec<f32>,
     edge: Vec<bool>,
@@ -67,8 +67,8 @@ pub(crate) struct RealReading {
     dark: Vec<bool>,
 }
 
-/// A tile blurred so many times, again standard normal.
-fn softened(tile: &[f32], times: usize) -> Vec<f32> {
+/// A tile blurred `times` times and scaled to standard normal.
+fn blurred_times(tile: &[f32], times: usize) -> Vec<f32> {
     (0..times).fold(tile.to_vec(), |tile, _| {
         let mut soft = blurred(&tile);
         let power = soft.iter().map(|v| v * v).sum::<f32>() / soft.len() as f32;
@@ -79,10 +79,10 @@ fn softened(tile: &[f32], times: usize) -> Vec<f32> {
 }
 
 impl RealReading {
-    /// `seed`: of the one sensor, whose pattern is always the same.
+    /// `seed` identifies the sensor, whose pattern is constant.
     pub(crate) fn new(tiles: &Tiles, seed: u64) -> Self {
-        let lobes = softened(&tiles.white, 2);
-        let broad = softened(&tiles.white, 7);
+        let lobes = blurred_times(&tiles.white, 2);
+        let broad = blurred_times(&tiles.white, 7);
         let mut order: Vec<usize> = (0..broad.len()).collect();
         order.sort_by(|&a, &b| broad[a].total_cmp(&broad[b]));
         let mut ranks = vec![0.0; broad.len()];
@@ -91,7 +91,7 @@ impl RealReading {
         }
         let column = |col: usize| {
             let k = |c: usize| uniform(seed ^ 0x57e1, c as u64);
-            // Root of the mean square of this sum: √(1.5 · ⅓).
+            // Scale: the sum's standard deviation is √(1.5 · ⅓).
             (k(col) + 0.5 * k(col + 1) + 0.5 * k(col + 2)) * std::f32::consts::SQRT_2
         };
         Self {
@@ -104,24 +104,24 @@ impl RealReading {
         }
     }
 
-    /// Reads a perfect picture and what it shows as a real sensor would; `strength`: how much of its faults.
+    /// Converts a perfect image (1/z and material per pixel) to raw depth with errors; `strength`: their scale, 1 = a real Kinect's.
     pub(crate) fn read(
         &mut self,
         reading: &DepthReading,
         strength: f32,
         inverse: &[f32],
-        stuff: &[Stuff],
+        material: &[Material],
         tiles: &Tiles,
         seed: u64,
         depth: &mut [u16; PIXELS],
     ) {
         self.find_edges(reading, inverse);
-        let mut seen = Seen {
+        let mut seen = PixelReading {
             real: self,
             reading,
             strength,
             inverse,
-            stuff,
+            material,
             tiles,
             offsets: [1, 2, 3, 4].map(|k| (hash(seed, k) as usize) % SIDE),
             row: 0,
@@ -134,7 +134,7 @@ impl RealReading {
         }
     }
 
-    /// Finds steps, what is near them, and what the projector does not light.
+    /// Finds edges, the rims around them, and pixels that the projector does not light.
     fn find_edges(&mut self, reading: &DepthReading, inverse: &[f32]) {
         let step = STEP_RAW / -reading.raw_per_inverse;
         for row in 0..HEIGHT {
@@ -152,7 +152,7 @@ impl RealReading {
                     .any(|&k| (inverse[k] - inverse[here]).abs() > step);
             }
         }
-        // Along rows and along columns.
+        // Rims extend along rows and columns.
         self.rim.fill(false);
         for (here, _) in self.edge.iter().enumerate().filter(|(_, edge)| **edge) {
             let (row, col) = (here / WIDTH, here % WIDTH);
@@ -164,28 +164,27 @@ impl RealReading {
     }
 }
 
-/// A pixel of what a real sensor sees, and what its faults are looked up in.
-struct Seen<'a> {
+/// One pixel being measured, with all inputs.
+struct PixelReading<'a> {
     real: &'a RealReading,
     reading: &'a DepthReading,
     strength: f32,
     inverse: &'a [f32],
-    stuff: &'a [Stuff],
+    material: &'a [Material],
     tiles: &'a Tiles,
     offsets: [usize; 4],
     row: usize,
     col: usize,
 }
 
-impl Seen<'_> {
-    /// What the sensor says: the pixel goes through all faults in the order of the sensor, each using what those before it have
-    /// made.
+impl PixelReading<'_> {
+    /// Raw value, or `None` if the reading fails. Errors are applied in the order in which they arise in the sensor.
     fn raw(&self) -> Option<u16> {
-        let (offset, mut is_read) = (self.frayed(), true);
-        let mut value = self.matched(offset, &mut is_read);
-        self.fails_at_a_slope(&mut value, &mut is_read);
+        let (offset, mut is_read) = (self.edge_offset(), true);
+        let mut value = self.window_value(offset, &mut is_read);
+        self.apply_slope_faults(&mut value, &mut is_read);
         let [dr, dc] = offset;
-        is_read &= self.comes_back(self.stuff[self.index_near(dr, dc)], value);
+        is_read &= self.is_returned(self.material[self.index_near(dr, dc)], value);
         let reading = self.reading;
         let raw = reading.raw_far + reading.raw_per_inverse * value + self.noise();
         let is_read = is_read && (NEAREST_RAW..FARTHEST_RAW).contains(&raw);
@@ -198,12 +197,13 @@ impl Seen<'_> {
         row * WIDTH + col
     }
 
-    /// A number of a tile that stays, or one that is another in every frame.
-    fn still(&self, tile: &[f32], by: usize) -> f32 {
+    /// Number of a tile that is constant for this pixel; `by` selects one of several.
+    fn fixed_noise(&self, tile: &[f32], by: usize) -> f32 {
         tile[(self.row + 37 * by) % SIDE * SIDE + (self.col + 91 * by) % SIDE]
     }
 
-    fn moving(&self, tile: &[f32], k: usize) -> f32 {
+    /// Number of a tile that changes with every frame; `k` selects one of four.
+    fn frame_noise(&self, tile: &[f32], k: usize) -> f32 {
         let by = self.offsets[k];
         tile[(self.row + by) % SIDE * SIDE + (self.col + by / 3) % SIDE]
     }
@@ -212,28 +212,29 @@ impl Seen<'_> {
         self.real.rim[self.index_near(0, 0)]
     }
 
-    /// Raw values between two distances.
+    /// Difference of two inverse distances, raw units.
     fn step(&self, one: f32, other: f32) -> f32 {
         (other - one).abs() * -self.reading.raw_per_inverse
     }
 
-    /// Where the window's best match really lies, rows and columns off: hair frays what is beside it, too.
-    fn frayed(&self) -> [isize; 2] {
+    /// Offset of the matched window near an edge, rows and columns; depends on all materials around, since hair also affects its
+    /// background.
+    fn edge_offset(&self) -> [isize; 2] {
         if !self.is_at_rim() {
             return [0; 2];
         }
         let around = [(0, 0), (0, -3), (0, 3), (-3, 0), (3, 0)];
-        let ragged = around.map(|(dr, dc)| self.stuff[self.index_near(dr, dc)].answers()[4]);
+        let ragged = around.map(|(dr, dc)| self.material[self.index_near(dr, dc)].properties()[4]);
         let reach = ragged.into_iter().fold(0.0, f32::max) * self.strength;
         [0, 1].map(|k| {
-            let still = self.still(&self.real.lobes, k + 1);
-            let moving = self.moving(&self.real.lobes, k);
-            (reach * (0.72 * still + 0.69 * moving)).round() as isize
+            let fixed_noise = self.fixed_noise(&self.real.lobes, k + 1);
+            let frame_noise = self.frame_noise(&self.real.lobes, k);
+            (reach * (0.72 * fixed_noise + 0.69 * frame_noise)).round() as isize
         })
     }
 
-    /// What the window takes in around there: near an edge what most of it shows, everywhere a mean of that.
-    fn matched(&self, [dy, dx]: [isize; 2], is_read: &mut bool) -> f32 {
+    /// Inverse distance measured by the window: the median near an edge, then a mean over the same surface.
+    fn window_value(&self, [dy, dx]: [isize; 2], is_read: &mut bool) -> f32 {
         let at = self.index_near(dy, dx);
         let mut value = self.inverse[at];
         *is_read = !self.real.dark[at] && value > 0.0;
@@ -264,8 +265,8 @@ impl Seen<'_> {
         value
     }
 
-    /// Readings fail on what is seen at a grazing angle; some beside an edge lie between its sides.
-    fn fails_at_a_slope(&self, value: &mut f32, is_read: &mut bool) {
+    /// Readings fail at grazing angles; some beside an edge become the mean of its two sides.
+    fn apply_slope_faults(&self, value: &mut f32, is_read: &mut bool) {
         let [right, left, below, above] = [(0, 1), (0, -1), (1, 0), (-1, 0)]
             .map(|(dr, dc)| self.inverse[self.index_near(dr, dc)]);
         let steep = (right - left).abs().max((below - above).abs());
@@ -273,31 +274,32 @@ impl Seen<'_> {
         let is_edge = self.real.edge[self.index_near(0, 0)];
         if steep > GRAZING_SLOPE && !is_edge {
             let fails = ((steep - GRAZING_SLOPE) / GRAZING_SPAN).min(1.0) * 0.8;
-            *is_read &= self.still(&self.real.ranks, 3) > fails;
+            *is_read &= self.fixed_noise(&self.real.ranks, 3) > fails;
         } else if is_edge
-            && self.still(&self.tiles.white, self.offsets[2]).abs() < 1.25 * BETWEEN * self.strength
+            && self.fixed_noise(&self.tiles.white, self.offsets[2]).abs()
+                < 1.25 * BETWEEN * self.strength
         {
             *value = 0.5 * (right + left);
         }
     }
 
-    /// Whether enough of the light comes back: less from farther away, and from some stuff.
-    fn comes_back(&self, stuff: Stuff, value: f32) -> bool {
-        let [_, _, within, at_rim, _] = stuff.answers();
+    /// Whether enough light returns, depending on distance, material and rim.
+    fn is_returned(&self, material: Material, value: f32) -> bool {
+        let [_, _, within, at_rim, _] = material.properties();
         let far = 1.0 / value.max(0.2);
         let mut fails = within * far * far;
         if self.is_at_rim() {
             fails = fails.max(at_rim * far);
         }
         let fails = (fails * self.strength).min(0.95);
-        self.still(&self.real.ranks, 4) >= 0.65 * fails
-            && self.moving(&self.real.ranks, 3) >= 0.35 * fails / (1.0 - 0.65 * fails)
+        self.fixed_noise(&self.real.ranks, 4) >= 0.65 * fails
+            && self.frame_noise(&self.real.ranks, 3) >= 0.35 * fails / (1.0 - 0.65 * fails)
     }
 
     fn noise(&self) -> f32 {
         let (smooth, lobes) = (&self.tiles.smooth, &self.real.lobes);
-        let relief = 0.8 * self.still(smooth, 5) + 0.6 * self.still(lobes, 6);
-        let change = 0.6 * self.moving(smooth, 1) + 0.8 * self.moving(lobes, 2);
+        let relief = 0.8 * self.fixed_noise(smooth, 5) + 0.6 * self.fixed_noise(lobes, 6);
+        let change = 0.6 * self.frame_noise(smooth, 1) + 0.8 * self.frame_noise(lobes, 2);
         let stripe = self.real.stripes[self.col];
         self.strength * (RELIEF_SIGMA * relief + STRIPE_SIGMA * stripe)
             + (DISPARITY_SIGMA + self.strength * (CHANGE_SIGMA - DISPARITY_SIGMA)) * change
@@ -317,15 +319,23 @@ mod tests {
     }
 
     /// A plane of some stuff as the real sensor sees it, frame by frame.
-    fn real_plane(stuff: Stuff, z: f32, frames: u64) -> Vec<Box<[u16; PIXELS]>> {
+    fn real_plane(material: Material, z: f32, frames: u64) -> Vec<Box<[u16; PIXELS]>> {
         let tiles = Tiles::new(7);
         let mut real = RealReading::new(&tiles, 7);
-        let (inverse, stuff) = (vec![1.0 / z; PIXELS], vec![stuff; PIXELS]);
+        let (inverse, material) = (vec![1.0 / z; PIXELS], vec![material; PIXELS]);
         (0..frames)
             .map(|k| {
                 let mut depth = boxed();
                 let seed = hash(3, k);
-                real.read(&reading(), 1.0, &inverse, &stuff, &tiles, seed, &mut depth);
+                real.read(
+                    &reading(),
+                    1.0,
+                    &inverse,
+                    &material,
+                    &tiles,
+                    seed,
+                    &mut depth,
+                );
                 depth
             })
             .collect()
@@ -344,27 +354,27 @@ mod tests {
 
     #[test]
     fn as_many_readings_fail_as_on_real_hair_faces_and_cloth() {
-        for (stuff, z, [least, most]) in [
-            (Stuff::Skin, 0.85, [0.0015, 0.005]),
-            (Stuff::Hair, 0.85, [0.005, 0.012]),
-            (Stuff::DarkHair, 1.0, [0.015, 0.03]),
-            (Stuff::DarkHair, 1.8, [0.05, 0.12]),
-            (Stuff::Dark, 0.85, [0.0, 0.01]),
-            (Stuff::Cloth, 0.85, [0.0, 0.003]),
+        for (material, z, [least, most]) in [
+            (Material::Skin, 0.85, [0.0015, 0.005]),
+            (Material::Hair, 0.85, [0.005, 0.012]),
+            (Material::DarkHair, 1.0, [0.015, 0.03]),
+            (Material::DarkHair, 1.8, [0.05, 0.12]),
+            (Material::Dark, 0.85, [0.0, 0.01]),
+            (Material::Cloth, 0.85, [0.0, 0.003]),
         ] {
-            let frames = real_plane(stuff, z, 8);
+            let frames = real_plane(material, z, 8);
             let blank = |_, col| col < WIDTH - BLANK_COLUMNS;
             let share = frames.iter().map(|depth| holes(depth, blank)).sum::<f64>() / 8.0;
             assert!(
                 (least..most).contains(&share),
-                "{stuff:?} at {z} m: {share:.4} fail"
+                "{material:?} at {z} m: {share:.4} fail"
             );
         }
     }
 
     #[test]
     fn a_real_reading_changes_from_frame_to_frame_and_has_relief_as_measured() {
-        let frames = real_plane(Stuff::Skin, 0.9, 30);
+        let frames = real_plane(Material::Skin, 0.9, 30);
         let (mut change, mut relief, mut count) = (0.0, 0.0, 0.0);
         let mut means = vec![0.0f64; PIXELS];
         for (k, mean) in means.iter_mut().enumerate() {
@@ -396,13 +406,13 @@ mod tests {
     }
 
     /// Standard deviation of a straight upright outline, and the share of failed readings within 3 px inside it.
-    fn outline(stuff: Stuff) -> (f64, f64) {
+    fn outline(material: Material) -> (f64, f64) {
         let tiles = Tiles::new(5);
         let mut real = RealReading::new(&tiles, 5);
-        let (mut inverse, mut made) = (vec![1.0 / 2.0; PIXELS], vec![Stuff::Matt; PIXELS]);
+        let (mut inverse, mut made) = (vec![1.0 / 2.0; PIXELS], vec![Material::Matt; PIXELS]);
         for row in 0..HEIGHT {
             inverse[row * WIDTH + 300..row * WIDTH + 500].fill(1.0 / 0.85);
-            made[row * WIDTH + 300..row * WIDTH + 500].fill(stuff);
+            made[row * WIDTH + 300..row * WIDTH + 500].fill(material);
         }
         let near = reading().raw_far + reading().raw_per_inverse / 0.85 + 20.0;
         let (mut squares, mut count, mut failed) = (0.0, 0.0, 0.0);
@@ -438,8 +448,8 @@ mod tests {
 
     #[test]
     fn outlines_are_as_ragged_as_real_ones() {
-        let (cloth, cloth_fails) = outline(Stuff::Cloth);
-        let (hair, hair_fails) = outline(Stuff::DarkHair);
+        let (cloth, cloth_fails) = outline(Material::Cloth);
+        let (hair, hair_fails) = outline(Material::DarkHair);
         assert!((0.6..1.5).contains(&cloth), "cloth {cloth:.2} px");
         assert!((1.6..2.8).contains(&hair), "hair {hair:.2} px");
         assert!(

@@ -1,34 +1,33 @@
-//! What the simulated person does: pose and expression as smooth functions of time, the same for the same seed.
+//! Scripts of scenes: pose and expression as smooth functions of time and seed.
 //!
-//! Nothing is remembered from frame to frame, so any instant can be drawn without those before it. Curves are values
-//! hashed per interval and joined by Hermite splines (value noise): smooth in position and speed.
-//! Acts and seats are tables; what moves besides is in [`Scene::play_person`].
+//! There is no state, so any instant can be drawn by itself. Curves are values hashed per interval and joined by Hermite splines
+//! (value noise), smooth in position and speed. Acts and seats are tables; movements are in [`Scene::play_person`].
 
 use super::random::uniform;
 use mien_stages::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll, smoothstep};
 
-/// What is played.
+/// A scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scene {
-    /// Head turning within ±25° of yaw and ±15° of pitch at 0.6 to 1.0 m, every expression in turn, then mixed, with
-    /// blinks and speech.
+    /// One head turns within ±25° of yaw and ±15° of pitch at 0.6 to 1.0 m; every expression in turn, then mixtures, with blinks and
+    /// speech.
     #[default]
     Acted,
-    /// As `Acted`, by somebody with hair and clothes in a room ([`super::Look::demonstration`]).
+    /// As `Acted`, by somebody with hair and clothes in a room ([`super::Appearance::demonstration`]).
     Demo,
     /// A neutral face that faces the sensor at 0.7 m and does not move.
     Still,
-    /// A neutral face that turns through the whole range.
+    /// A neutral face that turns through the range of `Acted`.
     Turning,
     /// A wall and an empty chair.
     Empty,
-    /// As `Acted`, but the person walks away after 6 s, is gone from 8 to 13 s, and is back at 15 s of every 20.
+    /// As `Acted`, but in every 20 s the person walks away at 6 s, is absent from 8 to 13 s, and is back at 15 s.
     Leaving,
     /// As `Acted`, with yaw to ±45° and pitch to ±30°.
     Wide,
-    /// A neutral face that looks from side to side, ±32°, at up to 200°/s.
+    /// A neutral face that turns from side to side, ±32°, at up to 200°/s.
     Fast,
-    /// A neutral face behind which a hand rises every 5 s, for 0.3, 0.9 and 1.8 s in turn.
+    /// A neutral face in front of which a hand rises every 5 s, for 0.3, 0.9 and 1.8 s in turn.
     Hand,
     /// Two people who act side by side.
     Two,
@@ -36,23 +35,21 @@ pub enum Scene {
     Four,
     /// Two people who walk past each other at 0.85 m and 1.3 m every 5 s.
     Crossing,
-    /// One person leaves as another comes, and the other way round: one at 0 to 6 s and from 14 s of every 20, the other at
-    /// 7 to 13 s.
+    /// Two people take turns in every 20 s: one until 6 s and from 14 s, the other from 7 to 13 s.
     Swap,
     /// Three people seen from behind.
     Behind,
-    /// Things of a head's size, and nobody.
+    /// Things of a head's size, nobody.
     Furnished,
-    /// Moving as in `Acted`, with expressions drawn at random and mixed freely: what is learnt from it is not the order of
-    /// an act.
+    /// Movements as in `Acted`, with random expressions mixed freely, so that training cannot learn an order of acts.
     Mixed,
-    /// Joy, sorrow, anger and surprise in turn, with rest between, as the paper's demonstration has them.
+    /// Joy, sorrow, anger and surprise in turn, with rest in between, as in the paper's demonstration.
     #[cfg(feature = "studio")]
     Moods,
 }
 
 impl Scene {
-    /// All, with the names that select them.
+    /// All scenes, with their names.
     pub const NAMES: &[(&'static str, Self)] = &[
         ("acted", Self::Acted),
         ("demo", Self::Demo),
@@ -74,13 +71,13 @@ impl Scene {
         ("moods", Self::Moods),
     ];
 
-    /// Scene of a name.
+    /// The scene of this name.
     pub fn named(name: &str) -> Option<Self> {
         let found = Self::NAMES.iter().find(|(known, _)| *known == name);
         found.map(|&(_, scene)| scene)
     }
 
-    /// How many people come up in it.
+    /// Number of people in the scene.
     pub(crate) const fn people(self) -> usize {
         match self {
             Self::Two | Self::Crossing | Self::Swap => 2,
@@ -93,13 +90,13 @@ impl Scene {
 
 /// Duration of one act, seconds.
 const ACT_S: f32 = 1.8;
-/// Blinks come once in each interval this long, seconds.
+/// Interval with one blink each, seconds.
 const BLINK_EVERY_S: f32 = 3.4;
 
-/// Acts, a line each: expressions and their weights at the height of it, 1 unless said. `_LR` is both sides, `speech` moves the
-/// jaw as in talking, `rest` nothing.
+/// Acts, a line each: expressions with their peak weights (default 1). `_LR` means both sides, `speech` moves the jaw as in talking,
+/// `rest` nothing.
 const ACTS: &str = include_str!("acts.txt");
-/// What each mood of [`Scene::Moods`] looks like, as far as the head's expressions go (its mouth corners do not go down).
+/// Acts of [`Scene::Moods`]; the head has no expression that lowers the mouth corners.
 #[cfg(feature = "studio")]
 const MOODS: [&str; 4] = [
     "mouthSmile_LR, cheekRaiser_LR 0.8, mouthUpperUp_LR 0.4, jawOpen 0.15",
@@ -107,21 +104,21 @@ const MOODS: [&str; 4] = [
     "browDown_LR, eyeSquint_LR 0.7, mouthLowerDown_LR 0.6, mouthUpperUp_LR 0.3, mouthStretch_LR 0.3",
     "browInnerUp_LR, browOuterUp_LR, eyeWide_LR, jawOpen 0.8",
 ];
-/// Expressions that [`Scene::Mixed`] draws from; those with sides are played on one or both.
+/// Expressions of [`Scene::Mixed`]; those with `_LR` are played on one side or both.
 const MIXED: &str = "mouthSmile_LR, mouthStretch_LR, mouthUpperUp_LR, mouthLowerDown_LR, noseSneer_LR, browDown_LR, \
     browInnerUp_LR, browOuterUp_LR, eyeSquint_LR, eyeWide_LR, cheekRaiser_LR, cheekPuff_LR, mouthFrown_LR, \
     mouthDimple_LR, mouthPress_LR, cheekSquint_LR, jawOpen, jawLeft, jawRight, jawForward, mouthFunnel, mouthPucker, \
     mouthShrugLower, mouthShrugUpper, mouthRollLower, mouthRollUpper, mouthRoll, mouthLeft, mouthRight";
-/// Both lips rolled in at once, which is no expression of the head's own.
+/// Name in [`MIXED`] for both lips rolled in, and its expressions.
 const ROLL: (&str, [&str; 2]) = ("mouthRoll", ["mouthRollLower", "mouthRollUpper"]);
 /// Duration of one mood, seconds.
 #[cfg(feature = "studio")]
 const MOOD_S: f32 = 3.0;
-/// Acts played in turn before mixtures begin, and mixtures before the turn begins again.
+/// Number of mixtures of two acts that are played after all single acts, before the cycle repeats.
 const MIXTURES: u64 = 16;
 
-/// Smooth noise in about −1…1: a new value every `period_s`.
-fn wander(seed: u64, channel: u64, t: f32, period_s: f32) -> f32 {
+/// Smooth noise of about −1…1 with a new value every `period_s`.
+fn smooth_noise(seed: u64, channel: u64, t: f32, period_s: f32) -> f32 {
     let s = t / period_s + 2.0;
     let (k, f) = (s.floor() as u64, s - s.floor());
     let value = |i: u64| uniform(seed ^ channel.wrapping_mul(0xd6e8_feb8_6659_fd93), i);
@@ -135,29 +132,29 @@ fn wander(seed: u64, channel: u64, t: f32, period_s: f32) -> f32 {
         + mb * (f3 - f2)
 }
 
-/// Up, hold, down within an act.
+/// Weight over an act, 0…1: rise, hold, fall; `t`: seconds since its start.
 fn envelope(t: f32) -> f32 {
     smoothstep(0.15, 0.55, t) * (1.0 - smoothstep(1.1, 1.55, t))
 }
 
-/// There and back: 0 at the start, 1 after a quarter of the period, −1 after three, smooth at both ends.
+/// Smooth oscillation: 0 at the start, 1 after a quarter of the period, −1 after three quarters.
 fn swing(t: f32, period: f32) -> f32 {
     let f = (t / period + 0.25).fract();
     let triangle = 1.0 - 4.0 * (f - 0.5).abs();
     triangle * (1.5 - 0.5 * triangle * triangle)
 }
 
-/// Head turned by degrees of yaw, pitch and roll at a place in metres.
-fn placed(angles: [f32; 3], [x, y, z]: [f32; 3]) -> Rigid {
+/// Pose of a head (sensor from head): yaw, pitch and roll in degrees, position in metres.
+fn head_pose(angles: [f32; 3], [x, y, z]: [f32; 3]) -> Rigid {
     let [yaw, pitch, roll] = angles.map(f32::to_radians);
     let rotation = rotation_from_yaw_pitch_roll(yaw, pitch, roll);
     Rigid::from_parts(nalgebra::Translation3::new(x, y, z), rotation)
 }
 
-/// Where somebody stands who looks over the shoulder from behind, turned away by about 40°.
+/// Pose of a bystander, who looks over the shoulder from behind, turned away by about 40°.
 pub(crate) fn bystander(seed: u64, t: f32) -> Rigid {
     let side = 1f32.copysign(uniform(seed, 0x91));
-    let sway = |channel, period| wander(seed, channel, t, period);
+    let sway = |channel, period| smooth_noise(seed, channel, t, period);
     let yaw = side * 40.0 + 12.0 * sway(0x92, 3.3);
     let turn = rotation_from_yaw_pitch_roll(yaw.to_radians(), 0.05, 0.0);
     let x = side * (0.34 + 0.04 * sway(0x93, 4.1));
@@ -165,24 +162,25 @@ pub(crate) fn bystander(seed: u64, t: f32) -> Rigid {
     Rigid::from_parts(nalgebra::Translation3::new(x, -0.12, z), turn)
 }
 
-/// How the hand comes up in [`Scene::Hand`]: every so many seconds, for so long in turn.
+/// Period of the hand in [`Scene::Hand`], seconds.
 const HAND_EVERY_S: f32 = 5.0;
+/// Durations for which the hand stays up, in turn, seconds.
 const HAND_STAYS_S: [f32; 3] = [0.3, 0.9, 1.8];
-/// Way of the hand up or down, seconds.
+/// Duration of the hand's way up or down, seconds.
 const HAND_MOVES_S: f32 = 0.25;
 
-/// How somebody sits: turning within degrees of yaw and pitch, at a place, swaying by so much; metres.
+/// Placement of a person: range of yaw and pitch (degrees), position (metres), range of swaying (metres).
 type Placement = ([f32; 2], [f32; 3], [f32; 3]);
 
 impl Scene {
-    /// As [`Self::play_person`], of the first person.
+    /// As [`Self::play_person`], for the first person.
     #[cfg(any(test, feature = "studio"))]
     pub fn play(self, seed: u64, t: f32, set: impl FnMut(&str, f32)) -> Option<Rigid> {
         self.play_person(0, seed, t, set)
     }
 
-    /// Where a head is at `t` seconds, in the sensor's frame; `set(name, weight)` is called for every expression above 0, perhaps
-    /// twice for one name: the larger counts. `None`: they are not there.
+    /// Pose of a head at `t` seconds, sensor frame; `None` while absent. Calls `set(name, weight)` for every expression above 0; if it
+    /// is called twice for a name, the larger weight counts.
     pub(crate) fn play_person(
         self,
         person: usize,
@@ -192,17 +190,17 @@ impl Scene {
     ) -> Option<Rigid> {
         let seed = seed ^ (person as u64).wrapping_mul(0xa076_1d64_78bd_642f);
         let (turned, [x, y, z], sway) = self.placement(person)?;
-        let offset = self.offset_from_place(person, t)?;
+        let offset = self.side_offset(person, t)?;
         self.express(seed, t, &mut set);
         let calm = smoothstep(1.0, 3.0, t);
         let walk = |channel, period, range: f32| {
-            (wander(seed, channel, t, period) * 1.3 * range).clamp(-range, range) * calm
+            (smooth_noise(seed, channel, t, period) * 1.3 * range).clamp(-range, range) * calm
         };
         let [yaw, pitch] = turned;
         let wandering = [walk(1, 2.3, yaw), walk(2, 2.9, pitch), walk(3, 3.1, 8.0)];
         let angles = match self {
             Self::Still => [0.0; 3],
-            // A Lissajous walk through the range.
+            // A Lissajous curve through the range.
             Self::Turning => [
                 yaw * swing(t, 8.0),
                 pitch * swing(t, 5.3),
@@ -210,7 +208,7 @@ impl Scene {
             ],
             Self::Hand => [yaw * swing(t, 7.0), pitch * swing(t, 5.3), 0.0],
             Self::Fast => {
-                // 64° in 0.48 s, at most half as fast again as on average; then a rest.
+                // 64° in 0.48 s, at most 1.5 times as fast as on average; then a rest.
                 let phase = t % 2.4;
                 let side =
                     2.0 * (smoothstep(0.6, 1.08, phase) - smoothstep(1.8, 2.28, phase)) - 1.0;
@@ -221,7 +219,7 @@ impl Scene {
         };
         let sways = [(4, 3.7, sway[0]), (5, 4.1, sway[1]), (6, 4.7, sway[2])];
         let [dx, dy, dz] = sways.map(|(channel, period, range)| walk(channel, period, range));
-        Some(placed(angles, [x + dx + offset, y + dy, z + dz]))
+        Some(head_pose(angles, [x + dx + offset, y + dy, z + dz]))
     }
 
     fn placement(self, person: usize) -> Option<Placement> {
@@ -257,8 +255,8 @@ impl Scene {
         })
     }
 
-    /// Offset to the side of the person's place, metres; `None` while out of the picture.
-    fn offset_from_place(self, person: usize, t: f32) -> Option<f32> {
+    /// Sideways offset from the person's position, metres; `None` while absent.
+    fn side_offset(self, person: usize, t: f32) -> Option<f32> {
         let phase = t % 20.0;
         let step = |from: f32, to: f32| smoothstep(from, to, phase);
         Some(match self {
@@ -284,7 +282,7 @@ impl Scene {
             Self::Moods => {
                 let (mood, within) = ((t / MOOD_S) as usize % MOODS.len(), t % MOOD_S);
                 let height = smoothstep(0.3, 0.9, within) * (1.0 - smoothstep(2.2, 2.8, within));
-                play(MOODS[mood], height, set);
+                play_act(MOODS[mood], height, set);
             }
             Self::Acted | Self::Demo | Self::Leaving | Self::Wide => act(seed, t, set),
             Self::Two | Self::Four | Self::Crossing | Self::Swap => act(seed, t, set),
@@ -292,7 +290,7 @@ impl Scene {
         }
     }
 
-    /// Where a hand is held up at `t` seconds, if the scene has one: the middle of its palm, metres.
+    /// Position of the raised hand's palm at `t` seconds, sensor frame, metres; `None` without one.
     pub(crate) fn hand(self, t: f32) -> Option<Point> {
         if self != Self::Hand {
             return None;
@@ -306,7 +304,7 @@ impl Scene {
     }
 }
 
-/// Sets an expression, or both sides of one, left and right.
+/// Sets an expression; with the suffix `_LR` both sides, left and right.
 fn set_sides(name: &str, [left, right]: [f32; 2], set: &mut impl FnMut(&str, f32)) {
     let Some(stem) = name.strip_suffix("_LR") else {
         return set(name, left);
@@ -320,8 +318,8 @@ fn set_sides(name: &str, [left, right]: [f32; 2], set: &mut impl FnMut(&str, f32
     }
 }
 
-/// Plays an act of a table, but for its speech.
-fn play(act: &str, strength: f32, set: &mut impl FnMut(&str, f32)) {
+/// Plays an act of a table; not `speech`.
+fn play_act(act: &str, strength: f32, set: &mut impl FnMut(&str, f32)) {
     for part in act.split(", ").filter(|part| *part != "rest") {
         let (name, weight) = part.split_once(' ').unwrap_or((part, "1"));
         let weight = weight.parse().unwrap_or(1.0) * strength;
@@ -334,44 +332,45 @@ fn act(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     let acts = ACTS.lines().count();
     let turn = acts as u64 + MIXTURES;
     let height = 0.85 + 0.15 * uniform(seed ^ 0x51, slot);
-    let mut go = |act: &str, strength: f32| {
+    let mut perform = |act: &str, strength: f32| {
         if act == "speech" {
             let loud = smoothstep(0.0, 0.25, within) * (1.0 - smoothstep(1.5, 1.8, within));
-            let talk =
-                |channel, period| (0.5 + 0.6 * wander(seed, channel, t, period)).clamp(0.0, 1.0);
+            let talk = |channel, period| {
+                (0.5 + 0.6 * smooth_noise(seed, channel, t, period)).clamp(0.0, 1.0)
+            };
             set("jawOpen", 0.4 * loud * talk(11, 0.13));
             set("mouthFunnel", 0.5 * loud * talk(12, 0.23));
             set_sides("mouthLowerDown_LR", [0.4 * loud * talk(13, 0.19); 2], set);
         } else {
-            play(act, strength, set);
+            play_act(act, strength, set);
         }
     };
     let pick = |channel| (uniform(seed ^ channel, slot) * 0.5 + 0.5) * (acts as f32 - 0.01);
     let act = |number: usize| ACTS.lines().nth(number).unwrap_or_default();
     if slot % turn < acts as u64 {
-        go(act((slot % turn) as usize), height * envelope(within));
+        perform(act((slot % turn) as usize), height * envelope(within));
     } else {
-        go(act(pick(0x52) as usize), height * envelope(within));
-        go(act(pick(0x53) as usize), 0.8 * envelope(within + 0.2));
+        perform(act(pick(0x52) as usize), height * envelope(within));
+        perform(act(pick(0x53) as usize), 0.8 * envelope(within + 0.2));
     }
     let (blink, since) = ((t / BLINK_EVERY_S) as u64, t % BLINK_EVERY_S);
-    let closed = blink_of(since - 1.4 - uniform(seed ^ 0x54, blink));
+    let closed = lid_closure(since - 1.4 - uniform(seed ^ 0x54, blink));
     if closed > 0.0 {
         set_sides("eyeBlink_LR", [closed; 2], set);
     }
 }
 
-/// How far lids are closed, seconds after a blink began.
-fn blink_of(since: f32) -> f32 {
+/// Closure of the lids, 0…1, `since` seconds after a blink began.
+fn lid_closure(since: f32) -> f32 {
     smoothstep(0.0, 0.1, since) * (1.0 - smoothstep(0.14, 0.32, since))
 }
 
-/// Voices of [`mix`] that come and go by themselves, and how long each holds an expression, seconds.
+/// Number of voices of [`mix`], which play expressions independently.
 const VOICES: u64 = 3;
+/// Duration of an expression of a voice, seconds.
 const VOICE_S: f32 = 1.7;
 
-/// Random expressions, and blinks: people of odd seeds have [`VOICES`] that mix them freely, those of even seeds one, which
-/// pauses as long as it acts.
+/// Random expressions, gaze and blinks. Odd seeds have [`VOICES`] voices, even seeds one, which pauses half of the time.
 fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     let (voices, silence) = if seed % 2 == 1 {
         (VOICES, 0.25)
@@ -405,7 +404,7 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     }
     gaze(seed, t, set);
     let blink = (t / 1.9) as u64;
-    let closed = blink_of(t % 1.9 - 0.3 - 1.2 * share(0x65, blink));
+    let closed = lid_closure(t % 1.9 - 0.3 - 1.2 * share(0x65, blink));
     let lean = uniform(seed ^ 0x66, blink);
     if closed > 0.0 {
         let left = if lean < -0.5 { 0.0 } else { closed };
@@ -414,11 +413,13 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     }
 }
 
-/// Looks about: eyes rest on a place for a second and jump to the next.
+/// Random gaze: rests for a second, then jumps to the next target.
 fn gaze(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
-    /// Seconds a glance, and of the jump to it; how far it goes, of the full expression, across and up or down.
+    /// Duration of a glance, seconds.
     const GLANCE_S: f32 = 1.1;
+    /// Duration of a jump, seconds.
     const JUMP_S: f32 = 0.06;
+    /// Largest weights sideways and up or down.
     const FAR: [f32; 2] = [0.95, 0.35];
     let glance = (t / GLANCE_S) as u64;
     let there = smoothstep(0.0, JUMP_S, t % GLANCE_S);

@@ -14,7 +14,7 @@ fn facing(z: f32, yaw: f32) -> Rigid {
     )
 }
 
-fn at(t: f64) -> Timestamp {
+fn seconds(t: f64) -> Timestamp {
     Timestamp::from_us((t * 1e6) as u64)
 }
 
@@ -34,7 +34,7 @@ fn the_depth_at_a_landmark_is_the_truth_within_the_noise() {
     let mut frame = KinectFrame::default();
     let weights = vec![0.0; simulator.asset().expressions.len()];
     for (z, yaw) in [(0.7, 0.0), (0.9, 0.3), (0.65, -0.2)] {
-        let truth = simulator.draw_pose(&facing(z, yaw), &weights, at(z.into()), &mut frame);
+        let truth = simulator.draw_pose(&facing(z, yaw), &weights, seconds(z.into()), &mut frame);
         let camera = mien_sensors::kinect::geometry::nominal();
         // Points of flat, open surface: bridge of the nose, lips.
         for k in [27, 28, 51, 57] {
@@ -64,7 +64,7 @@ fn a_marked_landmark_is_seen_at_its_true_colour_pixel() {
         sites[k] = Site::vertex(marked);
         asset.landmarks = sites.into();
         let n = asset.expressions.len();
-        let mut simulator = Simulator::new(asset, Scene::Still, 1).lit(
+        let mut simulator = Simulator::new(asset, Scene::Still, 1).with_light(
             Light {
                 ambient: 1.0,
                 ..Light::default()
@@ -72,7 +72,8 @@ fn a_marked_landmark_is_seen_at_its_true_colour_pixel() {
             1.0,
         );
         let mut frame = KinectFrame::default();
-        let truth = simulator.draw_pose(&facing(0.6, 0.15), &vec![0.0; n], at(1.0), &mut frame);
+        let truth =
+            simulator.draw_pose(&facing(0.6, 0.15), &vec![0.0; n], seconds(1.0), &mut frame);
         let [x, y] = truth.landmarks_px[k];
         let (mut sum, mut cx, mut cy) = (0.0, 0.0, 0.0);
         for row in y as usize - 8..y as usize + 9 {
@@ -97,14 +98,14 @@ fn the_same_seed_and_time_give_the_same_bytes_in_any_order() {
     let mut two = Simulator::new(HeadAsset::shipped(), Scene::Acted, 5);
     let mut other = Simulator::new(HeadAsset::shipped(), Scene::Acted, 6);
     let (mut a, mut b) = (KinectFrame::default(), KinectFrame::default());
-    one.draw(at(4.0), &mut a);
-    one.draw(at(9.0), &mut a);
-    two.draw(at(9.0), &mut b);
+    one.draw(seconds(4.0), &mut a);
+    one.draw(seconds(9.0), &mut a);
+    two.draw(seconds(9.0), &mut b);
     assert_eq!(digest(&a), digest(&b));
     assert_eq!(a.luma, b.luma);
-    other.draw(at(9.0), &mut b);
+    other.draw(seconds(9.0), &mut b);
     assert_ne!(digest(&a), digest(&b));
-    two.draw(at(9.034), &mut b);
+    two.draw(seconds(9.034), &mut b);
     assert_ne!(a.depth, b.depth, "noise that stands still");
 }
 
@@ -112,13 +113,13 @@ fn the_same_seed_and_time_give_the_same_bytes_in_any_order() {
 fn an_empty_room_has_nobody_and_a_face_covers_a_tenth_at_most() {
     let mut frame = KinectFrame::default();
     let mut empty = Simulator::new(HeadAsset::shipped(), Scene::Empty, 1);
-    assert!(empty.draw(at(1.0), &mut frame).is_none());
+    assert!(empty.draw(seconds(1.0), &mut frame).is_none());
     let nearest = frame.depth.iter().filter(|raw| **raw != NO_DEPTH).min();
     assert!(
         nearest.is_some_and(|&raw| mien_sensors::kinect::geometry::nominal().depth_m(raw) > 1.0)
     );
     let mut still = Simulator::new(HeadAsset::shipped(), Scene::Still, 1);
-    let truth = still.draw(at(1.0), &mut frame).expect("somebody");
+    let truth = still.draw(seconds(1.0), &mut frame).expect("somebody");
     let inside = truth
         .landmarks_px
         .iter()
@@ -130,27 +131,27 @@ fn an_empty_room_has_nobody_and_a_face_covers_a_tenth_at_most() {
 #[test]
 fn a_still_frame_is_the_golden_one() {
     let mut frame = KinectFrame::default();
-    Simulator::new(HeadAsset::shipped(), Scene::Still, 1).draw(at(1.0), &mut frame);
+    Simulator::new(HeadAsset::shipped(), Scene::Still, 1).draw(seconds(1.0), &mut frame);
     assert_eq!(format!("{:016x}", digest(&frame)), "44bc8aba5988b28d");
 }
 
-fn dressed(look: Look) -> Simulator {
+fn dressed(look: Appearance) -> Simulator {
     Simulator::new(HeadAsset::shipped(), Scene::Acted, 5).dressed([look])
 }
 
 fn drawn(simulator: &mut Simulator, t: f64) -> (KinectFrame, Truth) {
     let mut frame = KinectFrame::default();
-    let truth = simulator.draw(at(t), &mut frame).expect("somebody");
+    let truth = simulator.draw(seconds(t), &mut frame).expect("somebody");
     (frame, truth)
 }
 
 #[test]
 fn hair_stands_off_the_head_and_both_cameras_see_it() {
-    let look = |hair| Look {
+    let look = |hair| Appearance {
         hair,
         hair_colour: [20.0, 18.0, 18.0],
         clothes: [120.0, 120.0, 120.0],
-        ..Look::default()
+        ..Appearance::default()
     };
     let camera = mien_sensors::kinect::geometry::nominal();
     let (bald, truth) = drawn(&mut dressed(look(HairStyle::Bald)), 0.5);
@@ -195,15 +196,15 @@ fn hair_stands_off_the_head_and_both_cameras_see_it() {
 #[test]
 fn dressed_people_are_the_same_every_time() {
     let mut frames = [5, 5, 6].map(|seed| {
-        let look = Look {
+        let look = Appearance {
             seed,
-            ..Look::demonstration()
+            ..Appearance::demonstration()
         };
         let sensor = Sensor {
             faults: 1.0,
             ..Sensor::default()
         };
-        let mut simulator = dressed(look).seen_by(sensor);
+        let mut simulator = dressed(look).with_sensor(sensor);
         drawn(&mut simulator, if seed == 5 { 1.0 } else { 4.0 });
         digest(&drawn(&mut simulator, 2.0).0)
     });
@@ -216,13 +217,13 @@ fn dressed_people_are_the_same_every_time() {
 fn a_sensor_without_faults_gives_the_bytes_of_old() {
     let plain = || Simulator::new(HeadAsset::shipped(), Scene::Acted, 5);
     let (old, _) = drawn(&mut plain(), 3.0);
-    let (same, _) = drawn(&mut plain().seen_by(Sensor::default()), 3.0);
+    let (same, _) = drawn(&mut plain().with_sensor(Sensor::default()), 3.0);
     assert_eq!(digest(&old), digest(&same));
     let real = Sensor {
         faults: 1.0,
         ..Sensor::default()
     };
-    let (other, _) = drawn(&mut plain().seen_by(real), 3.0);
+    let (other, _) = drawn(&mut plain().with_sensor(real), 3.0);
     assert!(old.depth != other.depth && old.original.bayer == other.original.bayer);
 }
 
@@ -251,7 +252,7 @@ fn a_late_colour_picture_shows_where_the_head_is_by_then() {
         colour_late_s: late,
         ..Sensor::default()
     };
-    let (delayed, shown) = drawn(&mut simulator().seen_by(sensor), t);
+    let (delayed, shown) = drawn(&mut simulator().with_sensor(sensor), t);
     let (_, after) = drawn(&mut simulator(), t + f64::from(late));
     assert_eq!(in_time.depth, delayed.depth);
     assert_eq!(before.sensor_from_head, shown.sensor_from_head);
@@ -273,7 +274,7 @@ fn registration_that_is_off_and_a_bent_lens_move_picture_and_truth_alike() {
         distortion: [0.1, -0.1],
         ..Sensor::default()
     };
-    let (off, shown) = drawn(&mut simulator().seen_by(sensor), 1.0);
+    let (off, shown) = drawn(&mut simulator().with_sensor(sensor), 1.0);
     let middle = 27;
     let way = shown.landmarks_px[middle][0] - before.landmarks_px[middle][0];
     assert!((way - 3.0).abs() < 0.5, "{way} px");
@@ -288,8 +289,11 @@ fn a_sensor_above_sees_a_head_that_looks_down() {
         above: 0.3,
         ..Sensor::default()
     };
-    let (_, level) = drawn(&mut dressed(Look::demonstration()), 0.5);
-    let (_, above) = drawn(&mut dressed(Look::demonstration()).seen_by(sensor), 0.5);
+    let (_, level) = drawn(&mut dressed(Appearance::demonstration()), 0.5);
+    let (_, above) = drawn(
+        &mut dressed(Appearance::demonstration()).with_sensor(sensor),
+        0.5,
+    );
     let forward = |truth: &Truth| truth.sensor_from_head.rotation * -Vector::z();
     // y points down.
     let turned = forward(&above).y - forward(&level).y;
@@ -299,7 +303,7 @@ fn a_sensor_above_sees_a_head_that_looks_down() {
 #[cfg(feature = "studio")]
 #[test]
 fn a_cast_of_nineteen_wears_everything_and_every_outfit_can_be_drawn() {
-    let looks: Vec<Look> = (0..19).map(|k| Look::numbered(k, 77)).collect();
+    let looks: Vec<Appearance> = (0..19).map(|k| Appearance::numbered(k, 77)).collect();
     let told: String = looks.iter().map(|look| format!("{look}; ")).collect();
     for thing in [
         "short",

@@ -1,4 +1,4 @@
-//! The camera's side of the command channel, of the motor device and of the audio device.
+//! Device side of the command channel, the motor device and the audio device.
 
 use mien_sensors::kinect::calibration::{Block, emit_block, emit_fixed};
 use mien_sensors::kinect::command::{self, Command, image_sensor, register};
@@ -6,27 +6,27 @@ use mien_sensors::kinect::device::{Model, Stream};
 use mien_sensors::kinect::motor::{self, audio};
 use mien_sensors::kinect::registration::Registration;
 
-/// Registers, calibration and motor of a camera, and the reply that waits.
+/// Registers, calibration and motor of a camera, and the pending reply.
 pub struct VirtualCamera {
-    /// Which sensor it plays.
+    /// Simulated model.
     pub model: Model,
     registration: Registration,
     registers: Vec<u16>,
-    /// Automatic functions of the colour sensor.
+    /// Register with the colour sensor's automatic functions.
     pub automatic: u16,
     reply: Option<Vec<u8>>,
-    /// The next fetch finds the reply not ready.
+    /// Whether the next fetch finds the reply not ready.
     busy: bool,
     /// Value of the last LED request.
     pub light: u16,
-    /// Degrees above the horizon it was tilted to.
+    /// Last requested tilt, degrees above the horizon.
     pub tilt_deg: f32,
-    /// What the audio device has to say, oldest first.
+    /// Pending replies of the audio device, oldest first.
     pub(super) audio: std::collections::VecDeque<Vec<u8>>,
 }
 
 impl VirtualCamera {
-    /// Everything off.
+    /// A camera with streams and LED off.
     pub fn new(model: Model, registration: Registration) -> Self {
         Self {
             model,
@@ -41,13 +41,13 @@ impl VirtualCamera {
         }
     }
 
-    /// Content of a register.
+    /// Value of a register; 0 if there is none.
     pub fn register(&self, number: u16) -> u16 {
         let value = self.registers.get(usize::from(number));
         value.copied().unwrap_or_default()
     }
 
-    /// True if the registers switch the stream on in the format that `Player` sends.
+    /// Whether the stream is on, in the format sent by [`super::Player`].
     pub fn streams(&self, stream: Stream) -> bool {
         let settings = match stream {
             Stream::Colour => [
@@ -65,34 +65,34 @@ impl VirtualCamera {
         settings.all(|(number, value)| self.register(*number) == *value)
     }
 
-    /// A command arrives. False = stall.
+    /// Executes a command and prepares its reply; `false` = stall.
     pub fn command(&mut self, bytes: &[u8]) -> bool {
         let Some((command, tag, words)) = command::parse_command(bytes) else {
             return false;
         };
         let word = |i: usize| words.get(i).copied().unwrap_or(0);
-        let of = |words: &[u16]| words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let le_bytes = |words: &[u16]| words.iter().flat_map(|word| word.to_le_bytes()).collect();
         const REFUSED: u16 = 1;
         let body: Vec<u8> = match command {
             Command::GetParameter => match self.registers.get(usize::from(word(0))) {
-                Some(&value) => of(&[0, value]),
-                None => of(&[REFUSED, 0]),
+                Some(&value) => le_bytes(&[0, value]),
+                None => le_bytes(&[REFUSED, 0]),
             },
             Command::SetParameter => match self.registers.get_mut(usize::from(word(0))) {
                 Some(register) => {
                     *register = word(1);
-                    of(&[0])
+                    le_bytes(&[0])
                 }
-                None => of(&[REFUSED]),
+                None => le_bytes(&[REFUSED]),
             },
             Command::FixedParameters => emit_fixed(&self.registration, self.model),
-            Command::AlgorithmParameters => match Block::of(word(0)) {
+            Command::AlgorithmParameters => match Block::from_number(word(0)) {
                 Some(block) => {
-                    let mut body: Vec<u8> = of(&[0]);
+                    let mut body: Vec<u8> = le_bytes(&[0]);
                     body.extend(emit_block(block, &self.registration));
                     body
                 }
-                None => of(&[REFUSED]),
+                None => le_bytes(&[REFUSED]),
             },
             Command::ImageSensor => {
                 let (number, write) = (word(1) & 0x7fff, word(1) & 0x8000 != 0);
@@ -104,7 +104,7 @@ impl VirtualCamera {
                 } else {
                     word(2)
                 };
-                of(&[1, word(1), value])
+                le_bytes(&[1, word(1), value])
             }
         };
         let mut reply = Vec::new();
@@ -114,7 +114,7 @@ impl VirtualCamera {
         true
     }
 
-    /// The host fetches the reply: empty if there is none or it is not ready.
+    /// The reply; empty if there is none or it is not ready.
     pub fn fetch(&mut self) -> Vec<u8> {
         if core::mem::take(&mut self.busy) {
             return Vec::new();
@@ -122,7 +122,7 @@ impl VirtualCamera {
         self.reply.take().unwrap_or_default()
     }
 
-    /// A vendor request without data to the motor device.
+    /// Executes a vendor request to the motor device.
     pub fn motor_write(&mut self, request: u8, value: u16) {
         match request {
             motor::SET_LIGHT => self.light = value,
@@ -131,7 +131,7 @@ impl VirtualCamera {
         }
     }
 
-    /// A bulk message to the audio device.
+    /// Executes a bulk message to the audio device.
     pub fn audio_write(&mut self, message: &[u8]) {
         let (words, _) = message.as_chunks::<4>();
         let word = |i: usize| words.get(i).map_or(0, |word| u32::from_le_bytes(*word));

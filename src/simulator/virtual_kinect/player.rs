@@ -1,4 +1,4 @@
-//! A scene's frames as packets, on time.
+//! Sends frames as packets on time.
 
 use core::time::Duration;
 
@@ -8,33 +8,33 @@ use mien_sensors::kinect::packet::LONGEST;
 use mien_sensors::kinect::stream::Cutter;
 use mien_sensors::kinect::unpack::{PACKED_DEPTH, pack_depth};
 
-/// Share of a picture's time within which its packets go out; the rest of the microframes are empty.
-const BUSY: f64 = 0.95;
-/// A player that is asked later than this does not catch up: its clock slips.
-const SLIP: Duration = Duration::from_millis(50);
+/// Share of a picture's time in which its packets are sent; the other microframes are empty.
+const SEND_SHARE: f64 = 0.95;
+/// Longest delay that is caught up; after a longer one the clock slips.
+const CATCH_UP_LIMIT: Duration = Duration::from_millis(50);
 
-/// Cuts the frames of a scene into packets, on time.
+/// Cuts the frames of a source into packets and sends them on time.
 pub struct Player<D> {
-    /// What it plays.
-    pub view: D,
-    /// The frame whose packets are going out.
+    /// Source of the frames.
+    pub source: D,
+    /// The frame being sent.
     pub frame: Box<KinectFrame>,
     packed: Box<[u8; PACKED_DEPTH]>,
     cutters: [Cutter; 2],
-    /// Packets of the present picture already sent, by stream.
+    /// Number of packets sent of the current picture, by stream.
     sent: [usize; 2],
     began: Option<Duration>,
-    /// Time of a picture: slow hosts cannot carry 30 a second through a virtual machine.
+    /// Time per picture; longer on hosts too slow for 30 Hz through a virtual machine.
     pub period: Duration,
-    /// Frames begun.
+    /// Number of frames begun.
     pub frames: u64,
 }
 
-impl<D: View> Player<D> {
-    /// Plays `view`, one frame per `period`.
-    pub fn new(view: D, period: Duration) -> Self {
+impl<D: FrameSource> Player<D> {
+    /// Plays `source`, one frame per `period`.
+    pub fn new(source: D, period: Duration) -> Self {
         Self {
-            view,
+            source,
             frame: Box::default(),
             packed: vec![0; PACKED_DEPTH].try_into().expect("as long"),
             cutters: Stream::BOTH.map(|stream| Cutter::new(stream, 0)),
@@ -48,14 +48,14 @@ impl<D: View> Player<D> {
     fn next_frame(&mut self) -> bool {
         self.sent = [0; 2];
         self.frames += 1;
-        let alive = self.view.draw(&mut self.frame);
+        let alive = self.source.draw(&mut self.frame);
         pack_depth(&self.frame.depth, &mut self.packed);
         alive
     }
 
-    /// Hands to `sink` every packet due until `now` on the streams that are `on`. False when the scene has ended. The scene
-    /// begins when both streams are on, so that its first frame has both pictures; with both off it stands still. A stream
-    /// switched on in the middle of a frame starts with the next one.
+    /// Passes all packets due until `now` on the streams that are `on` to `sink`; `false` when the source has ended. Starts when both
+    /// streams are on, so that the first frame has both pictures; pauses when both are off. A stream switched on during a frame starts
+    /// with the next one.
     pub fn play(
         &mut self,
         now: Duration,
@@ -76,7 +76,7 @@ impl<D: View> Player<D> {
             }
             let began = *self.began.get_or_insert(now);
             let elapsed = now.saturating_sub(began);
-            let share = elapsed.as_secs_f64() / (self.period.as_secs_f64() * BUSY);
+            let share = elapsed.as_secs_f64() / (self.period.as_secs_f64() * SEND_SHARE);
             for stream in Stream::BOTH {
                 let i = stream.index();
                 if !on[i] {
@@ -106,19 +106,19 @@ impl<D: View> Player<D> {
             if !self.next_frame() {
                 return false;
             }
-            let slips = now.saturating_sub(next) > SLIP;
+            let slips = now.saturating_sub(next) > CATCH_UP_LIMIT;
             self.began = Some(if slips { now } else { next });
         }
     }
 }
 
-/// What a virtual Kinect sees. Closures do: `FnMut(&mut KinectFrame) -> bool`.
-pub trait View {
-    /// Draws depth, Bayer and both stamps of the next frame; false when the scene has ended.
+/// A source of frames for a virtual Kinect, also any `FnMut(&mut KinectFrame) -> bool`.
+pub trait FrameSource {
+    /// Draws depth, Bayer and both time stamps of the next frame; `false` when the source has ended.
     fn draw(&mut self, frame: &mut KinectFrame) -> bool;
 }
 
-impl<F: FnMut(&mut KinectFrame) -> bool> View for F {
+impl<F: FnMut(&mut KinectFrame) -> bool> FrameSource for F {
     fn draw(&mut self, frame: &mut KinectFrame) -> bool {
         self(frame)
     }

@@ -1,28 +1,28 @@
-//! Writes files whole or not at all: the one writer of the status, the saved people and everything the workstation makes.
+//! Atomic file replacement, for the status, the saved people and all files of the workstation.
 //!
-//! The bytes go into a new file beside the target (created exclusively, so no link is followed and no other file is opened),
-//! which then takes the target's name. Only regular files and links are replaced; of a link the link itself, not its target.
-//! Nothing allocates after [`AtomicFile::at`] while paths are shorter than 384 bytes.
+//! The bytes go into a new file beside the target (created exclusively, so no link is followed and no existing file opened),
+//! which is then renamed to the target. Only regular files and links are replaced; a link itself, not its target.
+//! Nothing allocates after [`AtomicFile::new`] while paths are shorter than 384 bytes.
 
 use std::fs::{self, File, Metadata, Permissions};
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// A file that is replaced as a whole, each time it is written.
+/// A file that each write replaces atomically.
 pub struct AtomicFile {
     path: PathBuf,
-    /// The name it is written under.
+    /// Temporary name beside `path`.
     new: PathBuf,
-    /// Permissions; `None` keeps those that it has, or leaves a new file to the process's mask.
+    /// Permissions; `None` keeps the old file's, or applies the process's umask to a new file.
     mode: Option<u32>,
-    /// Whether it must survive a power cut that follows at once.
+    /// Whether each write is synced to disk, against a power cut.
     durable: bool,
 }
 
 impl AtomicFile {
-    /// At a path; nothing is written yet. The temporary name carries the process's number, so that two programs never share it.
-    pub fn at(path: &Path, mode: Option<u32>, durable: bool) -> Self {
+    /// A file at `path`; nothing is written yet. The temporary name contains the process id, so two programs never share it.
+    pub fn new(path: &Path, mode: Option<u32>, durable: bool) -> Self {
         let mut name = std::ffi::OsString::from(".");
         name.push(path.file_name().unwrap_or_default());
         name.push(format!(".{}.new", std::process::id()));
@@ -34,15 +34,15 @@ impl AtomicFile {
         }
     }
 
-    /// Where it is.
+    /// Target path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes the file.
+    /// Replaces the file with `bytes`; returns its metadata.
     ///
     /// # Errors
-    /// What the system says, or that something stands there that is no regular file; the old file is unchanged then.
+    /// An I/O error, or a path that is neither a regular file nor a link; the old file is then unchanged.
     pub fn write(&self, bytes: &[u8]) -> io::Result<Metadata> {
         let old = match fs::symlink_metadata(&self.path) {
             Ok(old) if old.is_file() => Some(old.permissions().mode() & 0o7777),
@@ -51,7 +51,7 @@ impl AtomicFile {
             _ => None,
         };
         let mode = self.mode.or(old);
-        // Left by a killed process that had the same number.
+        // Leftover of a killed process with the same id.
         let _ = fs::remove_file(&self.new);
         let mut options = File::options();
         let options = options
@@ -60,13 +60,13 @@ impl AtomicFile {
             .mode(mode.unwrap_or(0o666));
         let file = options.open(&self.new)?;
         let written = self.fill(file, mode, bytes).inspect_err(|_| {
-            // That it cannot be removed adds nothing to the error reported.
+            // The first error is the one to report.
             let _ = fs::remove_file(&self.new);
         })?;
         let folder = self.path.parent().filter(|_| self.durable);
         if let Some(folder) = folder {
             let here = folder.as_os_str().is_empty();
-            // Some file systems cannot sync a folder; the file is written all the same.
+            // Some file systems cannot sync a folder; the file is written anyway.
             let _ = File::open(if here { Path::new(".") } else { folder })
                 .and_then(|folder| folder.sync_all());
         }
@@ -93,44 +93,44 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     #[test]
-    fn a_file_is_replaced_whole_and_nothing_else_is_touched() {
+    fn replaces_a_file_atomically_and_touches_no_other() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        let mode = |name: &str| fs::metadata(at(name)).unwrap().permissions().mode() & 0o777;
-        let file = AtomicFile::at(&at("a"), None, true);
+        let path = |name: &str| folder.path().join(name);
+        let mode = |name: &str| fs::metadata(path(name)).unwrap().permissions().mode() & 0o777;
+        let file = AtomicFile::new(&path("a"), None, true);
         file.write(b"one").unwrap();
-        fs::set_permissions(at("a"), Permissions::from_mode(0o640)).unwrap();
+        fs::set_permissions(path("a"), Permissions::from_mode(0o640)).unwrap();
         // A link where the new file is to be written: neither followed nor an obstacle.
-        fs::write(at("other"), "untouched").unwrap();
-        symlink(at("other"), &file.new).unwrap();
+        fs::write(path("other"), "untouched").unwrap();
+        symlink(path("other"), &file.new).unwrap();
         file.write(b"two").unwrap();
         assert_eq!(
-            (fs::read(at("a")).unwrap(), mode("a")),
+            (fs::read(path("a")).unwrap(), mode("a")),
             (b"two".to_vec(), 0o640)
         );
-        AtomicFile::at(&at("private"), Some(0o600), false)
+        AtomicFile::new(&path("private"), Some(0o600), false)
             .write(b"")
             .unwrap();
         assert_eq!(mode("private"), 0o600);
         // A link at the name itself is replaced, its target is not.
-        symlink(at("other"), at("link")).unwrap();
-        AtomicFile::at(&at("link"), None, false)
+        symlink(path("other"), path("link")).unwrap();
+        AtomicFile::new(&path("link"), None, false)
             .write(b"three")
             .unwrap();
-        assert!(!at("link").is_symlink());
-        assert_eq!(fs::read(at("other")).unwrap(), b"untouched");
+        assert!(!path("link").is_symlink());
+        assert_eq!(fs::read(path("other")).unwrap(), b"untouched");
         assert!(
-            AtomicFile::at(Path::new("/dev/null"), None, false)
+            AtomicFile::new(Path::new("/dev/null"), None, false)
                 .write(b"")
                 .is_err()
         );
         assert!(
-            AtomicFile::at(folder.path(), None, false)
+            AtomicFile::new(folder.path(), None, false)
                 .write(b"")
                 .is_err()
         );
         assert!(
-            AtomicFile::at(&at("none/a"), None, false)
+            AtomicFile::new(&path("none/a"), None, false)
                 .write(b"")
                 .is_err()
         );

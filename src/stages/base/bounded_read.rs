@@ -1,4 +1,4 @@
-//! Reads whole files, up to the largest size a file of their kind can have.
+//! Reads whole files up to a size limit.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -9,34 +9,34 @@ use std::path::Path;
 
 use nix::poll::{PollFd, PollFlags, poll};
 
-/// Most bytes taken from a pipe or device, whose length nobody knows.
+/// Size limit for pipes and devices, bytes: their length is unknown.
 const STREAM_MOST: usize = 16 << 20;
-/// How long a pipe may give nothing, milliseconds.
-const PATIENCE_MS: i32 = 2000;
+/// Longest wait for data from a pipe, milliseconds.
+const PIPE_TIMEOUT_MS: i32 = 2000;
 
-/// The bytes of a file, or what a pipe gives until it is closed.
+/// Reads a file, or a pipe until it is closed.
 ///
 /// # Errors
-/// If it cannot be read, has more than `most` bytes, or is a pipe that nobody writes to.
+/// If it cannot be read, is longer than `most` bytes, or is a pipe without data for 2 s.
 pub fn read(path: &Path, most: usize) -> Result<Vec<u8>> {
     let mut options = File::options();
-    // A plain open would wait for a pipe's writer.
+    // A blocking open would wait for a pipe's writer.
     let options = options
         .read(true)
         .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
     let file = options.open(path)?;
     let kind = file.metadata()?.file_type();
     if kind.is_file() || kind.is_dir() {
-        return all(file, most);
+        return read_up_to(file, most);
     }
     stream(file, most.min(STREAM_MOST))
 }
 
-/// The bytes of a file that another one names, if it is a regular one in `folder` or below, links followed: what a file refers to
-/// elsewhere is not meant to be read.
+/// Reads a regular file referenced by another file, if it is in `folder` or below after following links: references elsewhere
+/// are refused for security.
 ///
 /// # Errors
-/// As [`regular`], or if it is elsewhere.
+/// As [`read_regular`], or if it is outside `folder`.
 #[cfg(feature = "studio")]
 pub fn read_below(folder: &Path, name: &str, most: usize) -> Result<Vec<u8>> {
     let here = Path::new(".");
@@ -50,22 +50,22 @@ pub fn read_below(folder: &Path, name: &str, most: usize) -> Result<Vec<u8>> {
         let folder = folder.display();
         return Err(Error::other(format!("expected a file inside {folder}")));
     }
-    regular(&path, most)
+    read_regular(&path, most)
 }
 
 fn stream(mut file: File, most: usize) -> Result<Vec<u8>> {
-    let (mut bytes, mut room) = (Vec::new(), [0; 4096]);
+    let (mut bytes, mut buffer) = (Vec::new(), [0; 4096]);
     loop {
-        let mut asked = [PollFd::new(file.as_raw_fd(), PollFlags::POLLIN)];
-        if poll(&mut asked, PATIENCE_MS)? == 0 {
-            let seconds = PATIENCE_MS / 1000;
+        let mut polled = [PollFd::new(file.as_raw_fd(), PollFlags::POLLIN)];
+        if poll(&mut polled, PIPE_TIMEOUT_MS)? == 0 {
+            let seconds = PIPE_TIMEOUT_MS / 1000;
             let text = format!("no data came through this pipe for {seconds} s");
             return Err(Error::new(ErrorKind::TimedOut, text));
         }
-        match file.read(&mut room) {
+        match file.read(&mut buffer) {
             Ok(0) => return Ok(bytes),
             Ok(more) if bytes.len() + more > most => return Err(ErrorKind::FileTooLarge.into()),
-            Ok(more) => bytes.extend_from_slice(&room[..more]),
+            Ok(more) => bytes.extend_from_slice(&buffer[..more]),
             Err(error) => match error.kind() {
                 ErrorKind::WouldBlock | ErrorKind::Interrupted => {}
                 _ => return Err(error),
@@ -74,10 +74,10 @@ fn stream(mut file: File, most: usize) -> Result<Vec<u8>> {
     }
 }
 
-/// The file at `path`, if it is one: what a pipe would give is not waited for.
+/// Opens a regular file; refuses pipes, which could block.
 ///
 /// # Errors
-/// If it is not there, or no regular file.
+/// If it does not exist or is not a regular file.
 pub fn open_regular(path: &Path) -> Result<File> {
     if !std::fs::metadata(path)?.is_file() {
         return Err(std::io::Error::other("not a regular file"));
@@ -85,19 +85,19 @@ pub fn open_regular(path: &Path) -> Result<File> {
     File::open(path)
 }
 
-/// The bytes of a regular file.
+/// Reads a regular file of at most `most` bytes.
 ///
 /// # Errors
 /// As [`read`] and [`open_regular`].
-pub fn regular(path: &Path, most: usize) -> Result<Vec<u8>> {
-    all(open_regular(path)?, most)
+pub fn read_regular(path: &Path, most: usize) -> Result<Vec<u8>> {
+    read_up_to(open_regular(path)?, most)
 }
 
-/// The bytes of an open file.
+/// Reads an open file of at most `most` bytes.
 ///
 /// # Errors
 /// As [`read`].
-pub(crate) fn all(file: File, most: usize) -> Result<Vec<u8>> {
+pub(crate) fn read_up_to(file: File, most: usize) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     file.take(most as u64 + 1).read_to_end(&mut bytes)?;
     if bytes.len() > most {
@@ -106,7 +106,7 @@ pub(crate) fn all(file: File, most: usize) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The words of the operating system's message, in lower case and without its number.
+/// An operating-system error's message in lower case, without its number.
 pub fn reason(error: impl Display) -> String {
     let text = error.to_string();
     let words = text.split_once(" (os error ");
@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_without_an_end_is_refused() {
+    fn refuses_endless_files_and_idle_pipes() {
         let error = read(Path::new("/dev/zero"), 1 << 20).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::FileTooLarge);
         let absent = read(Path::new("/nowhere/file"), 1).unwrap_err();
@@ -128,11 +128,11 @@ mod tests {
         std::fs::write(&path, [7; 9]).unwrap();
         assert_eq!(read(&path, 9).unwrap(), [7; 9]);
         assert!(read(&path, 8).is_err());
-        // A pipe is read to its end, and not waited for when nobody writes.
+        // A pipe is read to its end; without a writer the read ends early.
         let pipe = folder.path().join("pipe");
         let made = std::process::Command::new("mkfifo").arg(&pipe).status();
         assert!(made.unwrap().success());
-        assert!(regular(&pipe, 9).is_err());
+        assert!(read_regular(&pipe, 9).is_err());
         let began = std::time::Instant::now();
         let _ = read(&pipe, 9);
         assert!(began.elapsed().as_secs() < 5);
@@ -145,7 +145,7 @@ mod tests {
 
     #[cfg(feature = "studio")]
     #[test]
-    fn what_a_file_names_is_read_from_its_folder_only() {
+    fn reads_references_inside_the_folder_only() {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("head");
         std::fs::create_dir(&folder).unwrap();

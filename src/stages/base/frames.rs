@@ -1,13 +1,12 @@
 //! Rigid motions typed by their source and target frames, so that a swapped or inverted one does not compile.
 //!
-//! | frame | what it is |
+//! | frame | meaning |
 //! | --- | --- |
 //! | [`Sensor`] | the depth camera's ([`super::geometry`]) |
-//! | [`Head`] | the standard head's, as depth aligns it with the cloud |
-//! | [`Face`] | the face's own: the head's, turned and shifted to where the picture shows the face. Outputs call this the head |
+//! | [`Head`] | the standard head's, aligned with the cloud by depth |
+//! | [`Face`] | the face's, as the image shows it: a rotated and shifted head frame. Outputs call this the head |
 //!
-//! `SensorFromHead * HeadFromFace` is a `SensorFromFace`; nothing else is. A motion dereferences to its plain [`Rigid`] for
-//! reading.
+//! `SensorFromHead * HeadFromFace` is a `SensorFromFace`. A motion dereferences to its plain [`Rigid`].
 
 use core::borrow::Borrow;
 use core::marker::PhantomData;
@@ -19,10 +18,10 @@ use nalgebra::Translation3;
 /// The depth camera's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sensor {}
-/// The standard head's frame, as depth sees the head.
+/// The standard head's frame, aligned by depth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Head {}
-/// The face's frame, as the picture shows it.
+/// The face's frame, aligned by the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Face {}
 
@@ -30,34 +29,34 @@ pub enum Face {}
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion<To, From>(Rigid, PhantomData<fn(From) -> To>);
 
-/// Where the head is, as depth sees it.
+/// Pose of the head by depth.
 pub type SensorFromHead = Motion<Sensor, Head>;
-/// The same, the other way round.
+/// Inverse of [`SensorFromHead`].
 pub type HeadFromSensor = Motion<Head, Sensor>;
-/// Where the face is.
+/// Pose of the face.
 pub type SensorFromFace = Motion<Sensor, Face>;
-/// How the face sits in the head: a constant of the person.
+/// Pose of the face within the head: a constant of the person.
 pub type HeadFromFace = Motion<Head, Face>;
 
 impl<To, From> Motion<To, From> {
-    /// Says between which frames a plain motion leads: the one place where that is claimed and not derived.
-    pub const fn of(motion: Rigid) -> Self {
+    /// Declares the frames of a plain motion, unchecked; every other function derives them.
+    pub const fn assume_frames(motion: Rigid) -> Self {
         Self(motion, PhantomData)
     }
 
-    /// From a shift and a turn, the turn first.
+    /// From a translation (metres) and a rotation, which is applied first.
     pub fn from_parts(shift: impl Into<Translation3<f32>>, turn: Rotation) -> Self {
-        Self::of(Rigid::from_parts(shift.into(), turn))
+        Self::assume_frames(Rigid::from_parts(shift.into(), turn))
     }
 
-    /// Both frames lie upon each other.
+    /// The identity: both frames coincide.
     pub fn identity() -> Self {
-        Self::of(Rigid::identity())
+        Self::assume_frames(Rigid::identity())
     }
 
-    /// The motion back.
+    /// The inverse motion.
     pub fn inverse(&self) -> Motion<From, To> {
-        Motion::of(self.0.inverse())
+        Motion::assume_frames(self.0.inverse())
     }
 }
 
@@ -73,7 +72,7 @@ impl<A, B, C> Mul<Motion<B, C>> for Motion<A, B> {
     type Output = Motion<A, C>;
 
     fn mul(self, other: Motion<B, C>) -> Motion<A, C> {
-        Motion::of(self.0 * other.0)
+        Motion::assume_frames(self.0 * other.0)
     }
 }
 
@@ -96,16 +95,16 @@ impl<To, From, P: Borrow<Point>> Mul<P> for &Motion<To, From> {
 /// A swapped or inverted motion does not compile:
 ///
 /// ```compile_fail,E0308
-/// use mien::base::frames::{HeadFromFace, SensorFromFace, SensorFromHead};
-/// let (pose, sits) = (SensorFromHead::identity(), HeadFromFace::identity());
-/// let face: SensorFromFace = pose * sits.inverse();
+/// use mien_stages::base::frames::{HeadFromFace, SensorFromFace, SensorFromHead};
+/// let (pose, head_from_face) = (SensorFromHead::identity(), HeadFromFace::identity());
+/// let face: SensorFromFace = pose * head_from_face.inverse();
 /// ```
 ///
 /// ```
-/// use mien::base::frames::{HeadFromFace, SensorFromFace, SensorFromHead};
-/// let (pose, sits) = (SensorFromHead::identity(), HeadFromFace::identity());
-/// let face: SensorFromFace = pose * sits;
-/// let back: SensorFromHead = face * sits.inverse();
+/// use mien_stages::base::frames::{HeadFromFace, SensorFromFace, SensorFromHead};
+/// let (pose, head_from_face) = (SensorFromHead::identity(), HeadFromFace::identity());
+/// let face: SensorFromFace = pose * head_from_face;
+/// let back: SensorFromHead = face * head_from_face.inverse();
 /// ```
 #[cfg(doctest)]
 pub struct DoesNotCompile;
@@ -116,15 +115,15 @@ mod tests {
     use crate::base::geometry::Vector;
 
     #[test]
-    fn composition_and_inverse_are_those_of_plain_motions() {
+    fn composition_and_inverse_equal_plain_motions() {
         let rigid =
             |x: f32, turn: f32| Rigid::new(Vector::new(x, 0.1, 0.7), Vector::new(0.0, turn, 0.1));
-        let (pose, sits) = (
-            SensorFromHead::of(rigid(0.2, 0.3)),
-            HeadFromFace::of(rigid(0.0, -0.1)),
+        let (pose, head_from_face) = (
+            SensorFromHead::assume_frames(rigid(0.2, 0.3)),
+            HeadFromFace::assume_frames(rigid(0.0, -0.1)),
         );
         let point = Point::new(0.01, 0.02, 0.03);
-        assert_eq!(*(pose * sits), rigid(0.2, 0.3) * rigid(0.0, -0.1));
+        assert_eq!(*(pose * head_from_face), rigid(0.2, 0.3) * rigid(0.0, -0.1));
         assert_eq!(pose * point, rigid(0.2, 0.3) * point);
         assert!(((pose * pose.inverse()) * point - point).norm() < 1e-6);
     }

@@ -1,9 +1,9 @@
-//! Points, poses and the two frames everything is expressed in. Metres, radians, right-handed.
+//! Points, poses and the two coordinate frames. Metres, radians, right-handed.
 //!
 //! ```text
 //! depth-camera frame ("sensor")            head frame
 //!   origin: the depth camera                 origin: midway between the inner eye corners
-//!   x right in the picture                   x to the image right of a frontal face (the subject's left)
+//!   x right in the image                     x to the image right of a frontal face (the subject's left)
 //!   y down                                   y down, to the chin
 //!   z forward, away from the camera          z into the head
 //! ```
@@ -18,7 +18,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 pub type Point = Point3<f32>;
 /// A direction or displacement in metres.
 pub type Vector = Vector3<f32>;
-/// A rigid motion; name values of it `b_from_a`.
+/// A rigid motion; values are named `b_from_a`.
 pub type Rigid = Isometry3<f32>;
 /// A rotation.
 pub type Rotation = UnitQuaternion<f32>;
@@ -45,7 +45,7 @@ pub fn face_normal(sensor_from_head: &Rigid) -> Vector {
     sensor_from_head.rotation * Vector::new(0.0, 0.0, -1.0)
 }
 
-/// Mean of points, summed in f64; the origin of none.
+/// Mean of points, summed in f64; the origin if there are none.
 pub(crate) fn mean(points: impl Iterator<Item = Point>) -> Point {
     let (sum, count) = points.fold((nalgebra::Vector3::<f64>::zeros(), 0.0f64), |(s, n), p| {
         (s + p.coords.cast::<f64>(), n + 1.0)
@@ -53,7 +53,7 @@ pub(crate) fn mean(points: impl Iterator<Item = Point>) -> Point {
     Point::from((sum / count.max(1.0)).cast::<f32>())
 }
 
-/// 0 at `from`, 1 at `to`, which may be the smaller, smooth between and level beyond.
+/// Smooth cubic step from 0 at `from` to 1 at `to` (which may be smaller), constant beyond.
 pub fn smoothstep<T: nalgebra::RealField + Copy>(from: T, to: T, x: T) -> T {
     let t = ((x - from) / (to - from)).clamp(T::zero(), T::one());
     t * t * (nalgebra::convert::<f64, T>(3.0) - nalgebra::convert::<f64, T>(2.0) * t)

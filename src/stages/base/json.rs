@@ -1,8 +1,8 @@
-//! Text as JSON writes it: for status files and messages, which are written without a library and without memory.
+//! JSON strings for status files and messages, written without allocation.
 
 use std::fmt::{Display, Formatter, Result, Write as _};
 
-/// A text in quotes, with what JSON wants escaped.
+/// Displays a text as a quoted, escaped JSON string.
 pub struct Quoted<'a>(pub &'a str);
 
 impl Display for Quoted<'_> {

@@ -1,4 +1,4 @@
-//! The foundation of all other modules: capacities, geometry, time, and small tools the standard library lacks.
+//! Foundation of all other modules: capacities, geometry, time, and small tools.
 
 #[cfg(feature = "std")]
 pub mod atomic_write;
@@ -22,7 +22,7 @@ pub mod settings;
 pub mod time;
 pub mod vectors;
 
-/// Structs whose fields stand beside their defaults: `pub field: Type = value,`.
+/// Declares structs with a default beside each field: `pub field: Type = value,`.
 #[macro_export]
 macro_rules! defaults {
     ($($(#[$about:meta])* $seen:vis struct $name:ident {

@@ -1,9 +1,9 @@
-//! The known word that somebody may have meant.
+//! Suggests the known word nearest to a misspelt one.
 
-/// Damerau-Levenshtein similarity from which a word is near.
+/// Least Damerau–Levenshtein similarity of a suggestion.
 const NEAR: f64 = 0.6;
 
-/// ` (did you mean WORD?)` with the nearest known word, or nothing if none is near.
+/// ` (did you mean WORD?)` with the nearest known word, or an empty text if none is near.
 pub fn hint<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     let alike = |known: &'a str| (strsim::normalized_damerau_levenshtein(word, known), known);
     let nearest = known.into_iter().map(alike);

@@ -1,11 +1,11 @@
-//! Adaptive low-pass filter of one number: smooths at rest, passes motion.
+//! Adaptive low-pass filter of one number: smooths it at rest, passes motion.
 //!
 //! Method: Casiez, Roussel, Vogel, *1 € filter: a simple speed-based low-pass filter for noisy input*, CHI 2012. The cutoff
 //! rises with the number's speed. Memory: two numbers. Degenerate: the first value passes as it is.
 
 use nalgebra::RealField;
 
-/// How much is smoothed.
+/// Cut-off frequencies of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cutoffs<T> {
     /// Cutoff at rest, Hz.
@@ -30,7 +30,7 @@ fn gain<T: RealField + Copy>(cutoff_hz: T, dt: T) -> T {
 }
 
 impl<T: RealField + Copy> OneEuro<T> {
-    /// Filters the next value, `dt` seconds (above 0) after the last; `range` is what counts as 1 in speeds.
+    /// Filters the next value, `dt` > 0 seconds after the last; speeds are divided by `range`, the value's scale.
     pub fn filter(&mut self, value: T, range: T, cutoffs: &Cutoffs<T>, dt: T) -> T {
         let Some(last) = self.last else {
             return self.start(value);
@@ -43,13 +43,13 @@ impl<T: RealField + Copy> OneEuro<T> {
         filtered
     }
 
-    /// Takes a value as it is, without a past but the speed.
+    /// Sets the filtered value; keeps the speed.
     pub fn start(&mut self, value: T) -> T {
         self.last = Some(value);
         value
     }
 
-    /// Restarts with the next value.
+    /// Forgets value and speed.
     pub fn reset(&mut self) {
         (self.last, self.speed) = (None, T::zero());
     }
@@ -66,7 +66,7 @@ mod tests {
     };
 
     #[test]
-    fn smooths_rest_and_lets_a_step_pass() {
+    fn smooths_rest_and_passes_a_step() {
         let mut random = fastrand::Rng::with_seed(2);
         let mut filter = OneEuro::default();
         let (mut before, mut after) = (0.0, 0.0);
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_a_first_order_low_pass_is_known() {
+    fn filters_a_step_by_the_known_gain() {
         // A cutoff of 1 Hz without any rise, steps of a tenth of a second: 2π/10 over that and 1.
         let cutoffs = Cutoffs {
             still_hz: 1.0f32,

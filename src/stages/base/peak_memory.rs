@@ -1,6 +1,6 @@
-//! How much memory this process has used.
+//! Peak memory of this process.
 
-/// This process's peak resident memory; `None` if unknown.
+/// Peak resident memory of this process, bytes (`VmHWM` of Linux); `None` if unknown.
 pub fn peak_resident_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status

@@ -1,6 +1,6 @@
-//! What the standard library's prelude provides and `core` lacks: allocation, and floating-point mathematics (`libm`). A file
-//! that needs only the mathematics imports it only for builds without the standard library, which has them by itself.
+//! Allocation and floating-point mathematics (`libm`) for builds without the standard library. A file that needs only the
+//! mathematics imports it under `#[cfg(not(feature = "std"))]`.
 
 pub use alloc::{borrow::ToOwned, boxed::Box, format, string::String, vec, vec::Vec};
 #[cfg(not(feature = "std"))]
-pub(crate) use num_traits::Float as _;
+pub use num_traits::Float as _;

@@ -1,7 +1,7 @@
 //! A worker thread, started once, for half of a frame's work.
 //!
-//! [`SecondCore::join`] is a fork and join: it lends a job to the worker and returns when both jobs have returned. The lock and the
-//! condition variable are all there is to it, so nothing is allocated after the start.
+//! [`SecondCore::join`] lends a job to the worker and returns when both jobs have returned. A lock and a condition variable
+//! suffice, so nothing is allocated after the start.
 #![expect(
     unsafe_code,
     reason = "what is lent to a thread for a call must outlive the call alone, which the compiler cannot see"
@@ -53,7 +53,7 @@ impl Worker {
     }
 }
 
-/// Owns the worker, whose thread ends with it.
+/// Owns the worker thread; dropping it ends the thread.
 pub struct SecondCore {
     worker: Arc<Worker>,
     thread: Option<JoinHandle<()>>,
@@ -61,11 +61,11 @@ pub struct SecondCore {
 
 impl SecondCore {
     /// Whether this process may run on more than one core.
-    pub fn is_there() -> bool {
+    pub fn is_available() -> bool {
         std::thread::available_parallelism().is_ok_and(|cores| cores.get() > 1)
     }
 
-    /// Starts the thread; `None` if the system refuses.
+    /// Starts the thread; `None` if the system cannot create one.
     pub fn start() -> Option<Self> {
         let worker = Arc::<Worker>::default();
         let there = worker.clone();
@@ -77,9 +77,12 @@ impl SecondCore {
         })
     }
 
-    /// Runs `theirs` on the worker while this thread runs `mine`; both have returned when this returns.
+    /// Runs `theirs` on the worker and `mine` on this thread; returns when both have returned.
+    ///
+    /// # Panics
+    /// If either panics.
     pub fn join(&mut self, mine: impl FnOnce(), theirs: &mut (dyn FnMut() + Send)) {
-        // SAFETY: the worker has let go of it when `done` is dropped, which is before this call ends, by a panic in `mine` too.
+        // SAFETY: the worker no longer uses the job when `done` is dropped, which is before this call ends, even by a panic.
         let job = unsafe { core::mem::transmute::<&mut (dyn FnMut() + Send), &mut Job>(theirs) };
         self.worker.set(State::Submitted(job));
         let done = Done(&self.worker);
@@ -88,7 +91,7 @@ impl SecondCore {
     }
 }
 
-/// Waits on being dropped until the job has returned.
+/// Waits for the job when dropped.
 struct Done<'a>(&'a Worker);
 
 impl Drop for Done<'_> {
@@ -108,7 +111,7 @@ impl Drop for Done<'_> {
 impl Drop for SecondCore {
     fn drop(&mut self) {
         self.worker.set(State::Stopped);
-        // Its panics were told.
+        // Its panics were already reported.
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }
@@ -118,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_halves_are_done_on_return_and_run_at_the_same_time() {
+    fn both_jobs_run_concurrently_and_are_done_on_return() {
         let mut second = SecondCore::start().expect("a thread");
         let meet = std::sync::Barrier::new(2);
         let mut sums = [0; 2];
@@ -140,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_of_either_half_is_one_here_and_the_thread_goes_on() {
+    fn a_panic_of_either_job_propagates_and_the_thread_survives() {
         let mut second = SecondCore::start().expect("a thread");
         let mut there = 0;
         let mut fails = |mine: bool, theirs: bool| {

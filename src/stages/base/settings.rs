@@ -1,48 +1,48 @@
-//! Keys of the configuration: what a value is called, what it means, which values are allowed, and where it is stored.
+//! Keys of the configuration: name, meaning, allowed values and storage of each value.
 //!
-//! A struct made by [`keyed!`](keyed) says each of its keys once: the field with its default, its documentation, which is also
-//! the comment in `config/mien.toml`, and what is allowed. The appliance reads, checks and prints files by these keys.
+//! A struct made by [`keyed!`](keyed) declares each key once: the field, its default, its documentation (also the comment in
+//! `config/mien.toml`) and the allowed values. The appliance reads, checks and prints configurations by these keys.
 
 use core::net::SocketAddr;
 
 use crate::base::prelude::*;
 
-/// Most targets of an output; one given by name has a thread of its own.
+/// Most targets of an output, because a target given by name has its own thread.
 const TARGETS_MOST: usize = 16;
 
-/// One key, and its present value.
+/// One key and its current value.
 pub struct Key<'a> {
     /// Its name.
     pub name: &'static str,
-    /// What it means, in a sentence.
+    /// Its meaning, in a sentence.
     pub about: &'static str,
-    /// Its type and range, and where its value is stored.
+    /// Type, range and storage of its value.
     pub kind: Kind<'a>,
 }
 
-/// Type and range of a key's value, and where it is stored.
+/// Type, range and storage of a key's value.
 pub enum Kind<'a> {
-    /// Where it is stored, its least and greatest value, and its unit.
+    /// Storage, least and greatest value, and unit.
     Number(&'a mut dyn Number, [f32; 2], &'static str),
     /// True or false.
     Bool(&'a mut bool),
-    /// Where it is stored, its form in words, and the check of it.
+    /// Storage, format in words, and validation.
     Text(&'a mut String, &'static str, fn(&str) -> bool),
-    /// One text, or several in an array; the last field is the least and greatest count.
+    /// As `Text`, for one text or an array; the last field is the least and greatest count.
     Texts(
         &'a mut Vec<String>,
         &'static str,
         fn(&str) -> bool,
         [usize; 2],
     ),
-    /// Index of the present name, all names, and a function that stores the value of an index.
+    /// Index of the current name, all names, and a function that stores the value at an index.
     Choice(usize, Vec<&'static str>, Box<dyn FnOnce(usize) + 'a>),
 }
 
-/// A number as the stages store it: whole for counts, single precision for images, double for what accumulates over months.
-/// `{:?}` writes it as TOML: a float always with a decimal point, so that it stays one.
+/// A number of a setting: `u32` for counts, `f32` for images, `f64` for long sums. `{:?}` writes it as TOML, a float always with
+/// a decimal point.
 pub trait Number: core::fmt::Debug {
-    /// Stores a number, which is in the key's range.
+    /// Stores a number within the key's range.
     fn set(&mut self, number: f64);
 
     /// Whether only whole numbers can be stored.
@@ -73,22 +73,22 @@ impl Number for f64 {
     }
 }
 
-/// Settings that have keys.
+/// Settings with keys.
 pub trait Keys {
-    /// Its keys, in the order in which they are printed.
+    /// The keys, in the order of printing.
     fn keys(&mut self) -> Vec<Key<'_>>;
 }
 
-/// A list that is filled from elsewhere has no keys.
+/// Lists are not configured by keys.
 impl<T> Keys for Vec<T> {
     fn keys(&mut self) -> Vec<Key<'_>> {
         Vec::new()
     }
 }
 
-/// Structs whose fields are keys: `field: Type = default => form(…),` below the sentence about them. A form is a [`Kind`] or a
-/// function that makes one. A name in quotes behind the field is the key's, where that is another one. `..field: Type,` at the
-/// end has keys of its own.
+/// Declares structs whose fields are keys: a doc sentence, then `field: Type = default => form(…),`. A form is a [`Kind`] variant
+/// or constructor. A quoted name after the field is the key's name if it differs. `..field: Type,` at the end includes that type's
+/// keys.
 #[macro_export]
 macro_rules! keyed {
     (@name $field:ident $key:literal) => { $key };
@@ -128,17 +128,17 @@ macro_rules! keyed {
 pub use keyed;
 
 impl<'a> Kind<'a> {
-    /// A number between limits, in a unit; of a `u32` a whole one.
+    /// A number between `least` and `most`, in `unit`; a whole number if stored as `u32`.
     pub fn number(value: &'a mut dyn Number, least: f32, most: f32, unit: &'static str) -> Self {
         Self::Number(value, [least, most], unit)
     }
 
-    /// A time of up to a minute.
+    /// A time of up to 60 s.
     pub fn seconds(value: &'a mut f32) -> Self {
         Self::number(value, 0.0, 60.0, "s")
     }
 
-    /// One of several values, each with its name.
+    /// One of several named values.
     pub fn choice<T: Copy + PartialEq>(
         value: &'a mut T,
         all: &'static [(&'static str, T)],
@@ -149,13 +149,13 @@ impl<'a> Kind<'a> {
         Self::Choice(present.unwrap_or_default(), names, set)
     }
 
-    /// Where an output sends to.
+    /// Targets of an output.
     pub fn targets(value: &'a mut Vec<String>) -> Self {
         let form = "host:port, or up to 16 as [\"host:port\", \"host:port\"]";
         Self::Texts(value, form, is_host_port, [1, TARGETS_MOST])
     }
 
-    /// `address:port` of this machine.
+    /// A local `address:port`.
     pub fn listen(value: &'a mut String) -> Self {
         let is_address = |text: &str| text.parse::<SocketAddr>().is_ok();
         Self::Text(value, "address:port", is_address)

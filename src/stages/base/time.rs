@@ -1,10 +1,10 @@
-//! Time as a value: microseconds since the start of a stream. Only the programs and the sources of frames read a
-//! clock; every stage is given the time, so that a recording or a simulation can run faster than real time.
+//! Time since the start of a stream. Only the programs and the sources of frames read a clock; stages receive the time, so that
+//! a recording or simulation can run faster than real time.
 
 /// Capture time in microseconds.
 ///
 /// ```
-/// use mien::base::time::Timestamp;
+/// use mien_stages::base::time::Timestamp;
 /// let (a, b) = (Timestamp::from_us(1_000_000), Timestamp::from_us(1_033_333));
 /// assert!((b.seconds_since(a) - 0.033333).abs() < 1e-9);
 /// ```

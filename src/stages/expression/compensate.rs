@@ -7,8 +7,8 @@
 //! observation's), the sample is invalid.
 //!
 //! σ = −ln ω has no unit, and measures differ: at ω = 0.9 the literal offset is 0.25 w, more than a lid opens. The factor
-//! `spread` puts a unit to it: 1 is the literal form, a share of the measure's own range the scaled one. Mean error of the
-//! paper's weights on the acted sessions of `tests/it/learns_a_range.rs`, jitter 0.25 %, ω = 0.94, after 5 / 20 / 60 s:
+//! `spread` gives it a unit: 1 is the literal form, a share of the measure's range the scaled one. Mean error of the paper's
+//! weights on the acted sessions of `tests/it/learns_a_range.rs`, jitter 0.25 %, ω = 0.94, after 5 / 20 / 60 s:
 //!
 //! | σ | one-way units | two-way units |
 //! | --- | --- | --- |
@@ -18,10 +18,10 @@
 //! | 0.1 × range | 0.169 / 0.286 / 0.257 | 0.415 / 0.507 / 0.463 |
 //! | none | 0.168 / 0.284 / 0.255 | 0.415 / 0.464 / 0.437 |
 //!
-//! Literal is the default of the paper's method: it is best over all units. On two-way units that is luck: its far samples
-//! give the three-node merging of section 2.6 ready-made ends, which come from σ and not from the person (at 2 m and 28° they
-//! are two to three times too long). If one-way units matter most, scale it. The robust method does not compensate: there it
-//! made no difference.
+//! Literal is the default of the paper's method: it is best over all units. On two-way units that is coincidence: its far
+//! samples give the three-node merging of section 2.6 its ends, which come from σ and not from the person (at 2 m and 28° they
+//! are two to three times too far). For one-way units scaling is better. The robust method does not compensate, because there
+//! it made no difference.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -32,17 +32,17 @@ pub const LEAST_WEIGHT: f64 = 1.0 / 3.0;
 /// Offset and weight of the two compensating samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Compensation {
-    /// |s' − s|, in units of the measure.
+    /// |s' − s|, in the unit of the measure.
     pub offset: f64,
-    /// (1 − ω)/2, of each.
+    /// Weight of each sample, (1 − ω)/2.
     pub weight: f64,
 }
 
-/// Section 2.3 for one weight; `spread` multiplies σ (1 = literal). `None` if the sample is invalid: ω < 1/3 or not a number.
-/// From ω = 1 on there is nothing to add: the weight is 0.
+/// Section 2.3 for one weight ω; `spread` multiplies σ (1 = literal). `None` if the sample is invalid (ω < 1/3 or NaN). The weight
+/// is 0 at ω ≥ 1.
 pub fn compensation(omega: f64, spread: f64) -> Option<Compensation> {
     let sigma = -omega.ln() * spread;
-    // At ω = 1/3 the logarithm is 0 but for rounding.
+    // At ω = 1/3 the logarithm is 0 up to rounding.
     let ratio = (2.0 * (2.0 * omega / (1.0 - omega)).ln()).max(0.0);
     (omega >= LEAST_WEIGHT).then(|| Compensation {
         offset: sigma * ratio.sqrt(),
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn densities_are_to_each_other_as_the_weights() {
+    fn densities_have_the_ratio_of_the_weights() {
         for omega in [0.35, 0.5, 0.7, 0.9, 0.99] {
             let c = compensated(omega, 1.0);
             let sigma = -f64::ln(omega);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_third_is_the_border() {
+    fn one_third_is_the_least_weight() {
         assert_eq!(compensation(0.333, 1.0), None);
         assert_eq!(compensation(f64::NAN, 1.0), None);
         assert_eq!(compensated(1.0, 1.0).weight, 0.0);

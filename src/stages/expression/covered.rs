@@ -3,18 +3,18 @@
 //! While depth shows something in front of the mouth and its points have low confidence, a mouth unit's weight is held at its
 //! last value for [`HELD_S`] and then decays to rest with the time constant τ at which this person's mouth usually relaxes:
 //! w(t) = w₀ e^(−t/τ), the expected weight given w₀. τ is learned from the visible mouth,
-//! ρ = Σ w(t) w(t − [`LAG_S`]) / Σ w(t − [`LAG_S`])² = e^(−LAG_S/τ), starting at [`USUAL_RHO`].
+//! ρ = Σ w(t) w(t − [`LAG_S`]) / Σ w(t − [`LAG_S`])² = e^(−LAG_S/τ), starting at [`PRIOR_RHO`].
 //!
 //! The visible part of the face is not used: regressions of the mouth on brows, lids and nose change the error by less than a
 //! hundredth on held-out people, or raise it (three recordings of real faces, six simulated people).
 //!
-//! Mean absolute error of the mouth's units, relative to holding them: 0.61 in our simulator, better for four of four people, at
-//! worst 0.76; a mouth always at rest has 0.5, so half of the error of holding is out of reach
+//! Mean absolute error of the mouth's units, relative to holding them: 0.61 in the simulator, better for four of four people, at
+//! worst 0.76; a mouth always at rest has 0.5
 //! (`mien-studio evaluate --heads --rows mouth --people 4 --seconds 36`). In the second world's `occlude` the error is 0.038 in
 //! the frames that change, against 0.050 measured through the hand; scenes without a hand do not change.
 //!
-//! Memory: three sets of weights. Cost: negligible. Degenerate: a mouth that stays covered is at rest; one that is always
-//! hard to see, as under a beard or a mask, counts as covered only where it is harder to see than usual.
+//! Memory: three sets of weights. Cost: negligible. Degenerate: a mouth that stays covered decays to rest; one of permanently
+//! low confidence (beard, mask) counts as covered only below its usual confidence.
 
 use super::measures::Measure;
 use crate::base::capacity::UNITS;
@@ -24,74 +24,82 @@ use crate::base::prelude::*;
 use crate::face_model::scheme::{CHIN, MOUTH};
 use crate::landmarks::Landmarks;
 
-/// Points of brows, nose and eyes.
+/// Landmarks of brows, nose and eyes.
 const OTHERS: core::ops::Range<usize> = 17..48;
-/// Light, blur and distance lower the confidence of all points; a cover lowers that of the mouth by this much more.
-const HARDER: f32 = 0.05;
-/// Share of its points with something in front that makes the mouth count as covered, and that keeps it so.
+/// A cover lowers the confidence of the mouth by this much more than that of the other points, which light, blur and distance
+/// lower too.
+const MOUTH_DEFICIT: f32 = 0.05;
+/// Least share of the mouth's points behind an object for a mouth to become covered.
 const HIDDEN: f32 = 0.3;
-const STILL_HIDDEN: f32 = 0.1;
-/// Their mean confidence up from which they are believed wholly, and how much below they are not at all. Under a hand it is 0.3 to
-/// 0.7; of people who act with a free mouth, turning by 35° or with bushy hair, it is 0.70 at least.
-const BELIEVED: f32 = 0.70;
-const DISBELIEVED_BELOW: f32 = 0.06;
-/// What counted as covered has to be seen better than that by this much to be believed again.
+/// Least share of the mouth's points behind an object for a mouth to stay covered.
+const HIDDEN_RELEASE: f32 = 0.1;
+/// Mean confidence of the mouth's points for full trust. Under a hand it is 0.3 to 0.7; for a free mouth, turned by 35° or with
+/// bushy hair, at least 0.70.
+const FULL_TRUST: f32 = 0.70;
+/// Confidence below full trust at which there is none.
+const TRUST_FALLOFF: f32 = 0.06;
+/// Additional confidence for trust in a mouth that was covered.
 const HYSTERESIS: f32 = 0.13;
-/// Where confidence is always low, points this far below the person's usual confidence are not trusted;
-const UNUSUAL: f32 = 0.15;
-/// so long it takes to know what is usual, with a mouth that is seen and, once that is known, with one that is not, seconds.
+/// Where confidence is always low, the mouth is trusted down to this much below the person's usual confidence.
+const BELOW_USUAL: f32 = 0.15;
+/// Averaging time of the usual confidence, seconds.
 const USUAL_S: f32 = 8.0;
+/// Averaging time of the usual confidence, once known, while the mouth is covered, seconds.
 const USUAL_COVERED_S: f32 = 60.0;
-/// Weights are stored only while the mouth's confidence exceeds the limit by this much.
-const SURE: f32 = 0.05;
-/// How far back they are stored, seconds (one to two of this): a cover is read as an expression before it is noticed.
-const BACK_S: f32 = 0.1;
-/// Time for which a covered mouth is held, seconds.
+/// Weights are stored only while the mouth's confidence exceeds its limit by this much.
+const STORE_MARGIN: f32 = 0.05;
+/// Period of stored weights, seconds. Weights one to two periods old are used, because a cover is misread as an expression before
+/// it is detected.
+const STORE_PERIOD_S: f32 = 0.1;
+/// Time for which the weights of a covered mouth are held, seconds.
 const HELD_S: f32 = 0.1;
-/// Seconds over which the measured weights fade back in once the mouth is visible again.
+/// Fade to the measured weights once the mouth is visible again, seconds.
 const RETURN_S: f32 = 0.15;
-/// Distance in time at which ρ is learnt, seconds; what it is of people at large, and how much of their own outweighs that.
+/// Time lag of ρ, seconds.
 const LAG_S: f32 = 0.5;
-const USUAL_RHO: f32 = 0.29;
-const USUAL_RHO_WORTH: f32 = 4.0;
+/// ρ of the population.
+const PRIOR_RHO: f32 = 0.29;
+/// Weight of the population's ρ, as a sum of squared weights.
+const PRIOR_RHO_WEIGHT: f32 = 4.0;
 /// Bounds of ρ.
 const RHO: [f32; 2] = [0.1, 0.8];
-/// Products beyond which the older ones count half: minutes of acting.
-const MOST_WORTH: f32 = 400.0;
+/// Sum of squared weights at which both sums are halved: minutes of acting.
+const MAX_RHO_WEIGHT: f32 = 400.0;
 
-/// Whether a measure belongs to the mouth, or to what a hand over the mouth covers too: the chin, and the cheeks, which have no
-/// landmarks.
-pub(super) fn is_of_mouth(measure: Measure) -> bool {
+/// Whether a measure depends on the area of a hand over the mouth: mouth, chin, or the cheeks, which have no landmarks.
+pub(super) fn moves_mouth(measure: Measure) -> bool {
     let covers = |point: usize| MOUTH.contains(&point) || CHIN.contains(&point);
     measure.groups().is_empty() || measure.landmarks().any(covers)
 }
 
 defaults! {
-    /// One person's mouth.
+    /// State of one person's mouth.
     #[derive(Clone, Debug)]
     pub(super) struct CoveredMouth {
-        /// Confidence that is usual, and for how long it was looked at.
+        /// Mean confidence of the mouth.
         usual: f32 = 0.0,
+        /// Seconds averaged in `usual`, up to [`USUAL_S`].
         known_s: f32 = 0.0,
-        /// 0: seen; 1: covered.
+        /// 0 (visible) to 1 (covered).
         covered: f32 = 0.0,
+        /// Seconds since it was covered.
         covered_s: f32 = 0.0,
-        /// Weights up to one and two [`BACK_S`] old.
+        /// Weights up to one and two [`STORE_PERIOD_S`] old.
         recent: [[f32; UNITS]; 2] = [[0.0; UNITS]; 2],
         recent_s: f32 = 0.0,
-        /// Weights of [`LAG_S`] ago at most.
+        /// Weights up to [`LAG_S`] old.
         lagged: [f32; UNITS] = [0.0; UNITS],
         lagged_s: f32 = 0.0,
         /// Σ w(t) w(t − LAG_S) and Σ w(t − LAG_S)².
-        sums: [f32; 2] = [USUAL_RHO * USUAL_RHO_WORTH, USUAL_RHO_WORTH],
+        sums: [f32; 2] = [PRIOR_RHO * PRIOR_RHO_WEIGHT, PRIOR_RHO_WEIGHT],
     }
 }
 
 impl CoveredMouth {
-    /// Judges a frame: whether the mouth is visible, and can thus be learned from.
-    pub(super) fn look(&mut self, landmarks: &Landmarks, dt: f32) -> bool {
-        let mean = |of: core::ops::Range<usize>| {
-            let points = &landmarks.point_confidence[of];
+    /// Updates the state from a frame; returns whether the mouth is visible and can be learned from.
+    pub(super) fn update_visibility(&mut self, landmarks: &Landmarks, dt: f32) -> bool {
+        let mean = |range: core::ops::Range<usize>| {
+            let points = &landmarks.point_confidence[range];
             points.iter().sum::<f32>() / points.len() as f32
         };
         let (seen, others) = (mean(MOUTH), mean(OTHERS));
@@ -105,28 +113,30 @@ impl CoveredMouth {
         if takes_s > 0.0 {
             self.usual += (seen - self.usual) * (dt / takes_s);
         }
-        let believed = (self.usual - UNUSUAL).min(BELIEVED).min(others - HARDER);
+        let trusted = (self.usual - BELOW_USUAL)
+            .min(FULL_TRUST)
+            .min(others - MOUTH_DEFICIT);
         let least = if is_covered {
-            believed + HYSTERESIS
+            trusted + HYSTERESIS
         } else {
-            believed
+            trusted
         };
-        // Changing light, distance and a bent head make a free mouth hard to see too: depth says whether something is before it.
-        let hidden = landmarks.mouth_hidden >= if is_covered { STILL_HIDDEN } else { HIDDEN };
+        // Light, distance and a bent head lower the confidence of a free mouth too, so depth must show an object before it.
+        let hidden = landmarks.mouth_hidden >= if is_covered { HIDDEN_RELEASE } else { HIDDEN };
         let covered = if hidden {
-            ((least - seen) / DISBELIEVED_BELOW).clamp(0.0, 1.0)
+            ((least - seen) / TRUST_FALLOFF).clamp(0.0, 1.0)
         } else {
             0.0
         };
         self.covered = covered.max(self.covered - dt / RETURN_S).max(0.0);
         if self.covered > 0.0 {
             self.covered_s += dt;
-            // What is compared with the past has to be seen at both ends.
+            // ρ needs visible weights at both ends of the lag.
             self.lagged_s = f32::NEG_INFINITY;
         } else {
             self.covered_s = 0.0;
         }
-        if self.covered == 0.0 && seen > believed + SURE {
+        if self.covered == 0.0 && seen > trusted + STORE_MARGIN {
             self.recent_s += dt;
         }
         self.covered == 0.0
@@ -138,8 +148,8 @@ impl CoveredMouth {
         -LAG_S / (both / before).clamp(RHO[0], RHO[1]).ln()
     }
 
-    /// Replaces the weights of the mouth's columns, `is_mouth`, as far as it is covered; otherwise learns from them.
-    pub(super) fn weigh(&mut self, weights: &mut [f32], is_mouth: &[bool; UNITS], dt: f32) {
+    /// Blends the weights of the columns `is_mouth` with the inferred ones as far as the mouth is covered; otherwise learns from them.
+    pub(super) fn infer_weights(&mut self, weights: &mut [f32], is_mouth: &[bool; UNITS], dt: f32) {
         let mouth = |k: &usize| is_mouth[*k];
         if self.covered > 0.0 {
             let fades_s = (self.covered_s - HELD_S).max(0.0);
@@ -150,7 +160,7 @@ impl CoveredMouth {
             }
             return;
         }
-        if self.recent_s >= BACK_S {
+        if self.recent_s >= STORE_PERIOD_S {
             self.recent_s = 0.0;
             self.recent[1] = self.recent[0];
             self.recent[0][..weights.len()].copy_from_slice(weights);
@@ -162,7 +172,7 @@ impl CoveredMouth {
                     self.sums[0] += weights[k] * self.lagged[k];
                     self.sums[1] += self.lagged[k] * self.lagged[k];
                 }
-                if self.sums[1] > MOST_WORTH {
+                if self.sums[1] > MAX_RHO_WEIGHT {
                     self.sums = self.sums.map(|sum| 0.5 * sum);
                 }
             }
@@ -171,7 +181,7 @@ impl CoveredMouth {
         }
     }
 
-    /// Frames were missing.
+    /// Marks a gap of frames.
     pub(super) fn interrupt(&mut self) {
         self.lagged_s = f32::NEG_INFINITY;
     }
@@ -193,7 +203,7 @@ mod tests {
             confidence: 1.0,
             cheeks: [0.0; 2],
             eyes: None,
-            mouth_hidden: if mouth < BELIEVED { 1.0 } else { 0.0 },
+            mouth_hidden: if mouth < FULL_TRUST { 1.0 } else { 0.0 },
         };
         landmarks.point_confidence[MOUTH].fill(mouth);
         landmarks
@@ -207,14 +217,14 @@ mod tests {
     };
 
     fn play(mouth: &mut CoveredMouth, seen: f32, read: f32) -> [f32; 2] {
-        mouth.look(&face(seen), DT);
+        mouth.update_visibility(&face(seen), DT);
         let mut weights = [read, 0.7];
-        mouth.weigh(&mut weights, &IS_MOUTH, DT);
+        mouth.infer_weights(&mut weights, &IS_MOUTH, DT);
         weights
     }
 
     #[test]
-    fn a_mouth_that_is_seen_is_left_as_it_is() {
+    fn a_visible_mouth_is_unchanged() {
         let mut mouth = CoveredMouth::default();
         for n in 0..600 {
             let read = if n % 60 < 20 { 0.8 } else { 0.0 };
@@ -224,21 +234,21 @@ mod tests {
     }
 
     #[test]
-    fn a_mouth_in_bad_light_with_nothing_before_it_is_read_on() {
+    fn a_dark_mouth_without_an_object_before_it_is_still_measured() {
         let mut mouth = CoveredMouth::default();
         let mut dim = face(0.3);
         dim.mouth_hidden = 0.0;
         for n in 0..300 {
             let read = if n % 60 < 20 { 0.8 } else { 0.0 };
-            assert!(mouth.look(&dim, DT));
+            assert!(mouth.update_visibility(&dim, DT));
             let mut weights = [read, 0.7];
-            mouth.weigh(&mut weights, &IS_MOUTH, DT);
+            mouth.infer_weights(&mut weights, &IS_MOUTH, DT);
             assert_eq!(weights, [read, 0.7]);
         }
     }
 
     #[test]
-    fn under_a_hand_the_mouth_stays_for_a_moment_and_then_goes_to_rest_and_nothing_else_does() {
+    fn a_covered_mouth_is_held_then_decays_and_other_units_do_not() {
         let mut mouth = CoveredMouth::default();
         for _ in 0..60 {
             play(&mut mouth, 0.95, 0.8);
@@ -255,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn who_smiles_for_long_is_taken_to_go_on_smiling() {
+    fn long_smiles_decay_more_slowly() {
         let left = |period: usize| {
             let mut mouth = CoveredMouth::default();
             for n in 0..30 * 120 {
@@ -279,22 +289,22 @@ mod tests {
     }
 
     #[test]
-    fn a_face_that_is_hard_to_see_all_over_has_no_covered_mouth() {
+    fn low_confidence_of_all_points_is_no_covered_mouth() {
         let mut mouth = CoveredMouth::default();
         for n in 0..600 {
             let mut dark = face(0.95);
             if n > 300 {
                 dark.point_confidence.fill(0.45);
             }
-            mouth.look(&dark, DT);
+            mouth.update_visibility(&dark, DT);
             let mut weights = [0.4, 0.7];
-            mouth.weigh(&mut weights, &IS_MOUTH, DT);
+            mouth.infer_weights(&mut weights, &IS_MOUTH, DT);
             assert_eq!(weights, [0.4, 0.7]);
         }
     }
 
     #[test]
-    fn a_mouth_that_is_always_hard_to_see_is_not_covered() {
+    fn permanently_low_confidence_is_no_covered_mouth() {
         let mut mouth = CoveredMouth::default();
         for _ in 0..1800 {
             assert_eq!(play(&mut mouth, 0.5, 0.4)[0], 0.4);

@@ -1,9 +1,9 @@
-//! How far one side of a measure reaches: the population's range, moved by what the person has shown.
+//! Range of one side of a measure: the population's, adapted to the person's expressions.
 //!
-//! The end is the value beyond which T_e = max(0.25 s, 0.3 % of all time) lies, less the noise: long enough to ignore
-//! glitches, short enough to keep rare expressions. Evidence n is the time spent well beyond rest, in half seconds. The
-//! range is U ← exp((κ ln U0 + n ln max(reach, 0.3 U0))/(κ + n)): a side never seen keeps its prior, and rest alone never shrinks
-//! a range. Units of the measure, weights in seconds. Memory: none. Cost: one pass, run twice a second.
+//! The end is the value beyond which the measure spent T_e = max(0.25 s, 0.3 % of all time), less the noise: long enough to
+//! ignore glitches, short enough to keep rare expressions. Evidence n is the time well beyond rest, in half seconds. The range
+//! is U ← exp((κ ln U0 + n ln max(reach, 0.3 U0))/(κ + n)): an unseen side keeps its prior, and rest alone never shrinks a
+//! range. Units of the measure, weights in seconds. Memory: none. Cost: one pass, run twice a second.
 
 use super::nodes::Node;
 #[cfg(not(feature = "std"))]
@@ -16,21 +16,21 @@ const BEYOND_SHARE: f64 = 0.003;
 /// Seconds of expression that count as one piece of evidence.
 const PIECE_S: f64 = 0.5;
 /// Cap on the evidence, so that the prior keeps some weight.
-const MOST_EVIDENCE: f64 = 20.0;
+const MAX_EVIDENCE: f64 = 20.0;
 /// Smallest range, as a share of the prior.
 const LEAST_SHARE: f64 = 0.3;
 
 /// One side's range and its evidence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
-    /// Distance from rest to the full expression.
+    /// Distance from rest to the full expression, in the unit of the measure.
     pub range: f64,
-    /// n.
+    /// Evidence n, half seconds of expression.
     pub evidence: f64,
 }
 
-/// The upper (`up`) or lower side of `nodes` about `rest`. `sigma` the noise, `prior` U0 > 0, `present` the range in use,
-/// `kappa` the weight of the prior in pieces of evidence.
+/// Range and evidence of the upper (`up`) or lower side of `nodes` about `rest`. `growth`: weight of a second in `nodes`; `sigma`:
+/// noise; `prior`: U0 > 0; `present`: range in use; `kappa`: weight of the prior in pieces of evidence.
 pub fn side(
     nodes: &[Node],
     growth: f64,
@@ -59,7 +59,7 @@ pub fn side(
         if is_expression {
             expressed += node.range / growth;
         }
-        // Inner nodes say nothing more once the end is found.
+        // Inner nodes are irrelevant once the end is found.
         is_expression || reach.is_none()
     };
     if up {
@@ -67,7 +67,7 @@ pub fn side(
     } else {
         nodes.iter().all(&mut take);
     }
-    let mut evidence = (expressed / PIECE_S).min(MOST_EVIDENCE);
+    let mut evidence = (expressed / PIECE_S).min(MAX_EVIDENCE);
     let Some(reach) = reach else {
         return Side {
             range: prior,
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn glitches_are_no_end() {
+    fn glitches_do_not_extend_the_range() {
         let mut nodes = rested(50.0);
         nodes.push(9.0, 0.1, 0.1);
         let side = upper(&nodes, 0.5);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn evidence_is_what_goes_beyond_two_fifths_of_the_range_and_three_deviations_of_the_noise() {
+    fn evidence_needs_two_fifths_of_the_range_and_three_sigma() {
         let evidence = |excursion: f64, sigma: f64| {
             let mut nodes = rested(10.0);
             nodes.push(1.0 + excursion, 2.0, 2.0);
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn an_end_is_less_the_noise_never_below_three_tenths_and_the_evidence_is_bounded() {
+    fn ends_subtract_the_noise_and_ranges_and_evidence_are_bounded() {
         // Everything at 0.4 with noise of 0.05: reach 0.35, a thousand seconds count as 20.
         let mut nodes = rested(10.0);
         nodes.push(1.4, 1000.0, 1000.0);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_second_and_three_thousandths_lie_beyond_an_end() {
+    fn an_end_has_the_least_time_beyond_it() {
         // In 1000 s the end is where the last 3 s begin.
         let mut nodes = rested(995.0);
         nodes.push(1.3, 2.5, 2.5);
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_counted_in_later_seconds_is_worth_less_now() {
+    fn growth_scales_evidence() {
         // A growth of 4: every second of a node is a quarter of one now.
         let nodes = |each: f64| {
             let mut nodes = rested(40.0 * each);
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn two_fifths_of_the_range_are_not_yet_an_expression() {
+    fn exactly_two_fifths_of_the_range_are_no_expression() {
         // 0.4 of 0.625 is a quarter, to the last bit.
         let mut nodes = rested(10.0);
         nodes.push(1.25, 2.0, 2.0);

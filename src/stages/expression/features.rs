@@ -1,4 +1,4 @@
-//! Additional distances in the face that belong to no unit but help to tell units apart.
+//! Additional lengths of the face that distinguish units.
 //!
 //! A rolled-in lip is thin, lowered brows come closer together, a raised chin comes closer to the lip: section 2.1's measures
 //! show little of that. Head frame, metres; divided by the inner-eye-corner distance like the measures. Used by
@@ -13,29 +13,29 @@ use crate::face_model::scheme::{
     UPPER_LID_R, UPPER_LIP, UPPER_LIP_INSIDE,
 };
 
-/// A length between two groups of points along an axis of the head.
+/// A signed length along an axis of the head: mean of one group of points minus mean of another.
 #[derive(Clone, Copy, Debug)]
 pub struct Feature {
     /// Its name in `config/units.toml`.
     pub name: &'static str,
     /// Axis: 0 is x, towards the subject's left; 1 is y, down.
     axis: usize,
-    /// Mean of these …
-    of: &'static [usize],
-    /// … minus the mean of those.
+    /// Landmarks of the first mean.
+    to: &'static [usize],
+    /// Landmarks of the subtracted mean.
     from: &'static [usize],
 }
 
 const fn feature(
     name: &'static str,
     axis: usize,
-    of: &'static [usize],
+    to: &'static [usize],
     from: &'static [usize],
 ) -> Feature {
     Feature {
         name,
         axis,
-        of,
+        to,
         from,
     }
 }
@@ -63,18 +63,18 @@ pub const ALL: [Feature; LENGTHS] = [
 ];
 
 impl Feature {
-    /// Its length on a face, metres.
+    /// Its length on a face (head frame, metres), metres.
     pub fn raw(&self, points: &[Point; LANDMARKS]) -> f32 {
-        (mean(points, self.of) - mean(points, self.from))[self.axis]
+        (mean(points, self.to) - mean(points, self.from))[self.axis]
     }
 
     /// The landmarks it is computed from.
     pub fn landmarks(&self) -> impl Iterator<Item = usize> + '_ {
-        self.of.iter().chain(self.from).copied()
+        self.to.iter().chain(self.from).copied()
     }
 }
 
-/// What the eyes' images tell ([`super::gaze`]), after the lengths: gaze to the subject's left and up, and upper lids.
+/// Names of the features of [`super::gaze`], after the lengths: gaze to the subject's left and up, lift of the upper lids.
 pub const GAZE: [&str; FEATURES - LENGTHS] = ["gaze_left", "gaze_up", "lid_lift"];
 
 /// Names of all features, in their order.

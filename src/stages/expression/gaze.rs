@@ -1,10 +1,10 @@
-//! Gaze from the image of the eyes (FACS AU61 to AU64), and how far the upper lids are lifted, more finely than landmarks show.
+//! Gaze (FACS AU61 to AU64) and lift of the upper lids from the eye patches, more precisely than from landmarks.
 //!
 //! Linear maps of the two eye patches cut by [`crate::landmarks::eyes`], learned by ridge regression from rendered eyes
 //! (`mien-studio units`). Both eyes look at the same point and the face is symmetric: horizontal gaze is in the difference of the
 //! mirrored eyes, vertical gaze and lids in their sum, so each needs the weights of one eye only. One more weight compensates for
-//! head rotation, which shows the eyes from the side. The person's own offset is removed by a learner, as with distances.
-//! Memory: 435 weights. Degenerate: closed eyes give nothing.
+//! head rotation. The person's own offset is removed by a learner, as with lengths. Memory: 435 weights. Degenerate: the result
+//! is meaningless for closed eyes.
 
 use core::ops::Range;
 
@@ -15,14 +15,14 @@ use crate::base::geometry::Vector;
 use crate::base::prelude::*;
 use crate::landmarks::eyes::{ACROSS, CELLS, DOWN, Eyes};
 
-/// By map, the rows and columns whose mean is subtracted and whose deviation is divided by: how much the picture of a moving iris
-/// changes depends on its contrast to the white, not on that of brows and lids.
+/// Rows and columns that normalise each map's patch: the change by a moving iris depends on its contrast to the white, not on that
+/// of brows and lids.
 const AROUND: [[Range<usize>; 2]; 3] = [[3..6, 3..13], [2..7, 2..14], [0..DOWN, 0..ACROSS]];
-/// Least deviation that is divided by.
+/// Least standard deviation of the normalisation.
 const LEAST_DEVIATION: f32 = 0.15;
 
-/// Maps, as in `config/units.toml`: weights by cell, rows from above, temple to nose, then the head's turn. 1 is the eyes' full
-/// range, about 30°, or lids opened wide (AU5).
+/// Linear maps of `config/units.toml`: weights by cell (rows from above, temple to nose), then of the head's rotation. An output of
+/// 1 is the eyes' full range, about 30°, or lids opened wide (AU5).
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gaze {
@@ -32,8 +32,8 @@ pub struct Gaze {
 }
 
 impl Gaze {
-    /// To the subject's left and up, and how far lids are lifted, plus constants of the person.
-    pub fn of(&self, eyes: &Eyes, sensor_from_head: &Rotation) -> [f32; 3] {
+    /// Gaze to the subject's left and up, and lid lift, each plus a constant of the person.
+    pub fn estimate(&self, eyes: &Eyes, sensor_from_head: &Rotation) -> [f32; 3] {
         let ahead = sensor_from_head * Vector::z();
         let read = |axis, weights: &[f32]| -> f32 {
             let row = row(eyes, [ahead.x, ahead.y], axis);
@@ -43,7 +43,7 @@ impl Gaze {
     }
 }
 
-/// What a map reads: left (0), up (1) or lids (2), given where the head looks, as sines to the right and down.
+/// Input of map `axis`: left (0), up (1) or lids (2). `ahead`: x and y of the head's forward axis in the sensor frame.
 pub fn row([right, left]: &Eyes, ahead: [f32; 2], axis: usize) -> [f32; CELLS + 1] {
     let mut row = [0.0; CELLS + 1];
     for (eye, sign) in [(left, 1.0), (right, if axis == 0 { -1.0 } else { 1.0 })] {
@@ -94,14 +94,14 @@ mod tests {
         let eye = |seed: f32| core::array::from_fn(|k| (k as f32 * seed).sin());
         let (a, b) = (eye(0.37), eye(0.91));
         let straight = Rotation::identity();
-        let [left, up, lids] = gaze.of(&[a, b], &straight);
-        let [mirrored, same, as_open] = gaze.of(&[b, a], &straight);
+        let [left, up, lids] = gaze.estimate(&[a, b], &straight);
+        let [mirrored, same, as_open] = gaze.estimate(&[b, a], &straight);
         assert!(left.abs() > 0.01 && (left + mirrored).abs() < 1e-5);
         assert!((up - same).abs() < 1e-5 && (lids - as_open).abs() < 1e-5);
     }
 
     #[test]
-    fn how_dark_brows_and_lids_are_does_not_change_how_far_a_look_goes() {
+    fn gaze_is_independent_of_dark_brows_and_lids() {
         let eye = |dark: f32, contrast: f32, seed: f32| -> [f32; CELLS] {
             core::array::from_fn(|k| match k / ACROSS {
                 0..2 | 7.. => dark * (k % 3) as f32,
@@ -125,7 +125,7 @@ mod tests {
         let eyes = [[0.0; CELLS]; 2];
         let turned = rotation_from_yaw_pitch_roll(0.3, 0.0, 0.0);
         let ahead = turned * Vector::z();
-        let [left, up, _] = gaze.of(&eyes, &turned);
+        let [left, up, _] = gaze.estimate(&eyes, &turned);
         assert!((left - 2.0 * ahead.x).abs() < 1e-6 && up.abs() < 1e-6);
         assert!((left.abs() - 2.0 * 0.3f32.sin()).abs() < 1e-5);
     }

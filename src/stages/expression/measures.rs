@@ -38,12 +38,12 @@ macro_rules! measures {
         }
 
         impl Measure {
-            /// All, in order.
+            /// All measures, in order.
             pub const ALL: [Self; MEASURES] = [$(Self::$measure),*];
         }
 
-        /// Name and groups of landmarks of each measure. Where there are two groups and no formula of its own in
-        /// [`with_cheeks`], the measure is the height of the second below the first.
+        /// Name and groups of landmarks of each measure. Without a formula in [`with_cheeks`], a measure is the height of the
+        /// second group below the first.
         const TABLE: [(&str, &[&[usize]]); MEASURES] = [$(($name, &[$($group),*])),*];
     };
 }
@@ -104,12 +104,12 @@ impl Measure {
         Self::ALL.into_iter().find(|measure| measure.name() == name)
     }
 
-    /// The groups of landmarks it is computed from; none for those measured by depth.
+    /// Groups of landmarks it is computed from; empty for measures by depth.
     pub const fn groups(self) -> &'static [&'static [usize]] {
         TABLE[self as usize].1
     }
 
-    /// The landmarks it is computed from.
+    /// Landmarks it is computed from.
     pub fn landmarks(self) -> impl Iterator<Item = usize> {
         self.groups().iter().copied().flatten().copied()
     }
@@ -130,13 +130,13 @@ pub enum Scale {
     /// [`Scale::Frame`] for the paper's method, [`Scale::Learnt`] for the robust one.
     #[default]
     ByMethod,
-    /// The frame's own, g' = g / w, as in the paper.
+    /// The frame's, g' = g / w, as in the paper.
     Frame,
-    /// The person's, learnt over time.
+    /// The person's, [`EyeDistance`].
     Learnt,
 }
 
-/// Middle of some landmarks.
+/// Mean of some landmarks.
 pub(super) fn mean(points: &[Point; LANDMARKS], indices: &[usize]) -> Point {
     let sum = indices
         .iter()
@@ -144,18 +144,22 @@ pub(super) fn mean(points: &[Point; LANDMARKS], indices: &[usize]) -> Point {
     Point::from(sum / indices.len() as f32)
 }
 
-/// The whole brows.
+/// Left brow.
 const LEFT_BROW: [usize; 5] = [22, 23, 24, 25, 26];
+/// Right brow.
 const RIGHT_BROW: [usize; 5] = [17, 18, 19, 20, 21];
 const INNER_EYE_R: usize = INNER_EYE_CORNERS[0];
 const INNER_EYE_L: usize = INNER_EYE_CORNERS[1];
-/// Edge of the upper lip beside its middle, and what lies above it.
+/// Left outer edge of the upper lip.
 const UPPER_LIP_L: [usize; 2] = [52, 53];
+/// Right outer edge of the upper lip.
 const UPPER_LIP_R: [usize; 2] = [49, 50];
+/// Base of the nose above the lip's left edge.
 const BESIDE_NOSE_BASE_L: [usize; 2] = [33, 34];
+/// Base of the nose above the lip's right edge.
 const BESIDE_NOSE_BASE_R: [usize; 2] = [32, 33];
 
-/// How far a full puff moves a cheek, metres.
+/// Motion of a cheek by a full puff, metres.
 const PUFF_M: f32 = 0.01;
 
 /// All measures in metres, from landmarks in the head frame, with the cheeks at 0.
@@ -185,21 +189,21 @@ pub fn with_cheeks(points: &[Point; LANDMARKS], cheeks: [f32; PUFFS]) -> [f32; M
     })
 }
 
-/// g' = g / w for all except the eye distance, which stays in metres. `w` in metres, above 0.
+/// g' = g / w for all except the eye distance, which stays in metres; `w` > 0 in metres.
 pub fn scaled(raw: &[f32; MEASURES], w: f32) -> [f32; MEASURES] {
     let mut scaled = raw.map(|g| g / w);
     scaled[Measure::EyeDistance as usize] = raw[Measure::EyeDistance as usize];
     scaled
 }
 
-/// Mean confidence of the landmarks behind a measure, 0…1.
+/// Mean confidence of a measure's landmarks, 0…1.
 pub fn confidence(measure: Measure, landmarks: &Landmarks) -> f32 {
     mean_confidence(measure.landmarks(), landmarks)
 }
 
-/// Mean confidence of some landmarks, of the face if they are none.
-pub(super) fn mean_confidence(of: impl Iterator<Item = usize>, landmarks: &Landmarks) -> f32 {
-    let points = of.map(|i| landmarks.point_confidence[i]);
+/// Mean confidence of some landmarks, 0…1; the face's if there are none.
+pub(super) fn mean_confidence(indices: impl Iterator<Item = usize>, landmarks: &Landmarks) -> f32 {
+    let points = indices.map(|i| landmarks.point_confidence[i]);
     let (sum, count) = points.fold((0.0, 0.0), |(sum, n), c| (sum + c, n + 1.0));
     if count > 0.0 {
         sum / count
@@ -208,9 +212,9 @@ pub(super) fn mean_confidence(of: impl Iterator<Item = usize>, landmarks: &Landm
     }
 }
 
-/// Eye-corner distances outside of this, in metres, are not a face: adults and children span 0.022 to 0.045.
+/// Plausible eye-corner distances, metres: adults and children span 0.022 to 0.045.
 const PLAUSIBLE_M: core::ops::Range<f64> = 0.015..0.06;
-/// Innovations are clipped at this share of the estimate.
+/// Limit of an innovation, as a share of the estimate.
 const CLIP: f64 = 0.06;
 /// Weight of the population's mean, seconds: people differ by ten times the noise of one frame.
 const PRIOR_S: f64 = 0.0005;
@@ -219,8 +223,8 @@ const MEMORY_S: f64 = 60.0;
 
 /// Running robust estimate of one person's inner-eye-corner distance.
 ///
-/// A mean with clipped innovations: exact for clean data; an outlier moves it no more than a 6 % error would. Starts at the
-/// population's mean, which a tenth of a second of data outweighs.
+/// A mean with clipped innovations: exact for clean data; an outlier counts as at most a 6 % error. Starts at the population's
+/// mean, which the first frames outweigh.
 #[derive(Clone, Debug)]
 pub struct EyeDistance {
     prior: f64,
@@ -239,7 +243,7 @@ impl EyeDistance {
         }
     }
 
-    /// Adds the frame's own distance (metres) with weight ω times the time it stands for (seconds).
+    /// Adds a frame's distance (metres) with weight ω dt (seconds).
     pub fn observe(&mut self, w: f32, omega_dt: f64) {
         let w = f64::from(w);
         if !PLAUSIBLE_M.contains(&w) || omega_dt <= 0.0 {
@@ -300,7 +304,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn every_sign_is_the_contracts() {
+    fn every_measure_has_the_documented_sign() {
         // Displacement of some landmarks in mm, and the measure that must rise by exactly so much.
         let cases: [(&[usize], Vector, Measure, f32); 18] = [
             (&[65, 66, 67], Vector::y(), Measure::LipGap, 1.0),
@@ -382,7 +386,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn eye_distance_is_learnt_within_a_second_and_shrugs_off_outliers() {
+    fn eye_distance_is_learnt_within_a_second_despite_outliers() {
         let mut w = EyeDistance::new(0.031);
         let dt = 1.0 / 30.0;
         for frame in 0..900 {
@@ -419,7 +423,7 @@ pub(crate) mod tests {
         let found = confidence(Measure::MouthWidth, &face);
         assert!((found - expected).abs() < 1e-6, "{found} and {expected}");
         assert!((confidence(Measure::BrowL, &face) - 0.5).abs() < 1e-6);
-        // What no landmark is behind is as certain as the face.
+        // Measures without landmarks have the face's confidence.
         for measure in Measure::ALL {
             if measure.groups().is_empty() {
                 assert_eq!(confidence(measure, &face), 0.75, "{}", measure.name());

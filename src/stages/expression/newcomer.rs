@@ -14,19 +14,21 @@ use crate::base::capacity::LEARNT_MEASURES;
 use crate::base::defaults;
 
 const SLOTS: usize = 32;
-/// Seconds between two samples: 32 cover ten seconds.
+/// Seconds between two samples: [`SLOTS`] cover ten seconds.
 const EVERY_S: f64 = 10.0 / SLOTS as f64;
-/// Samples that do after a loss: two and a half seconds.
+/// Samples needed after a loss: two and a half seconds.
 const SLOTS_AFTER_LOSS: usize = 8;
+/// Share of deviating measures that means another person.
 const SHARE: f64 = 0.5;
+/// Share of deviating measures that means another person after a loss.
 const SHARE_AFTER_LOSS: f64 = 1.0 / 3.0;
-/// How long the shorter rule holds after a loss, in samples.
+/// Samples for which the rule after a loss applies.
 const SUSPICIOUS_SLOTS: usize = 16;
-/// Samples under this weight say more about the pose than about the person.
+/// Least weight ω of a sample: below, pose dominates the measures.
 const LEAST_WEIGHT: f64 = 0.6;
 
 defaults! {
-    /// Watches for a change of person.
+    /// Detector of a change of person.
     #[derive(Clone, Debug)]
     pub struct Newcomer {
         history: [[f32; LEARNT_MEASURES]; SLOTS] = [[0.0; LEARNT_MEASURES]; SLOTS],
@@ -38,7 +40,7 @@ defaults! {
 }
 
 impl Newcomer {
-    /// The face was away: whoever comes is judged sooner and by a lower bar.
+    /// Marks a loss of the face: a change is then decided sooner and at a lower share.
     pub fn after_loss(&mut self) {
         *self = Self {
             suspicious: SUSPICIOUS_SLOTS,
@@ -46,8 +48,8 @@ impl Newcomer {
         };
     }
 
-    /// Takes a frame's measures of weight ω; true if this is somebody else. `rest` is the learnt rest of a measure, `None`
-    /// while unknown, and `sd` its deviation over people.
+    /// Adds a frame's measures with weight ω; true if the person changed. `rest`: learnt rest of a measure, `None` while unknown; `sd`:
+    /// its standard deviation over people.
     pub fn observe(
         &mut self,
         values: &[f64; LEARNT_MEASURES],
@@ -117,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_loss_it_is_noticed_soon() {
+    fn after_a_loss_a_change_is_detected_sooner() {
         let mut newcomer = Newcomer::default();
         newcomer.after_loss();
         let seconds = seconds_to_notice(&mut newcomer, LEARNT_MEASURES / 3 + 1).unwrap();
@@ -127,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_rests_and_poor_samples_say_nothing() {
+    fn unknown_rests_and_poor_samples_are_ignored() {
         let mut newcomer = Newcomer::default();
         let values = [2.0; LEARNT_MEASURES];
         for _ in 0..900 {
@@ -137,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn half_of_the_rests_known_are_too_few() {
+    fn more_than_half_of_the_rests_must_be_known() {
         let values = [2.0; LEARNT_MEASURES];
         for (known, noticed) in [
             (LEARNT_MEASURES / 2, false),

@@ -1,4 +1,4 @@
-//! A bounded, sorted store of one measure's history that merges its cheapest adjacent pair.
+//! Bounded, sorted store of one measure's history that merges its cheapest adjacent pair.
 //!
 //! Each node has a value and two weights in seconds of presence: `rest`, which counts a held expression less the longer it
 //! lasts, and `range`, plain time. A new value is always inserted; then the adjacent pair with the lowest merging cost
@@ -13,10 +13,10 @@
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// A value and how long it was seen, in grown seconds; see [`Nodes::advance`].
+/// A value and its weights in seconds times [`Nodes::growth`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Node {
-    /// In units of the measure.
+    /// Value, in the unit of the measure.
     pub value: f64,
     /// Weight for finding rest.
     pub rest: f64,
@@ -29,7 +29,7 @@ pub struct Node {
 impl Node {
     fn merged(self, other: Self) -> Self {
         let range = self.range + other.range;
-        // Both may have decayed to nothing.
+        // Both may have decayed to 0.
         let share = if range > 0.0 {
             other.range / range
         } else {
@@ -54,9 +54,9 @@ impl Node {
     }
 }
 
-/// Growth at which all weights are divided by it.
+/// Growth at which all weights are rescaled.
 const GROWTH_LIMIT: f64 = 1e6;
-/// Weight of samples that count for rest only: enough to survive merging, nothing for the ends.
+/// Weight for the ends of a sample that counts for rest only, seconds: enough to survive merging, negligible for the ends.
 const LEAST_RANGE_WEIGHT: f64 = 1e-6;
 
 /// At most `N` nodes, ascending by value.
@@ -76,17 +76,17 @@ impl<const N: usize> Default for Nodes<N> {
 }
 
 impl<const N: usize> Nodes<N> {
-    /// Ascending by value; divide weights by [`Self::growth`] to get seconds.
+    /// Nodes, ascending by value; weights divided by [`Self::growth`] are seconds.
     pub fn as_slice(&self) -> &[Node] {
         &self.nodes
     }
 
-    /// Current weight of one second.
+    /// Weight of one second now.
     pub const fn growth(&self) -> f64 {
         self.growth
     }
 
-    /// Advances time: older weights are halved every `half_life_s` (0: never).
+    /// Advances time by `dt` seconds: older weights are halved every `half_life_s` (0: never).
     pub fn advance(&mut self, dt: f64, half_life_s: f64) {
         if half_life_s <= 0.0 {
             return;
@@ -103,28 +103,28 @@ impl<const N: usize> Nodes<N> {
         }
     }
 
-    /// Inserts a finite value with its weights in seconds; merges the cheapest pair when there is no room.
+    /// Inserts a finite value with its weights in seconds; merges the cheapest pair when full.
     pub fn push(&mut self, value: f64, rest_s: f64, range_s: f64) {
-        // Room first: the newcomer then always gets a place of its own.
+        // Merge first, so that the new value always gets its own node.
         if self.nodes.is_full() {
             self.merge_cheapest();
         }
-        let place = self.nodes.partition_point(|node| node.value < value);
+        let index = self.nodes.partition_point(|node| node.value < value);
         let node = Node {
             value,
             rest: rest_s * self.growth,
             range: range_s.max(LEAST_RANGE_WEIGHT) * self.growth,
             cost: f64::INFINITY,
         };
-        if self.nodes.insert(place, node).is_ok() {
-            self.price(place);
-            if let Some(below) = place.checked_sub(1) {
-                self.price(below);
+        if self.nodes.insert(index, node).is_ok() {
+            self.update_cost(index);
+            if let Some(below) = index.checked_sub(1) {
+                self.update_cost(below);
             }
         }
     }
 
-    fn price(&mut self, i: usize) {
+    fn update_cost(&mut self, i: usize) {
         self.nodes[i].cost = match self.nodes.get(i + 1) {
             Some(&next) => self.nodes[i].cost_with(next),
             None => f64::INFINITY,
@@ -143,9 +143,9 @@ impl<const N: usize> Nodes<N> {
         }
         self.nodes[cheapest] = self.nodes[cheapest].merged(self.nodes[cheapest + 1]);
         self.nodes.remove(cheapest + 1);
-        self.price(cheapest);
+        self.update_cost(cheapest);
         if let Some(below) = cheapest.checked_sub(1) {
-            self.price(below);
+            self.update_cost(below);
         }
     }
 }
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_smile_keeps_its_place() {
+    fn a_late_smile_keeps_its_node() {
         // Nearest-neighbour merging would average it into the resting crowd.
         let mut random = fastrand::Rng::with_seed(6);
         let mut nodes = Nodes::<16>::default();
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_is_halved_after_the_half_life() {
+    fn weights_are_halved_after_the_half_life() {
         let mut nodes = Nodes::<8>::default();
         nodes.push(1.0, 2.0, 4.0);
         nodes.advance(300.0, 300.0);
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn all_is_divided_when_the_growth_passes_a_million_and_not_at_it() {
+    fn weights_are_rescaled_above_the_growth_limit() {
         // The next power of two is more than a million, and divides exactly.
         for (grown, left) in [(1e6, 1e6), (1_048_576.0, 1.0)] {
             let mut nodes = Nodes::<8> {

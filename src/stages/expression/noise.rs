@@ -1,4 +1,4 @@
-//! Frame-to-frame noise of one measure, estimated while the measure may be moving.
+//! Frame-to-frame noise of one measure, estimated while the measure may move.
 //!
 //! Method: von Neumann et al. 1941, dispersion from successive differences, made robust: for white noise of deviation σ the
 //! second difference g0 − 2 g1 + g2 has deviation √6 σ and median size 0.6745 √6 σ, while anything smooth cancels. The
@@ -12,7 +12,7 @@ use crate::base::prelude::*;
 
 /// Step of the running median, per frame: half of the way in about 20 frames.
 const STEP: f64 = 0.035;
-/// From the white part to all of it.
+/// Ratio of all noise to its white part.
 const WHITE_TO_ALL: f64 = 1.5;
 /// 0.6745 √6.
 const MEDIAN_OF_SECOND_DIFFERENCE: f64 = 1.652_181;
@@ -27,7 +27,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Starts at `assumed` (the white part) and never falls under a thirtieth of it.
+    /// Starts at a white noise of `assumed`, and never falls below a thirtieth of it.
     pub fn new(assumed: f64) -> Self {
         Self {
             white: assumed,
@@ -37,7 +37,7 @@ impl Noise {
         }
     }
 
-    /// Takes the next frame's value.
+    /// Adds the next frame's value.
     pub fn observe(&mut self, g: f64) {
         if self.seen >= 2 {
             let target =
@@ -54,24 +54,25 @@ impl Noise {
         self.last = [g, self.last[0]];
     }
 
-    /// Frames were lost; resets the differences.
+    /// Marks a gap of frames: resets the differences.
     pub fn interrupt(&mut self) {
         self.seen = 0;
     }
 
-    /// Deviation of the measure's noise.
+    /// Standard deviation of the measure's noise.
     pub fn sigma(&self) -> f64 {
         WHITE_TO_ALL * self.white
     }
 }
 
 defaults! {
-    /// How far a reading strays slowly while nothing is expressed: with the light, the head, and whatever else the face does.
+    /// Slow drift of a reading at rest, by light, head motion and other expressions.
     ///
-    /// Differences from frame to frame do not show it. What stays low and hardly moves is taken for it, and a quantile of that
-    /// is tracked by small steps up and down (stochastic approximation; Tierney 1983). Shares of the unit's range.
+    /// Frame-to-frame differences do not show it. Low readings that hardly move count as drift, of which a quantile is tracked
+    /// by small steps up and down (stochastic approximation; Tierney 1983). Shares of the unit's range.
     #[derive(Clone, Copy, Debug)]
     pub(super) struct SlowNoise {
+        /// The tracked quantile.
         level: f64 = 0.03,
         /// The reading, low-passed.
         slow: f64 = 0.0,
@@ -80,23 +81,27 @@ defaults! {
     }
 }
 
-/// Share of the time that a resting unit is below its slow noise.
+/// Share of time that a resting unit is below its drift level.
 const QUANTILE: f64 = 0.85;
-/// Multiple of the quantile that an expression must rise above, and the cap on that.
+/// Ratio of the dead zone to the quantile.
 const ABOVE: f64 = 1.2;
+/// Largest dead zone, as a share of the range.
 const MOST: f64 = 0.3;
-/// Step of the level, per second; the first seconds count several times over, which fades with this time constant.
+/// Step of the level per second.
 const STEP_PER_S: f64 = 0.02;
+/// Factor on the first steps.
 const EARLY_STEPS: f64 = 6.0;
+/// Time constant of the decay of that factor, seconds.
 const EARLY_S: f64 = 2.0;
-/// A reading within this of its own mean over this many seconds hardly moves.
+/// Largest difference of a still reading from its low-passed value.
 const STILL: f64 = 0.04;
+/// Time constant of that low-pass, seconds.
 const STILL_S: f64 = 0.33;
-/// From here on it is an expression, moving or not.
+/// Least reading that is an expression, moving or not.
 const EXPRESSED: f64 = 0.5;
 
 impl SlowNoise {
-    /// Adds the reading's distance from rest, as a share of the range.
+    /// Adds a reading's distance from rest, as a share of the range.
     pub(super) fn observe(&mut self, share: f64, dt: f64) {
         self.slow += (share - self.slow) * (dt / STILL_S).min(1.0);
         if (share - self.slow).abs() >= STILL || share >= EXPRESSED {
@@ -113,7 +118,7 @@ impl SlowNoise {
         self.level = (self.level + step * up).max(0.0);
     }
 
-    /// Level that an expression must exceed, as a share of the range.
+    /// Dead zone against the drift, as a share of the range.
     pub(super) fn dead_share(&self) -> f64 {
         (ABOVE * self.level).min(MOST)
     }
@@ -152,8 +157,8 @@ mod tests {
     }
 
     #[test]
-    fn the_estimate_rises_only_for_what_is_above_it() {
-        // Half of all differences are above their median: one that is the median itself counts with those below.
+    fn the_estimate_rises_only_for_larger_differences() {
+        // A difference equal to the median counts as below it.
         for (jump, rises) in [(0.99, false), (1.0, false), (1.01, true)] {
             let mut noise = Noise::new(1.0 / MEDIAN_OF_SECOND_DIFFERENCE);
             let before = noise.sigma();
@@ -166,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn slow_straying_is_followed_and_an_expression_is_not() {
+    fn drift_is_tracked_and_an_expression_is_not() {
         let mut random = fastrand::Rng::with_seed(3);
         let dt = 1.0 / 30.0;
         let mut noise = SlowNoise::default();
@@ -195,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn no_straying_hides_more_than_three_tenths() {
+    fn the_dead_zone_against_drift_is_bounded() {
         let mut noise = SlowNoise::default();
         for _ in 0..30 * 60 {
             noise.observe(0.45, 1.0 / 30.0);

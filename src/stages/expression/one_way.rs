@@ -5,12 +5,11 @@
 //! reaches k % of all samples, or the samples scanned reach m %. Then the same from the right. The outermost remaining
 //! samples are g_min and g_max. w = (g − g_min)/(g_max − g_min): under 0 invalid, above 1 exaggerated and kept.
 //!
-//! Our interpretation: samples count by weight, since they merge; the width is that of the whole set, before anything is
-//! dropped; a unit whose measure falls (closing an eye) uses the mirrored equation (8).
+//! Interpretation: samples count by weight, since they merge; the width is that of the whole set before dropping; a unit whose
+//! measure falls (closing an eye) uses the mirrored equation (8).
 //! Units: those of the measure. No state. Cost: part of one pass. Degenerate: no samples, or all with the same value, give
 //! no interval.
-//! Limitation: g_min is the lower tail of the resting noise, so a still face reads 0.2 to 0.4 (the robust method exists
-//! for that).
+//! Limitation: g_min is the lower tail of the resting noise, so a still face reads 0.2 to 0.4, which the robust method avoids.
 
 use super::samples::Sample;
 
@@ -23,14 +22,13 @@ pub struct Scan {
     pub count: f64,
     /// Scanned total that ends the scan, percent of all.
     pub scanned: f64,
-    /// Share of the samples beyond rest, percent: a face rests most of the time, so its rest end is where most samples are.
-    /// 0: l, k and m as at the other end.
+    /// Share of the samples beyond the rest end, percent, because a face rests most of the time; 0: l, k and m as at the other end.
     pub rest: f64,
 }
 
 impl Scan {
-    /// The best of a grid over simulated sessions: k decides (a larger one eats into the expressions), l hardly matters
-    /// with a small k, m not at all.
+    /// Best of a grid over simulated sessions: k decides (a larger one cuts expressions), l hardly matters with a small k, m not at
+    /// all.
     pub const DEFAULT: Self = Self {
         gap: 3.0,
         count: 0.5,
@@ -39,7 +37,7 @@ impl Scan {
     };
 }
 
-/// Value of the outermost sample kept, scanning from an end.
+/// Value of the outermost kept sample, scanning `samples` inwards.
 fn outermost<'a>(
     samples: impl Iterator<Item = &'a Sample> + Clone,
     total: f64,
@@ -62,7 +60,7 @@ fn outermost<'a>(
     Some(outermost)
 }
 
-/// (g_min, g_max) from ascending samples; `None` without a width.
+/// (g_min, g_max) of ascending samples; `None` if they have no width.
 #[inline(never)]
 pub fn interval(samples: &[Sample], scan: Scan) -> Option<(f64, f64)> {
     let width = samples.last()?.value - samples.first()?.value;
@@ -72,8 +70,7 @@ pub fn interval(samples: &[Sample], scan: Scan) -> Option<(f64, f64)> {
     (g_max > g_min).then_some((g_min, g_max))
 }
 
-/// The rest end instead, if it is given as a share ([`Scan::rest`]): so much of all weight lies beyond it, below it with
-/// `rising`, else above. `None` without samples.
+/// Rest end by [`Scan::rest`]: the value with that share of the weight below it (`rising`) or above it. `None` without samples.
 pub fn rest_end(samples: &[Sample], scan: Scan, rising: bool) -> Option<f64> {
     let share = if rising { scan.rest } else { 100.0 - scan.rest };
     let total: f64 = samples.iter().map(|s| s.weight).sum();

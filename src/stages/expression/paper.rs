@@ -1,11 +1,10 @@
-//! Learns one measure's range exactly as in the paper: compensating samples, a bounded merging set, then the end scan or the
-//! merging to three nodes.
+//! Learns one measure's range as in the paper: compensating samples, a bounded merging set, then the end scan or merging to three
+//! nodes.
 //!
-//! Method: Jiang Na et al., sections 2.3 to 2.6; the parts are in `compensate`, `samples`, `one_way`, `two_way`. Added
-//! where the paper says nothing: rest is taken from the first estimate at once, but the population's interval fades into the
-//! person's during the first seconds of presence; one narrower than the population's is not trusted, because more will be
-//! shown; nodes move to a new estimate with a time constant of a second (two consecutive ones can differ by a whole range), and
-//! weights decay with a half-life if one is set.
+//! Method: Jiang Na et al., sections 2.3 to 2.6; the parts are in `compensate`, `samples`, `one_way`, `two_way`. Added where
+//! the paper is silent: rest follows the first estimate at once, but the population's interval fades into the person's during
+//! the first seconds of presence and is never narrowed; nodes move to a new estimate with a time constant of a second
+//! (consecutive estimates can differ by a whole range), and weights decay with a half-life if one is set.
 //! Memory: about 16 bytes per sample. Cost: three pushes a frame; the estimate runs twice a second, which is enough.
 //! Degenerate: a set without width, or with fewer than three distinct values, keeps the previous estimate.
 
@@ -22,7 +21,7 @@ use crate::base::prelude::*;
 
 /// Seconds between two estimates.
 const ESTIMATE_EVERY_S: f64 = 0.5;
-/// When the first is due, seconds: before weights are shown.
+/// Time of the first estimate, seconds, by phase: before weights fade in.
 const FIRST_S: core::ops::Range<f64> = 0.2..0.3;
 /// Time constant of the nodes' glide, seconds.
 const GLIDE_S: f64 = 1.0;
@@ -50,7 +49,7 @@ impl PaperLearner {
             kind,
             samples: SampleSet::default(),
             estimate: None,
-            range: Range::of_prior(&prior, kind),
+            range: Range::from_prior(&prior, kind),
             seconds: 0.0,
             next_estimate_s: FIRST_S.start + phase * (FIRST_S.end - FIRST_S.start),
             decayed_s: 0.0,
@@ -78,7 +77,7 @@ impl PaperLearner {
             (g - added.offset, added.weight),
             (g + added.offset, added.weight),
         ] {
-            // It takes none without a weight.
+            // Samples without weight are ignored.
             self.samples.push(Sample { value, weight });
         }
         let hidden = self.estimate.is_none() && self.seconds < ESTIMATE_EVERY_S;
@@ -104,12 +103,12 @@ impl PaperLearner {
             rest: estimate.rest,
             ..self.prior
         };
-        let prior = Range::of_prior(&prior, self.kind);
-        let target = prior.towards(estimate.as_wide_as(&prior), self.readiness());
+        let prior = Range::from_prior(&prior, self.kind);
+        let target = prior.towards(estimate.at_least_as_wide_as(&prior), self.readiness());
         self.range = self.range.towards(target, share);
     }
 
-    /// The paper's estimate from the current samples, without prior or gliding.
+    /// The paper's estimate from the current samples, without prior or glide; `None` if they give no interval.
     pub fn literal(&self) -> Option<Range> {
         if self.kind == Kind::TwoWay {
             return two_way::range(&self.samples, self.settings.scan);
@@ -125,7 +124,7 @@ impl PaperLearner {
         (low < high).then_some(Range { low, rest, high })
     }
 
-    /// Nodes in use.
+    /// Range in use.
     pub fn range(&self) -> Range {
         self.range
     }
@@ -135,7 +134,7 @@ impl PaperLearner {
         self.range.weight(g, self.kind, 0.0)
     }
 
-    /// 0…1: how much of the estimate is the person's own.
+    /// Share of the estimate that is the person's own, 0…1.
     pub fn readiness(&self) -> f64 {
         (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0)
     }
@@ -194,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn before_weights_are_shown_rest_is_the_persons_with_the_populations_interval_around_it() {
+    fn the_first_range_is_the_populations_about_the_persons_rest() {
         let mut learner = PaperLearner::new(literal(), PRIOR, Kind::TwoWay, 1.0);
         for frame in 0..10 {
             learner.observe(1.3 + 0.01 * f64::from(frame % 3), 1.0, 1.0 / 30.0);
@@ -215,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn an_uncertain_sample_brings_two_more() {
+    fn an_uncertain_sample_adds_two_compensating_ones() {
         let mut learner = PaperLearner::new(literal(), PRIOR, Kind::Rising, 0.0);
         learner.observe(1.0, 0.5, 1.0 / 30.0);
         let samples = learner.samples.samples();
@@ -225,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_year_later_a_new_person_is_followed_if_there_is_a_half_life() {
+    fn with_a_half_life_a_new_person_is_learned_after_a_year() {
         let settings = Settings {
             compensation_scale: 0.25,
             ..Settings::default()

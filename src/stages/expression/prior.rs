@@ -1,4 +1,4 @@
-//! What is assumed about a person's range before it was seen.
+//! Prior of a person's range.
 
 use serde::Deserialize;
 
@@ -15,35 +15,35 @@ pub enum Kind {
     Falling,
     /// Two-way: one unit each way.
     TwoWay,
-    /// No unit: the method cannot tell it.
+    /// No unit: the method cannot detect it.
     Unseen,
 }
 
 impl Kind {
-    /// Is there a unit above rest?
+    /// Whether there is a unit above rest.
     pub const fn rises(self) -> bool {
         matches!(self, Self::Rising | Self::TwoWay)
     }
 
-    /// Is there a unit below rest?
+    /// Whether there is a unit below rest.
     pub const fn falls(self) -> bool {
         matches!(self, Self::Falling | Self::TwoWay)
     }
 
-    /// Both: above and below rest.
+    /// Whether there is a unit above and below rest.
     pub const fn sides(self) -> [bool; 2] {
         [self.rises(), self.falls()]
     }
 }
 
-/// Prior of a measure's range, in units of w.
+/// Prior of a measure's range, in units of the eye distance w.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 pub struct Prior {
     /// Directions.
     pub kind: Kind,
-    /// Neutral.
+    /// Value at rest.
     pub rest: f64,
-    /// Standard deviation of neutral over people.
+    /// Standard deviation of rest over people.
     pub rest_sd: f64,
     /// Rest to the full rising expression; 0 if there is none.
     #[serde(default)]
@@ -54,7 +54,7 @@ pub struct Prior {
 }
 
 impl Prior {
-    /// Rest to the full expression, rising and falling.
+    /// Distances from rest to the full expression, rising and falling.
     pub const fn sides(&self) -> [f64; 2] {
         [self.up, self.down]
     }

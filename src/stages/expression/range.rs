@@ -1,4 +1,4 @@
-//! One measure's range and the resulting weight: the last step of both learning methods.
+//! A measure's range and the resulting weight: the last step of both learning methods.
 //!
 //! Soft dead zone: e = g − rest, w = max(|e| − δ, 0)/(side − δ) with the sign of e, so resting noise up to δ gives exactly 0
 //! and the full expression still gives 1. With δ = 0 it is equation (8) from rest, and equation (9), of Jiang Na et al.
@@ -17,12 +17,12 @@ pub struct Range {
     pub high: f64,
 }
 
-/// Dead zone at most this share of its side.
+/// Largest dead zone, as a share of its side.
 const DEAD_ZONE_SHARE: f64 = 0.35;
 
 impl Range {
-    /// The population's.
-    pub fn of_prior(prior: &Prior, kind: Kind) -> Self {
+    /// The population's range.
+    pub fn from_prior(prior: &Prior, kind: Kind) -> Self {
         Self {
             low: prior.rest - if kind.falls() { prior.down } else { 0.0 },
             rest: prior.rest,
@@ -30,7 +30,7 @@ impl Range {
         }
     }
 
-    /// Part of the way to another: 0 is self, 1 the other.
+    /// Interpolates to another range: 0 is self, 1 the other.
     #[must_use]
     pub fn towards(self, other: Self, share: f64) -> Self {
         let mix = |a: f64, b: f64| a + (b - a) * share;
@@ -41,9 +41,9 @@ impl Range {
         }
     }
 
-    /// No narrower on either side than another: less of it was shown so far.
+    /// Widened on each side to at least the other's width.
     #[must_use]
-    pub fn as_wide_as(self, other: &Self) -> Self {
+    pub fn at_least_as_wide_as(self, other: &Self) -> Self {
         Self {
             low: self.low.min(self.rest - (other.rest - other.low)),
             rest: self.rest,
@@ -51,7 +51,8 @@ impl Range {
         }
     }
 
-    /// Signed weight: positive above rest, negative below; 0 on a side without a unit; beyond ±1 is exaggerated.
+    /// Signed weight: positive above rest, negative below, 0 on a side without a unit, beyond ±1 exaggerated. `dead_zone` in the unit of
+    /// the measure.
     pub fn weight(&self, g: f64, kind: Kind, dead_zone: f64) -> f64 {
         let side = |e: f64, side: f64| {
             let dead = dead_zone.clamp(0.0, DEAD_ZONE_SHARE * side.max(0.0));

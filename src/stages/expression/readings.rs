@@ -1,13 +1,12 @@
-//! Reads units from all measures together: each unit's effect on every measure is known, so it is estimated from all of them,
-//! not only from its own.
+//! Reads each unit from all measures: a unit affects several measures, so it is estimated from all of them, not only its own.
 //!
 //! Input i differs from the person's rest by d_i, in eye distances; a unit's reading is Σ rise_i · max(d_i, 0) +
 //! fall_i · min(d_i, 0), near 0 at rest and near 1 in the full expression of an average person. The coefficients come
-//! from ridge regression on tracked faces with known expressions (`mien-studio units`), so they also reflect how accurately
-//! each measure is tracked. Then cross-talk is removed, as [`super::units::Explained`] does between measures: a reading loses
-//! a share of what others read above 0 ([`Reading::cross_talk`]). No sum over inputs can do that: stretched lips look like
-//! lowered corners, lowered corners not like stretched lips. Each reading then goes through its own learner, like a measure's
-//! value: rest, full expression and noise are the person's. Of a measure's two units only the larger one is output.
+//! from ridge regression on tracked faces with known expressions (`mien-studio units`), so they reflect each measure's tracking
+//! accuracy. Then cross-talk is removed, as by [`super::units::Explained`] between measures: a reading is reduced by a share of
+//! the others' readings above 0 ([`Reading::cross_talk`]). No sum over inputs can do that, because it is one-sided: stretched
+//! lips resemble lowered corners, but not vice versa. Each reading then has its own learner, like a measure: rest, full
+//! expression and noise are the person's. Of a measure's two units only the larger one is output.
 //!
 //! Memory: fixed, [`INPUTS`] coefficients per unit. Cost: a thousand multiplications a frame. Degenerate: without readings in
 //! the table, each unit is read from its own measure.
@@ -25,25 +24,25 @@ use crate::base::prelude::*;
 pub struct Reading {
     /// The unit.
     pub unit: UnitName,
-    /// By input: weight per rise, weight per fall.
+    /// By input: coefficients for positive and negative deviations.
     pub shares: [[f32; 2]; INPUTS],
-    /// The reading is the weight itself: a gaze direction has no full expression of this person's own.
+    /// Whether the reading is the weight itself, as for gaze, which has no personal range.
     pub absolute: bool,
-    /// Cross-talk: place of another reading in the table, and its weight, below 0, where it is above 0.
+    /// Cross-talk: index of another reading in the table, and the coefficient (below 0) of its positive part.
     pub cross_talk: Vec<(usize, f32)>,
 }
 
-/// As it stands in the table.
+/// A row of the table.
 #[derive(Deserialize)]
 struct Row {
     unit: String,
     #[serde(default)]
     absolute: bool,
-    /// Input, weight per rise, weight per fall; or another unit, weight of its reading above 0 and below, the last 0.
+    /// Input and coefficients for positive and negative deviations; or another unit, the coefficient of its positive part, and 0.
     from: Vec<(String, f32, f32)>,
 }
 
-/// Reads the table.
+/// Deserialises the table.
 pub(super) fn table<'de, D: Deserializer<'de>>(rows: D) -> Result<Vec<Reading>, D::Error> {
     let rows = Vec::<Row>::deserialize(rows)?;
     let reading = |row: &Row| {
@@ -65,8 +64,8 @@ pub(super) fn table<'de, D: Deserializer<'de>>(rows: D) -> Result<Vec<Reading>, 
 }
 
 impl Reading {
-    /// Prior of a unit's reading: rest at 0; the full expression somewhat below 1, since people express less than the heads that
-    /// the coefficients were learned from. Of rest over people what is left once every input's rest is known.
+    /// Prior of a unit's reading: rest at 0; full expression below 1, because people express less than the training heads; `rest_sd` is
+    /// the spread that remains once every input's rest is known.
     pub const PRIOR: Prior = Prior {
         kind: Kind::Rising,
         rest: 0.0,
@@ -75,14 +74,14 @@ impl Reading {
         down: 0.0,
     };
 
-    /// The unit's reading from all deviations, cross-talk included.
-    pub fn of(&self, departures: &[f64; INPUTS]) -> f64 {
-        let sum = self.shares.iter().zip(departures);
+    /// The unit's reading from the deviations of all inputs (eye distances), before [`Self::correction`].
+    pub fn value(&self, deviations: &[f64; INPUTS]) -> f64 {
+        let sum = self.shares.iter().zip(deviations);
         sum.map(|(&[rise, fall], &d)| d * f64::from(if d > 0.0 { rise } else { fall }))
             .sum()
     }
 
-    /// What removes the cross-talk when added; `read`: all readings as [`Self::of`] gives them.
+    /// Correction to add against cross-talk; `read`: all readings by [`Self::value`].
     pub fn correction(&self, read: &[f64]) -> f64 {
         let cross_talk = self.cross_talk.iter();
         cross_talk
@@ -91,7 +90,7 @@ impl Reading {
     }
 }
 
-/// Name of an input: a measure's or a feature's.
+/// Name of an input, a measure or a feature.
 pub fn input_name(input: usize) -> &'static str {
     if input < LEARNT_MEASURES {
         Measure::ALL[input].name()
@@ -102,7 +101,7 @@ pub fn input_name(input: usize) -> &'static str {
     }
 }
 
-/// The input of a name.
+/// Index of the input with a name.
 pub fn input_named(name: &str) -> Option<usize> {
     (0..LEARNT_MEASURES + FEATURES).find(|&input| input_name(input) == name)
 }
@@ -113,7 +112,7 @@ mod tests {
     use crate::expression::Units;
 
     #[test]
-    fn rises_and_falls_count_by_their_own_weights() {
+    fn rises_and_falls_have_separate_coefficients() {
         let mut shares = [[0.0; 2]; INPUTS];
         shares[3] = [2.0, 0.5];
         shares[INPUTS - 1] = [-1.0, -3.0];
@@ -124,12 +123,12 @@ mod tests {
             cross_talk: vec![(1, -0.5), (2, -0.25)],
         };
         assert_eq!(reading.correction(&[9.0, 0.4, -2.0]), -0.2);
-        let mut departures = [0.0; INPUTS];
-        assert_eq!(reading.of(&departures), 0.0);
-        (departures[3], departures[INPUTS - 1]) = (0.2, 0.1);
-        assert!((reading.of(&departures) - 0.3).abs() < 1e-9);
-        (departures[3], departures[INPUTS - 1]) = (-0.2, -0.1);
-        assert!((reading.of(&departures) - 0.2).abs() < 1e-9);
+        let mut deviations = [0.0; INPUTS];
+        assert_eq!(reading.value(&deviations), 0.0);
+        (deviations[3], deviations[INPUTS - 1]) = (0.2, 0.1);
+        assert!((reading.value(&deviations) - 0.3).abs() < 1e-9);
+        (deviations[3], deviations[INPUTS - 1]) = (-0.2, -0.1);
+        assert!((reading.value(&deviations) - 0.2).abs() < 1e-9);
     }
 
     #[test]
@@ -148,7 +147,7 @@ mod tests {
                 continue;
             };
             for (input, shares) in reading.shares.iter().enumerate() {
-                // What points to a side rises on one as it falls on the other.
+                // One-sided features have opposite signs on the two sides.
                 if input_name(input).ends_with("_shift") || input_name(input) == "gaze_left" {
                     continue;
                 }

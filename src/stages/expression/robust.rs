@@ -1,14 +1,14 @@
 //! Learns one measure's range, robust to outliers, long smiles, one-sided expressions and years of use: the default method.
 //!
-//! It replaces sections 2.3 to 2.6 of Jiang Na et al., whose end rules read 0.2 to 0.4 on a still face; the sample weight ω
+//! It replaces sections 2.3 to 2.6 of Jiang Na et al., whose end rules give 0.2 to 0.4 on a still face; the sample weight ω
 //! (equations (4) and (5)) and the limit ω ≥ 1/3 are the paper's. Each frame: median of three (for learning only, so the
 //! output is not delayed) → noise (`noise`) → two weights → store (`nodes`) → twice a second rest (`rest`) and both ends
 //! (`ends`) → rate-limited motion of the nodes.
 //!
-//! Weights: C = ω dt for the ends, W = ω² dt/(1 + τ/3 s) for rest; τ is how long the measure has not moved, so an expression
-//! held for a minute counts as nine seconds; ω is squared because rest should come from frontal faces.
-//! Motion: unlimited for the first 0.3 s (the output is still faded out), then rest moves by at most 2 R/s for 3 s,
-//! 0.25 R/s until 20 s, 0.05 R/s after that (R: mean of the sides); ranges by 25 % a second, 5 % after 20 s.
+//! Weights: C = ω dt for the ends, W = ω² dt/(1 + τ/3 s) for rest. τ is the time since the measure moved, so an expression held
+//! for a minute counts as nine seconds; ω is squared because rest should come from frontal faces.
+//! Motion: unlimited for the first 0.3 s (the output is still faded out), then rest moves by at most 2 R/s until 3 s, 0.25 R/s
+//! until 20 s, 0.05 R/s after that (R: mean of the sides); ranges by 25 % a second, 5 % after 20 s.
 //!
 //! Units: those of the measure; seconds of presence. Memory: [`RANGE_NODES`] nodes of 32 bytes. Cost: about a microsecond
 //! a frame. Degenerate: without valid samples the prior is used.
@@ -19,20 +19,21 @@ use super::ends::{self, Side};
 use super::nodes::Nodes;
 use super::noise::Noise;
 use super::range::Range;
-use super::rest;
+use super::rest_mode;
 use super::units::Prior;
 use crate::base::capacity::RANGE_NODES;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// White noise assumed at first, in w: 0.25 % of the outer eye-corner distance.
+/// Initial white noise, in units of w: 0.25 % of the outer eye-corner distance.
 const ASSUMED_NOISE: f64 = 0.006;
 /// Time constant of a held pose's weight, seconds.
 const HOLD_S: f64 = 3.0;
-/// Seconds between two estimates, and during the first two seconds.
+/// Seconds between two estimates.
 const ESTIMATE_EVERY_S: f64 = 0.5;
+/// Seconds between two estimates during the first two seconds.
 const ESTIMATE_EARLY_S: f64 = 0.05;
-/// Until then nodes are set, not moved.
+/// Seconds during which the range jumps to its target.
 const FREE_S: f64 = 0.3;
 
 /// Parameters of the learner, besides the prior.
@@ -59,11 +60,13 @@ pub struct RobustLearner {
     held_s: f64,
     seconds: f64,
     next_estimate_s: f64,
-    /// In use: rest, and how far the side above and the one below it reach.
+    /// Rest in use.
     rest: f64,
+    /// Distances in use from rest to the full expression, rising and falling.
     sides: [f64; 2],
-    /// Their targets.
+    /// Target of `rest`.
     rest_target: f64,
+    /// Targets of `sides`.
     targets: [Side; 2],
     rest_seconds: f64,
 }
@@ -104,7 +107,7 @@ impl RobustLearner {
         *self = Self::new(self.population.0, self.population.1, self.phase);
     }
 
-    /// Frames were missing or had low confidence: differences and medians must not span them.
+    /// Marks a gap of missing or uncertain frames, which differences and medians must not span.
     pub fn interrupt(&mut self) {
         self.noise.interrupt();
         self.frames = 0;
@@ -146,7 +149,7 @@ impl RobustLearner {
             } else {
                 ESTIMATE_EVERY_S
             };
-            // The phase is given once, with the first estimate after the early ones.
+            // The phase delays once, at the first estimate after the early ones.
             let is_first = self.next_estimate_s < 2.0 + ESTIMATE_EARLY_S;
             let stagger = if every == ESTIMATE_EVERY_S && is_first {
                 self.phase * every
@@ -166,7 +169,7 @@ impl RobustLearner {
     fn estimate(&mut self, sigma: f64) {
         let (nodes, growth) = (self.nodes.as_slice(), self.nodes.growth());
         let h = (1.5 * sigma).max(0.06 * self.span());
-        let mode = rest::mode(nodes, growth, h, &self.prior, self.rest);
+        let mode = rest_mode::mode(nodes, growth, h, &self.prior, self.rest);
         self.rest_target = mode.value;
         self.rest_seconds = mode.seconds;
         let (acts, priors) = (self.prior.kind.sides(), self.prior.sides());
@@ -210,7 +213,7 @@ impl RobustLearner {
         }
     }
 
-    /// Nodes in use.
+    /// Range in use.
     pub fn range(&self) -> Range {
         Range {
             low: self.rest - self.sides[1],
@@ -219,7 +222,7 @@ impl RobustLearner {
         }
     }
 
-    /// Deviation of the measure's noise.
+    /// Standard deviation of the measure's noise.
     pub fn sigma(&self) -> f64 {
         self.noise.sigma()
     }
@@ -229,12 +232,12 @@ impl RobustLearner {
         self.rest_seconds
     }
 
-    /// Rest known, 0…1.
+    /// Readiness of rest, 0…1.
     pub fn rest_readiness(&self) -> f64 {
         1.0 - (-self.rest_seconds / HOLD_S).exp()
     }
 
-    /// 0…1 for the rising and the falling side: rest known, expression seen, and large enough against the noise.
+    /// Readiness of the rising and the falling side, 0…1: evidence of rest and expression, and size of the range against the noise.
     pub fn readiness(&self) -> [f64; 2] {
         [0, 1].map(|k| {
             let (evidence, range) = (self.targets[k].evidence, self.sides[k]);
@@ -243,15 +246,15 @@ impl RobustLearner {
         })
     }
 
-    /// Takes `g` as rest at once (the user has set the neutral face).
+    /// Sets rest to `g` at once (the user has set the neutral face).
     pub fn set_rest(&mut self, g: f64) {
         self.prior.rest = g;
         self.prior.rest_sd *= 0.5;
         (self.rest, self.rest_target) = (g, g);
     }
 
-    /// Starts from what was learned about this person before; `range` must be ordered and finite. Its sides weigh more than the
-    /// population's; rest may have shifted a little since the last session.
+    /// Starts from a saved range of this person, ordered and finite. Its sides weigh more than the population's; rest may have shifted
+    /// since the last session.
     pub fn restore(&mut self, range: Range) {
         let (settings, prior) = self.population;
         // A side without a unit stays 0.
@@ -275,9 +278,9 @@ impl RobustLearner {
     }
 }
 
-/// Restored ranges are limited to between this share of the population's and its inverse.
+/// Restored sides are limited to between this share of the population's and its inverse.
 const LEAST_RESTORED: f64 = 0.3;
-/// How much more a person's own saved range counts than the population's.
+/// Factor on the prior's weight for a person's saved range.
 const RESTORED_PRIOR: f64 = 2.0;
 
 #[cfg(test)]
@@ -399,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_samples_teach_nothing() {
+    fn invalid_samples_are_not_learned() {
         let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
         for _ in 0..300 {
             learner.observe(2.0, 0.33, DT);
@@ -439,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_reaches_across_a_doubtful_frame() {
+    fn differences_do_not_span_an_uncertain_frame() {
         let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
         for (g, omega) in [(1.0, 1.0), (1.0, 1.0), (1.0, 0.1), (2.0, 1.0)] {
             learner.observe(g, omega, DT);
@@ -451,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn every_frame_of_the_free_start_brings_an_estimate_and_its_end_is_not_one_of_them() {
+    fn every_frame_of_the_start_is_estimated() {
         for (first_s, brings) in [(0.29, true), (0.3, false)] {
             let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
             learner.observe(1.5, 1.0, first_s);
@@ -465,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn a_phase_puts_the_estimates_after_two_seconds_off() {
+    fn a_phase_delays_later_estimates() {
         // Frames of a quarter of a second: exact in binary. Half of half a second is one of them.
         for (phase, expected) in [(0.0, [2.0, 2.5, 3.0]), (0.5, [2.0, 2.75, 3.25])] {
             let mut learner = RobustLearner::new(SETTINGS, PRIOR, phase);

@@ -1,13 +1,12 @@
-//! A bounded, sorted set of weighted samples of one measure that merges instead of dropping.
+//! Bounded, sorted set of weighted samples of one measure that merges when full.
 //!
 //! Method: Jiang Na et al., section 2.4. While there is room a sample is kept as it is. When the set is full, a new sample
 //! s1 is merged with its nearest neighbour s2: v3 = (v1 ω1 + v2 ω2)/(ω1 + ω2) (6), ω3 = ω1 + ω2 (7), and s3 replaces s2.
 //! The count does not change; the total weight and the mean are those of everything ever pushed.
 //!
-//! Weights grow for as long as the appliance runs: 30 Hz for a year is 10⁹, where f32 had stopped adding within days, so
-//! values and weights are f64 (at that weight a step of 1 is still exact to 10⁻⁷). To forget as well, [`SampleSet::decay`]
-//! scales all weights down, which also bounds them. Merging depends on weight ratios only, so decaying everything is the same
-//! as increasing the weight of new samples.
+//! Weights grow as long as the appliance runs: 30 Hz for a year is 10⁹, where f32 would stop adding within days, so values and
+//! weights are f64. To forget, [`SampleSet::decay`] scales all weights down, which also bounds them. Merging depends on weight
+//! ratios only, so decaying everything equals increasing the weight of new samples.
 //!
 //! Units: those of the measure. Memory: 16 N + 8 bytes. Cost of a push: a binary search and a shift.
 //! Policy when full: merge. Degenerate: non-finite values and weights ≤ 0 are ignored.
@@ -17,7 +16,7 @@
 /// One weighted value.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Sample {
-    /// In units of the measure.
+    /// Value, in the unit of the measure.
     pub value: f64,
     /// ω, or a sum of them after merging.
     pub weight: f64,
@@ -35,7 +34,7 @@ impl Sample {
     }
 }
 
-/// Samples decayed below this share of a new one are dropped, which also prevents underflow.
+/// Samples below this weight are dropped, which also prevents underflow.
 const FORGOTTEN: f64 = 1e-3;
 
 /// At most `N` samples, ascending by value.
@@ -45,12 +44,13 @@ pub struct SampleSet<const N: usize> {
 }
 
 impl<const N: usize> SampleSet<N> {
-    /// Ascending by value.
+    /// Samples, ascending by value.
     pub fn samples(&self) -> &[Sample] {
         &self.samples
     }
 
-    /// Takes a sample; when full it is merged with its nearest neighbour (the lower one of two equally near).
+    /// Adds a sample; when full it is merged with its nearest neighbour (the lower of two equally near). Ignores non-finite values and
+    /// weights ≤ 0.
     pub fn push(&mut self, sample: Sample) {
         if !sample.value.is_finite() || !sample.weight.is_finite() || sample.weight <= 0.0 {
             return;
@@ -68,7 +68,7 @@ impl<const N: usize> SampleSet<N> {
         self.samples[nearest] = self.samples[nearest].merged(sample);
     }
 
-    /// Multiplies all weights, 0 < factor ≤ 1, and drops what is then forgotten.
+    /// Multiplies all weights by `factor`, 0 < factor ≤ 1, and drops samples below 0.001.
     pub fn decay(&mut self, factor: f64) {
         for sample in &mut self.samples {
             sample.weight *= factor;
@@ -76,12 +76,12 @@ impl<const N: usize> SampleSet<N> {
         self.samples.retain(|sample| sample.weight >= FORGOTTEN);
     }
 
-    /// Drops what is outside.
+    /// Drops samples outside an interval.
     pub fn keep(&mut self, values: core::ops::RangeInclusive<f64>) {
         self.samples.retain(|sample| values.contains(&sample.value));
     }
 
-    /// Merges the nearest two neighbours, again and again, until `count` are left (the lower pair of two equally near).
+    /// Merges the two nearest neighbours repeatedly until `count` samples are left (the lower pair of two equally near).
     pub fn merge_down_to(&mut self, count: usize) {
         while self.samples.len() > count.max(1) {
             let pairs = self
@@ -142,7 +142,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_fell_below_a_thousandth_is_forgotten_and_leaves_its_place() {
+    fn samples_below_a_thousandth_are_dropped() {
         let mut set = set::<4>(&[(1.0, 0.0022), (2.0, 0.0018), (3.0, 1.0)]);
         set.decay(0.5);
         let left: Vec<_> = set.samples().iter().map(|s| (s.value, s.weight)).collect();
@@ -219,7 +219,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn refuses_what_is_no_sample() {
+    fn refuses_invalid_samples() {
         let set = set::<4>(&[
             (f64::NAN, 1.0),
             (1.0, 0.0),

@@ -1,7 +1,7 @@
-//! Saves and loads what was learned about a person, as plain text that is validated on loading.
+//! Saves and loads a person's learned ranges, as plain text that is validated on loading.
 //!
-//! One line per range, `name low rest high`, after a header with the version and the eye distance in metres: every measure,
-//! then, if units are read from all measures together, every feature and every unit's reading:
+//! One line per range, `name low rest high`, after a header with the version and the eye distance in metres: every measure, then,
+//! if units are read from all measures together, every feature and every unit's reading:
 //! ```text
 //! mien-ranges 2 0.0372
 //! lip_gap 0.0213 0.0213 0.7961
@@ -26,35 +26,35 @@ const HEADER: &str = "mien-ranges";
 /// Largest plausible measure, in eye distances.
 const LARGEST: f64 = 20.0;
 
-/// One person's ranges.
-#[derive(Clone, Debug, PartialEq)]
+/// One person's learned ranges.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Learned {
     /// Inner-eye-corner distance, metres.
     pub eye_distance_m: f32,
-    /// By learnt measure.
+    /// Ranges by learnt measure, in units of the eye distance.
     pub ranges: [Range; LEARNT_MEASURES],
-    /// By feature, in the order of [`features::names`]; empty in a file of version 1 and with the paper's method.
+    /// Ranges by feature, in the order of [`features::names`]; empty in a file of version 1 and with the paper's method.
     pub features: heapless::Vec<Range, FEATURES>,
-    /// Of the readings that the units' weights are computed from; likewise.
+    /// Ranges by unit's reading; empty as `features`.
     pub readings: heapless::Vec<(UnitName, Range), UNITS>,
 }
 
 /// Why saved ranges are rejected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SavedError {
-    /// Not this format.
+    /// The header is missing or invalid.
     #[error(
         "saved ranges: expected a first line \"mien-ranges VERSION EYE_DISTANCE\", version 1 or 2 and 0.015 to 0.06 (metres); delete the file to start over"
     )]
     Header,
-    /// A malformed line: its number from 1, and what its range belongs to.
+    /// A malformed line: its number from 1, and the expected name.
     #[error(
         "saved ranges, line {0}: expected \"{1} low rest high\" with low <= rest <= high within 20; delete the file to start over"
     )]
     Line(usize, &'static str),
 }
 
-/// The name at the start of a line and its range; `None` if it is malformed or implausible.
+/// Name and range of a line; `None` if malformed or implausible.
 fn parse_line(line: &str) -> Option<(&str, Range)> {
     let mut words = line.split_ascii_whitespace();
     let name = words.next()?;
@@ -65,7 +65,7 @@ fn parse_line(line: &str) -> Option<(&str, Range)> {
 }
 
 impl Learned {
-    /// As text.
+    /// Writes the text.
     ///
     /// # Errors
     /// If the writer fails.
@@ -83,13 +83,13 @@ impl Learned {
         Ok(())
     }
 
-    /// From text.
+    /// Parses the text.
     ///
     /// # Errors
     /// If anything is missing, out of order or implausible.
     pub fn read(text: &str) -> Result<Self, SavedError> {
         let mut lines = text.lines();
-        // Which version it is shows by the lines that follow.
+        // The number of lines distinguishes the versions.
         let header = |line: &str| {
             let (version, width) = line.strip_prefix(HEADER)?.trim().split_once(' ')?;
             let width = width.trim().parse().ok()?;
@@ -112,7 +112,7 @@ impl Learned {
             let (_, range) = range.ok_or(SavedError::Line(k + 2, name))?;
             match learned.ranges.get_mut(k) {
                 Some(slot) => *slot = range,
-                // There is room for every name.
+                // Capacity: one per feature.
                 None => _ = learned.features.push(range),
             }
         }
@@ -126,7 +126,7 @@ impl Learned {
     }
 }
 
-/// What the lines before the readings belong to.
+/// Names of the lines before the readings.
 fn names() -> impl Iterator<Item = &'static str> {
     let measures = Measure::ALL[..LEARNT_MEASURES]
         .iter()
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_damaged() {
+    fn refuses_damaged_text() {
         let whole = text();
         assert_eq!(Learned::read(""), Err(SavedError::Header));
         assert_eq!(
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_range_may_end_at_rest_and_reach_as_far_as_any() {
+    fn ranges_may_be_one_sided_and_up_to_the_limit() {
         let whole = text();
         for (range, fits) in [
             ("0 0 0.5", true),

@@ -5,13 +5,13 @@ use super::one_way::Scan;
 use super::robust::RobustSettings;
 use crate::base::defaults;
 
-/// How ranges are learnt.
+/// Method of learning ranges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// Mode, ends by evidence, bounded motion.
+    /// The default: mode for rest, ends by evidence, bounded motion.
     #[default]
     Robust,
-    /// Sections 2.2 to 2.6 as the paper has them.
+    /// Sections 2.2 to 2.6 of the paper.
     Paper,
 }
 
@@ -19,21 +19,21 @@ defaults! {
     /// Settings of the stage.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Settings {
-        /// How ranges are learnt.
+        /// Method of learning ranges.
         pub method: Method = Method::Robust,
-        /// What measures are divided by.
+        /// Divisor of the measures.
         pub scale: Scale = Scale::ByMethod,
-        /// z_opt of equation (4): distance at which samples count fully, metres; 0.3 to 4.
+        /// z_opt of equation (4): distance of full sample weight, metres; 0.3 to 4.
         pub best_distance_m: f64 = 0.5,
-        /// Half-life of what was learnt, seconds of presence; 0 never forgets; 0 to 86400.
+        /// Half-life of learned evidence, seconds of presence; 0 never forgets; 0 to 86400.
         pub half_life_s: f64 = 300.0,
         /// κ: how many half seconds of expression outweigh the population's range (robust); 0.5 to 100.
         pub range_prior: f64 = 8.0,
-        /// Dead zone about rest in deviations of the noise (robust); 0 to 3.
+        /// Dead zone about rest, standard deviations of the noise (robust); 0 to 3.
         pub dead_zone: f64 = 1.5,
-        /// Cutoff of the output filter on a still face, Hz (robust); 0 switches it off; 0 to 30.
+        /// Cut-off of the output filter at rest, Hz (robust); 0 disables it; 0 to 30.
         pub smoothing_hz: f64 = 3.0,
-        /// Whether units of a covered mouth are inferred from time (robust).
+        /// Whether units of a covered mouth are inferred over time (robust).
         pub infer_covered: bool = true,
         /// σ of compensating samples as a share of the measure's range (paper); 0 is the literal σ = −ln ω; 0 to 1.
         pub compensation_scale: f64 = 0.0,
@@ -61,5 +61,5 @@ impl Settings {
     }
 }
 
-/// Faces, and measures, that are less certain teach nothing.
+/// Least confidence of a face or measure that is learned from.
 pub(super) const LEAST_CONFIDENCE: f32 = 0.3;

@@ -1,10 +1,10 @@
-//! The output's low-pass: still faces are smoothed, expressions pass.
+//! Low-pass of the output: smooths still faces, passes expressions.
 //!
-//! A step within the noise is smoothed with the cutoff; the larger it is beside the noise the more of it is taken at once, and
-//! all of one of eight deviations. So nothing that is seen clearly comes late. Latency: at rest about 1/(2π f_c), 50 ms at
-//! 3 Hz; none of a clear expression. Degenerate: a cutoff of 0 switches the filter off.
+//! A step within the noise is smoothed with the cut-off; the gain grows with the step's ratio to the noise, up to 1 at eight
+//! standard deviations. Latency: at rest about 1/(2π f_c), 50 ms at 3 Hz; none for a clear expression. Degenerate: a cut-off of
+//! 0 disables the filter.
 
-/// Deviations of the noise from which a step is taken whole.
+/// Step of gain 1, standard deviations of the noise.
 const CLEAR: f64 = 8.0;
 
 /// Filter of one measure.
@@ -12,7 +12,7 @@ const CLEAR: f64 = 8.0;
 pub struct MeasureFilter(Option<f64>);
 
 impl MeasureFilter {
-    /// Filters the next value; `sigma` is the deviation of its noise, `cutoff_hz` the cutoff at rest.
+    /// Filters the next value, `dt` seconds after the last; `sigma`: standard deviation of its noise, `cutoff_hz`: cut-off at rest.
     pub fn filter(&mut self, g: f64, sigma: f64, cutoff_hz: f64, dt: f64) -> f64 {
         let last = self.0.filter(|_| cutoff_hz > 0.0).unwrap_or(g);
         let r = core::f64::consts::TAU * cutoff_hz * dt;
@@ -21,7 +21,7 @@ impl MeasureFilter {
         *self.0.insert(last + (g - last) * gain)
     }
 
-    /// Starts anew with the next value.
+    /// Restarts with the next value.
     pub fn reset(&mut self) {
         self.0 = None;
     }

@@ -9,7 +9,7 @@ use crate::base::geometry::Point;
 use crate::base::geometry::Rigid;
 
 fn facing() -> SensorFromFace {
-    SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.7))
+    SensorFromFace::assume_frames(Rigid::translation(0.0, 0.0, 0.7))
 }
 
 fn frame(n: u64) -> Timestamp {
@@ -360,7 +360,7 @@ fn every_column_answers_to_its_own_movement() {
         assert!(weights[own] > 0.1, "{name}: {weights:?}");
         for (other, &w) in weights.iter().enumerate().filter(|&(i, _)| i != own) {
             // The lips' middle moves with the lower lip, and an open jaw's expected pull on the lips does not come.
-            // A brow that rises has its inner end with it.
+            // A rising brow raises its inner end too.
             let related = ["AU2", "AU12", "AU1L", "AU1R"];
             let other_name = &expression.unit_names()[other];
             let related = related.iter().any(|name| other_name.starts_with(name));
@@ -397,7 +397,7 @@ fn who_is_forgotten_is_met_as_if_never_seen() {
     met.reset();
     assert_eq!(met.ranges(), new.ranges());
     assert!(met.weights().warming);
-    // How long ago the last frame was, whoever was in it, is no matter of who is met.
+    // The time since the last frame does not affect the person.
     new.last_at = met.last_at;
     for n in 300..600 {
         let face = restless(&mut random);

@@ -2,11 +2,11 @@
 //!
 //! Method: Jiang Na et al., section 2.6 and equation (9). Nearest neighbours are merged, equations (6) and (7), until three
 //! samples are left: g_min, g_rest, g_max. w = (g − g_rest)/(g_max − g_rest) for g ≥ g_rest, (g − g_rest)/(g_rest − g_min)
-//! below; −1…1, beyond is exaggerated.
+//! below; beyond −1…1 is exaggerated.
 //!
-//! The paper assumes enough samples, most of them near rest, and few exaggerated. Where that does not hold yet, our reading:
-//! what the scan of section 2.5 drops is an outlier here too, and of the three the heaviest is rest. If it is an outer one, that
-//! side was not shown. docs/paper.md has the figures without.
+//! The paper assumes enough samples, most of them near rest, and few exaggerated. Until that holds, our interpretation: samples
+//! dropped by the scan of section 2.5 are outliers here too, and the heaviest of the three is rest. If it is an outer one, that
+//! side is unseen. docs/paper.md has the results without this.
 //! Units: those of the measure. No state; N² steps on a copy of the set, so twice a second is enough.
 //! Degenerate: fewer than three distinct samples give no nodes.
 //! Limitation: the nodes jump when the order of the last merges changes. The robust method avoids it.
@@ -15,7 +15,7 @@ use super::one_way::{self, Scan};
 use super::range::Range;
 use super::samples::{Sample, SampleSet};
 
-/// Merges a copy of the set down to three: g_min, g_rest and g_max, ascending.
+/// Merges a copy of the set to three samples: g_min, g_rest and g_max, ascending; `None` with fewer than three distinct values.
 pub fn nodes<const N: usize>(set: &SampleSet<N>) -> Option<[Sample; 3]> {
     let mut set = set.clone();
     set.merge_down_to(3);
@@ -25,7 +25,7 @@ pub fn nodes<const N: usize>(set: &SampleSet<N>) -> Option<[Sample; 3]> {
         .then_some(nodes)
 }
 
-/// The range of the samples; on a side that was not shown the node equals rest.
+/// Range of the samples; on an unseen side the node equals rest. `None` as [`nodes`].
 pub fn range<const N: usize>(set: &SampleSet<N>, scan: Scan) -> Option<Range> {
     let (low, high) = one_way::interval(set.samples(), scan)?;
     let mut set = set.clone();
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn the_known_failure_is_the_papers_own() {
+    fn the_papers_known_failure() {
         // One outlier each side swallows neither rest nor smile: {outlier, everything, outlier}.
         let set = set::<8>(&[(-9.0, 1.0), (0.0, 50.0), (1.0, 5.0), (9.0, 1.0)]);
         let [low, rest, high] = nodes(&set).unwrap();
@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn outliers_are_no_ends_and_rest_is_where_the_face_is_most_of_the_time() {
+    fn outliers_are_dropped_and_the_heaviest_sample_is_rest() {
         let scan = Scan {
             gap: 10.0,
             count: 3.0,
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn fewer_than_three_places_give_no_nodes() {
+    fn fewer_than_three_values_give_no_nodes() {
         assert_eq!(nodes(&set::<4>(&[(0.0, 1.0), (1.0, 1.0)])), None);
         assert_eq!(
             nodes(&set::<4>(&[(1.0, 1.0), (1.0, 1.0), (1.0, 1.0)])),

@@ -1,22 +1,22 @@
-//! Names of the action units: FACS, plain, ARKit, and a description of what the face does.
+//! Names of the action units: FACS, plain, ARKit, and a description of the movement.
 //!
 //! One table for the live line, `mien send-test`, the configuration, the pages and `docs/units.md`. Codes omit the side; `L`
 //! and `R` are the subject's own left and right.
 
 use crate::base::prelude::*;
 
-/// What one unit is called.
+/// Names of one unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnitWords {
     /// FACS code without a side.
     pub code: &'static str,
     /// FACS name (Ekman & Friesen 1978).
     pub facs: &'static str,
-    /// What an animator would call it.
+    /// Plain name, as used by animators.
     pub plain: &'static str,
-    /// ARKit's blend shapes that show it, without a side; empty if there is none.
+    /// Corresponding ARKit blend shapes without a side, separated by spaces; may be empty.
     pub arkit: &'static str,
-    /// What the face does.
+    /// Description of the movement.
     pub does: &'static str,
 }
 
@@ -36,7 +36,7 @@ const fn unit(
     }
 }
 
-/// Every unit that has a column: code, FACS, plain, ARKit, what the face does.
+/// Every unit with a column: code, FACS, plain, ARKit, movement.
 #[rustfmt::skip]
 pub const ALL: [UnitWords; 25] = [
     unit("AU1", "inner brow raiser", "inner brow up", "browInnerUp", "the inner end of the brow rises"),
@@ -66,7 +66,7 @@ pub const ALL: [UnitWords; 25] = [
     unit("AU64", "eyes down", "look down", "eyeLookDown", "both eyes look down"),
 ];
 
-/// Regions of the face from above, each with its units' numbers in the order of rows.
+/// Regions of the face from top to bottom, each with its units' numbers in display order.
 pub const REGIONS: [(&str, &[u32]); 5] = [
     ("Brows", &[1, 2, 4]),
     ("Eyes", &[5, 43, 61, 62, 63, 64]),
@@ -74,12 +74,13 @@ pub const REGIONS: [(&str, &[u32]); 5] = [
     ("Mouth", &[12, 15, 14, 20, 18, 22, 25, 28, 10, 17]),
     ("Jaw", &[26, 29, 30]),
 ];
-/// Where units stand that were renamed, after all regions.
+/// Title of the last region, for renamed units.
 pub const OTHER: &str = "Other";
 
-/// Units as pages order them: by region, there in the order of rows. Each is its place in `units`.
+/// Indices into `units`, grouped by region in display order.
 pub fn by_region(units: &[&str]) -> Vec<(&'static str, Vec<usize>)> {
-    let number = |unit: &&str| of(unit).and_then(|(words, _)| words.code[2..].parse::<u32>().ok());
+    let number =
+        |unit: &&str| find(unit).and_then(|(words, _)| words.code[2..].parse::<u32>().ok());
     let numbers: Vec<Option<u32>> = units.iter().map(number).collect();
     let known = REGIONS.map(|(title, all)| {
         let rows = all.iter().flat_map(|&wanted| {
@@ -96,7 +97,7 @@ pub fn by_region(units: &[&str]) -> Vec<(&'static str, Vec<usize>)> {
     regions
 }
 
-/// What pages show of the units: `[[region, [[place, unit, name, what the face does]]]]`.
+/// Units for the pages: `[[region, [[index, unit, name, description]]]]`.
 #[cfg(feature = "std")]
 pub fn regions_json(units: &[&str]) -> serde_json::Value {
     let row = |k: usize| {
@@ -104,7 +105,7 @@ pub fn regions_json(units: &[&str]) -> serde_json::Value {
         let mut name = plain(unit).unwrap_or_else(|| unit.to_owned());
         let first = name.chars().next().map_or(0, char::len_utf8);
         name[..first].make_ascii_uppercase();
-        let about = of(unit).map_or_else(String::new, |(words, side)| {
+        let about = find(unit).map_or_else(String::new, |(words, side)| {
             let whose = match side {
                 "L" => " (the subject's left)",
                 "R" => " (the subject's right)",
@@ -121,9 +122,9 @@ pub fn regions_json(units: &[&str]) -> serde_json::Value {
         .collect()
 }
 
-/// A unit's plain name with its side in words, as `smile left`; `None` for a name that is no unit's.
+/// A unit's plain name with its side in words, such as `smile left`; `None` for an unknown unit.
 pub fn plain(unit: &str) -> Option<String> {
-    let (UnitWords { plain, .. }, side) = of(unit)?;
+    let (UnitWords { plain, .. }, side) = find(unit)?;
     Some(match side {
         "L" => format!("{plain} left"),
         "R" => format!("{plain} right"),
@@ -131,8 +132,8 @@ pub fn plain(unit: &str) -> Option<String> {
     })
 }
 
-/// A unit's words and its side (`"L"`, `"R"` or none); `None` for a name that is no unit's.
-pub fn of(unit: &str) -> Option<(&'static UnitWords, &str)> {
+/// A unit's names and its side (`"L"`, `"R"` or empty); `None` for an unknown unit.
+pub fn find(unit: &str) -> Option<(&'static UnitWords, &str)> {
     let code = unit.trim_end_matches(['L', 'R']);
     let words = ALL.iter().find(|words| words.code == code)?;
     Some((words, &unit[code.len()..]))
@@ -148,7 +149,7 @@ mod tests {
         let units = Units::shipped();
         for paper in [false, true] {
             for column in units.columns(paper) {
-                assert!(of(&column).is_some(), "{column} has no words");
+                assert!(find(&column).is_some(), "{column} has no words");
             }
         }
         let columns = units.columns(false);
@@ -168,14 +169,14 @@ mod tests {
             [("Mouth", vec![1, 3]), ("Jaw", vec![0]), (OTHER, vec![2])]
         );
         assert_eq!(
-            of("AU12L").map(|(words, side)| (words.plain, side)),
+            find("AU12L").map(|(words, side)| (words.plain, side)),
             Some(("smile", "L"))
         );
-        assert!(of("AU").is_none() && of("gaze").is_none());
+        assert!(find("AU").is_none() && find("gaze").is_none());
     }
 
     #[test]
-    fn arkit_s_names_are_those_of_the_rigs() {
+    fn arkit_names_equal_the_rigs() {
         let rigs = include_str!("../../../config/rigs.toml");
         let arkit = rigs
             .split("[arkit]")

@@ -2,7 +2,7 @@
 //!
 //! Read from `config/units.toml`, which is built in ([`Units::shipped`]). One-way and two-way units are those of Jiang Na
 //! et al., sections 2.5 and 2.6; the names are FACS (Ekman & Friesen 1978). Values are in units of the inner-eye-corner
-//! distance w. Memory: about 2 KiB. What a table has to be, a test says.
+//! distance w. Memory: about 2 KiB. A test checks the built-in table.
 
 use serde::{Deserialize, Deserializer};
 
@@ -13,13 +13,13 @@ use super::readings::Reading;
 use crate::base::capacity::{FEATURES, LEARNT_MEASURES, UNITS};
 use crate::base::prelude::*;
 
-/// How another measure moves this one.
+/// Cross-talk of another measure into this one.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Explained {
     /// The other measure.
     pub by: Measure,
-    /// On which side of its rest.
+    /// Side of its rest on which it acts.
     #[serde(default)]
     pub when: Side,
     /// Change of this measure per change of the other.
@@ -45,12 +45,12 @@ pub struct Unit {
     /// Prior, with the kind of the robust method.
     #[serde(flatten)]
     pub prior: Prior,
-    /// Kind for the paper's method, if it is another.
+    /// Kind for the paper's method, if different.
     paper: Option<Kind>,
-    /// FACS unit when the measure rises.
+    /// FACS unit of a rising measure.
     #[serde(default, deserialize_with = "unit_name")]
     pub rises: Option<UnitName>,
-    /// FACS unit when it falls.
+    /// FACS unit of a falling measure.
     #[serde(default, deserialize_with = "unit_name")]
     pub falls: Option<UnitName>,
     /// Cross-talk to remove.
@@ -58,10 +58,10 @@ pub struct Unit {
     pub explained: Vec<Explained>,
 }
 
-/// The whole table, one row for each measure but the eye distance, in the order of [`Measure::ALL`].
+/// The units table.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Units {
-    /// Rows.
+    /// One row for each learnt measure, in the order of [`Measure::ALL`].
     #[serde(rename = "unit")]
     pub rows: [Unit; LEARNT_MEASURES],
     /// Population mean of the inner-eye-corner distance in metres.
@@ -69,11 +69,10 @@ pub struct Units {
     /// Priors of the features in order, if units are read from all measures together.
     #[serde(rename = "feature", deserialize_with = "feature_priors")]
     pub features: Option<[Prior; FEATURES]>,
-    /// Readings of units from all measures together, last those that have no range and need no learner; a unit without one is
-    /// read from its own measure.
+    /// Readings of units from all measures together, absolute ones last; a unit without a reading is read from its own measure.
     #[serde(rename = "reading", deserialize_with = "super::readings::table")]
     pub readings: Vec<Reading>,
-    /// The map from eye images to gaze; without it the eyes look ahead.
+    /// Maps from eye patches to gaze; without them gaze is straight ahead.
     pub gaze: Option<Gaze>,
 }
 
@@ -81,7 +80,7 @@ fn unit_name<'de, D: Deserializer<'de>>(name: D) -> Result<Option<UnitName>, D::
     Ok(String::deserialize(name)?.parse().ok())
 }
 
-/// How far expressions move a feature, either way, and its rest.
+/// A feature's rest, its standard deviation over people, and the span of expressions to either side.
 #[derive(Deserialize)]
 struct FeatureRow {
     rest: f64,
@@ -109,21 +108,24 @@ impl Units {
             .expect("the shipped table is read by a test")
     }
 
-    /// For each column of the robust method, whether its measure belongs to the mouth, or it is read from the lips.
-    pub fn of_mouth(&self) -> [bool; UNITS] {
-        let mut of_mouth = [false; UNITS];
+    /// For each column of the robust method, whether it depends on the mouth: by its measure, or by a reading from the lip gap.
+    pub fn mouth_columns(&self) -> [bool; UNITS] {
+        let mut mouth_columns = [false; UNITS];
         let columns = self.rows.iter().flat_map(|row| {
-            let is = super::covered::is_of_mouth(row.measure);
+            let is = super::covered::moves_mouth(row.measure);
             let sides = row.prior.kind.sides().into_iter();
             sides.filter(|side| *side).map(move |_| is)
         });
-        let further = self.further().map(|reading| {
+        let derived = self.derived_units().map(|reading| {
             let shares = self.readings[reading].shares[Measure::LipGap as usize];
             shares != [0.0; 2]
         });
-        let columns = columns.chain(further);
-        of_mouth.iter_mut().zip(columns).for_each(|(k, is)| *k = is);
-        of_mouth
+        let columns = columns.chain(derived);
+        mouth_columns
+            .iter_mut()
+            .zip(columns)
+            .for_each(|(k, is)| *k = is);
+        mouth_columns
     }
 
     /// The same table with every unit read from its own measure alone.
@@ -135,13 +137,13 @@ impl Units {
         self
     }
 
-    /// The reading of a unit.
+    /// Index of a unit's reading.
     pub fn reading(&self, unit: Option<&UnitName>) -> Option<usize> {
         unit.and_then(|unit| self.readings.iter().position(|one| one.unit == *unit))
     }
 
-    /// Readings of units that no measure is named after, in their order: columns of their own after those of the rows.
-    pub fn further(&self) -> impl Iterator<Item = usize> + '_ {
+    /// Indices of the readings of units that no row names, in order: their columns follow those of the rows.
+    pub fn derived_units(&self) -> impl Iterator<Item = usize> + '_ {
         let of_a_row = |unit: &UnitName| {
             let mut rows = self.rows.iter();
             rows.any(|row| row.rises.as_ref() == Some(unit) || row.falls.as_ref() == Some(unit))
@@ -149,8 +151,8 @@ impl Units {
         (0..self.readings.len()).filter(move |&at| !of_a_row(&self.readings[at].unit))
     }
 
-    /// Names of the weight columns: by row, the rising unit first, then [`Self::further`] ones. With `paper`, only what the
-    /// paper's method delivers.
+    /// Names of the weight columns: by row, the rising unit first, then [`Self::derived_units`]. With `paper`, only the
+    /// units of the paper's method.
     pub fn columns(&self, paper: bool) -> heapless::Vec<UnitName, UNITS> {
         let mut columns = heapless::Vec::new();
         for row in &self.rows {
@@ -158,12 +160,12 @@ impl Units {
             let rises = row.rises.as_ref().filter(|_| kind.rises());
             let falls = row.falls.as_ref().filter(|_| kind.falls());
             for name in rises.into_iter().chain(falls) {
-                // There are at most two names a row, and UNITS is twice the rows.
+                // Capacity: at most two names a row, and UNITS is over twice the rows.
                 let _ = columns.push(name.clone());
             }
         }
-        for reading in self.further().filter(|_| !paper) {
-            // No more readings than UNITS, as a test sees to; those without room have no column.
+        for reading in self.derived_units().filter(|_| !paper) {
+            // Capacity is checked by a test for the built-in table; units beyond it have no column.
             let _ = columns.push(self.readings[reading].unit.clone());
         }
         columns
@@ -177,7 +179,7 @@ impl Unit {
     }
 }
 
-/// `AU12R` for `AU12L`, and eyes that look right for those that look left; `None` for a unit without sides.
+/// The mirrored unit: `AU12R` for `AU12L`, `AU62` for `AU61`; `None` for a unit without sides.
 pub fn other_side(unit: &str) -> Option<String> {
     let (stem, side) = match (unit, unit.strip_suffix('L')) {
         ("AU61", _) => ("AU62", ""),
@@ -199,10 +201,10 @@ mod tests {
     fn the_shipped_table_names_the_contracts_units() {
         let units = Units::shipped();
         let expected = "AU25 AU20 AU18 AU30L AU30R AU29 AU22 AU28 AU2L AU4L AU2R AU4R AU5L AU43L AU5R AU43R AU9L AU9R AU26 AU17 AU12L AU12R AU1L AU1R AU10L AU10R AU34L AU34R";
-        let further = " AU6L AU6R AU14L AU14R AU15L AU15R AU61 AU62 AU63 AU64";
+        let derived = " AU6L AU6R AU14L AU14R AU15L AU15R AU61 AU62 AU63 AU64";
         assert_eq!(
             units.columns(false).join(" "),
-            expected.to_owned() + further
+            expected.to_owned() + derived
         );
         let paper = units.columns(true).join(" ");
         let not_the_papers = ["AU5L ", "AU5R ", "AU17 ", "AU28 ", " AU34L AU34R"];
@@ -322,12 +324,12 @@ mod tests {
     }
 
     #[test]
-    fn dimples_are_the_mouths_and_glances_are_not() {
+    fn dimples_are_mouth_columns_and_glances_are_not() {
         let units = Units::shipped();
-        let of_mouth = units.of_mouth();
+        let mouth_columns = units.mouth_columns();
         let is = |name: &str| {
             let column = units.columns(false).iter().position(|unit| unit == name);
-            of_mouth[column.expect("a column")]
+            mouth_columns[column.expect("a column")]
         };
         assert!(is("AU25") && is("AU12L") && is("AU14L") && is("AU15R"));
         assert!(!is("AU43L") && !is("AU61") && !is("AU64"));

@@ -1,16 +1,16 @@
-//! Weight ω of a sample: how close the face is to the best distance and how squarely it faces the camera.
+//! Weight ω of a sample, from the face's distance and its angle to the camera.
 //!
 //! Method: Jiang Na et al., section 2.2, equations (4) and (5). Units: metres in, 0…1 out. No state, no memory.
 //! Degenerate: a face less than a millimetre from the camera's own position has no line of sight and weighs 0; further
 //! than 5 m from the best distance equation (4) becomes negative and is clamped to 0.
-//! Our interpretation: n_f, "the unit normal when facing the camera", points from the face to the camera, so a face at the
-//! image's edge that looks at the camera counts as facing it.
+//! Interpretation: n_f, "the unit normal when facing the camera", points from the face to the camera, so a face at the image's
+//! edge that looks at the camera counts as facing it.
 
 use crate::base::geometry::{Rigid, face_normal};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Fall of ω_t per metre from the best distance, equation (4).
+/// Decrease of ω_t per metre from the best distance, equation (4).
 const FALL_PER_M: f64 = 0.2;
 /// α of equation (5).
 const ALPHA: f64 = 0.5;
@@ -25,7 +25,7 @@ pub fn facing_weight(cosine: f64) -> f64 {
     cosine.clamp(0.0, 1.0).powf(ALPHA)
 }
 
-/// ω = ω_t · ω_R of a pose; `z_opt` is the best distance in metres (the paper's: 0.5).
+/// ω = ω_t · ω_R of a pose (metres); `z_opt`: best distance, metres (0.5 in the paper).
 pub fn sample_weight(sensor_from_head: &Rigid, z_opt: f64) -> f64 {
     let t = sensor_from_head.translation.vector;
     let length = t.norm();
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn looking_at_the_camera_from_the_side_is_facing_it() {
+    fn a_face_at_the_edge_that_looks_at_the_camera_faces_it() {
         // At the left edge, turned towards the camera: 30° to the image right, so the nose leaves −x: negative yaw.
         let pose = Rigid::from_parts(
             Translation3::new(-0.5 * 0.577_350_3, 0.0, 0.5),
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_a_millimetre_before_the_camera_is_seen_and_a_nearer_one_is_not() {
+    fn a_face_within_a_millimetre_weighs_nothing() {
         // 1 - 0.2 * 0.499 for its distance.
         assert!((sample_weight(&pose(1e-3, 0.0), 0.5) - 0.9002).abs() < 1e-6);
         assert_eq!(sample_weight(&pose(1e-3_f32.next_down(), 0.0), 0.5), 0.0);

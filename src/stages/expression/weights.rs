@@ -1,4 +1,4 @@
-//! What a frame gives: weights by column, and the ranges they are shares of.
+//! Result of a frame: weights by column, and their ranges.
 
 use crate::base::capacity::{MEASURES, UNITS};
 use crate::base::defaults;
@@ -7,20 +7,20 @@ defaults! {
     /// One frame's result. Columns are in the order of [`super::Expression::unit_names`].
     #[derive(Clone, Debug)]
     pub struct Weights {
-        /// By [`super::measures::Measure`], in units of the inner-eye-corner distance; the eye distance itself in metres.
+        /// Measures by [`super::measures::Measure`], in units of the inner-eye-corner distance; the eye distance itself in metres.
         pub measures: [f32; MEASURES] = [0.0; MEASURES],
         pub(super) units: [f32; UNITS] = [0.0; UNITS],
         pub(super) readiness: [f32; UNITS] = [0.0; UNITS],
         pub(super) columns: usize = 0,
-        /// Ranges are still mostly the population's.
+        /// Whether most ranges are still the population's.
         pub warming: bool = true,
-        /// Learning is frozen.
+        /// Whether learning is stopped.
         pub frozen: bool = false,
     }
 }
 
 impl Weights {
-    /// Sets a column's weight, faded in so far, and readiness.
+    /// Sets a column's weight, times `fade`, and readiness.
     pub(super) fn set(&mut self, column: usize, (weight, readiness): (f64, f64), fade: f64) {
         self.units[column] = (weight.max(0.0) * fade) as f32;
         self.readiness[column] = readiness as f32;
@@ -31,23 +31,23 @@ impl Weights {
         &self.units[..self.columns]
     }
 
-    /// 0…1 for each unit: how much of its range is this person's own.
+    /// Readiness of each unit, 0…1: share of its range that is the person's own.
     pub fn readiness(&self) -> &[f32] {
         &self.readiness[..self.columns]
     }
 }
 
-/// The range that a unit's weight is computed with: of its reading, or in eye distances of its measure if it has none.
+/// Range of a unit's weight: of its reading, or, without one, of its measure in eye distances.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UnitRange {
-    /// Value at the full falling expression; rest, if there is none.
+    /// Value at the full falling expression, or at rest if there is none.
     pub low: f32,
     /// Value at rest.
     pub rest: f32,
-    /// Value at the full rising expression; rest, if there is none.
+    /// Value at the full rising expression, or at rest if there is none.
     pub high: f32,
-    /// Standard deviation of its noise; 0 with the paper's method, which does not estimate it.
+    /// Standard deviation of its noise; 0 with the paper's method.
     pub noise: f32,
-    /// 0…1: how much of it is the person's own.
+    /// Share of the range that is the person's own, 0…1.
     pub readiness: f32,
 }

@@ -5,11 +5,10 @@
 //! sections:   tag [u8; 4]  length u32  payload          SHAP COLD WARM CONF HEAD PROV PAAM REFI
 //! CRC-32 of everything before it
 //! ```
-//! Little-endian throughout; floats are IEEE 32-bit. Sections may stand in any order, unknown ones are skipped. The
-//! checksum is also the model's id. A file is believed only if length and checksum are right, and even then every count
-//! is checked against the bytes that are there, so that parsing cannot panic or ask for more memory than the file is long,
-//! and every number against what it can mean, so that stages built from a model cannot either.
-//! What is written and what is read stand side by side, section by section.
+//! Little-endian; floats are IEEE 32-bit. Sections may be in any order; unknown ones are skipped. The checksum is also the
+//! model's id. Beyond length and checksum, every count is checked against the bytes left, so that parsing cannot panic or
+//! allocate more than the file's length, and every number against its plausible range, so that stages built from a model cannot
+//! either.
 
 use alloc::borrow::Cow;
 
@@ -22,56 +21,57 @@ use super::model::{CascadeStage, ConfidenceModel, FaceModel, ShapeModel};
 use super::reader::Reader;
 use super::refinement::Refinement;
 use super::sizes::{
-    FACE_SIGNS, FEATURES, FIRST_FACE_SIGNS, LANDMARK_SIGNS, MAX_MODES, MAX_STAGES, VIEW_PARAMETERS,
+    FACE_INPUTS, FEATURES, FIRST_FACE_INPUTS, LANDMARK_INPUTS, MAX_MODES, MAX_STAGES,
+    VIEW_PARAMETERS,
 };
 use crate::base::prelude::*;
 
 /// First bytes of a model file.
 pub const MAGIC: [u8; 8] = *b"MIENFACE";
-/// Version of the format that is written and read.
+/// Version of the written format.
 pub const VERSION: u32 = 3;
-/// The oldest version that is read.
+/// The oldest readable version.
 const OLDEST: u32 = 2;
-/// Largest coordinate of a head, from between the eyes, metres: what is prepared grows with its extent.
+/// Largest coordinate of a head, head frame, metres: limits memory that grows with its extent.
 const HEAD_M: f32 = 0.3;
-/// Most points of the standard head: three times ours.
+/// Most points of the standard head: three times the shipped one's.
 const MAX_HEAD_POINTS: usize = 8192;
-/// Largest coordinate of a direction, with what rounding adds.
+/// Largest coordinate of a unit vector, with rounding.
 const UNIT: f32 = 1.001;
 const HEADER: usize = 20;
 const CHECKSUM: usize = 4;
 
-/// The model built into the binary, as a file.
+/// Bytes of the built-in model file.
 pub const SHIPPED: &[u8] = include_bytes!("../../../config/face.model");
 
 impl FaceModel {
     /// Parses a model file.
     ///
     /// # Errors
-    /// If it is no model, of another version, damaged or inconsistent; the text says what to do.
+    /// If it is not a model, of another version, damaged or inconsistent.
     pub fn read(bytes: &[u8]) -> Result<Self, ModelError> {
         let (sections, id) = checked(bytes)?;
         parse(sections, id, |_| None)
     }
 
-    /// The model built into the binary.
+    /// The built-in model.
     pub fn shipped() -> Self {
-        // The bytes stay in memory, so large parts are used in place. A test verifies the checksum: computing it here would page in
-        // parts that are not used, such as the paper's appearance model.
+        // The bytes are static, so large parts are borrowed. A test verifies the checksum: computing it here would page in unused
+        // parts such as the paper's appearance model.
         let body = SHIPPED.len() - CHECKSUM;
         let model = parse(&SHIPPED[HEADER..body], u32_at(SHIPPED, body), Some);
         model.expect("the shipped model is read by a test")
     }
 }
 
-/// What makes bytes of a file stay, if they do.
+/// Extends a borrow of the file's bytes to `'static` where they are static.
 type Lasting<'a> = fn(&'a [u8]) -> Option<&'static [u8]>;
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
 }
 
-/// The sections of a file that is whole and of a version that is understood, and its checksum.
+/// Sections and checksum of a file, after checking magic, version, length and checksum.
 fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
     if !bytes.starts_with(&MAGIC) {
         let found = bytes[..bytes.len().min(MAGIC.len())].to_vec();
@@ -134,7 +134,7 @@ fn parse<'a>(bytes: &'a [u8], id: u32, lasting: Lasting<'a>) -> Result<FaceModel
     })
 }
 
-/// Tag and bytes of the section that comes next.
+/// Tag and bytes of the next section.
 fn next_section<'a>(rest: &mut Reader<'a>) -> Result<(&'a [u8], &'a [u8]), ModelError> {
     let tag = rest.take(4)?;
     let length = rest.number(4)?;
@@ -201,14 +201,14 @@ fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
         cell_px: reader.cell_px()?,
         mean: reader.floats(FEATURES)?,
         weights: reader.floats(FEATURES)?,
-        landmark: reader.floats(LANDMARK_SIGNS * LANDMARKS)?,
+        landmark: reader.floats(LANDMARK_INPUTS * LANDMARKS)?,
         face: {
-            // Version 2 has the first signs only.
-            let is_first = reader.bytes.len() == 4 * FIRST_FACE_SIGNS;
+            // Version 2 has the first inputs only.
+            let is_first = reader.bytes.len() == 4 * FIRST_FACE_INPUTS;
             let signs = if is_first {
-                FIRST_FACE_SIGNS
+                FIRST_FACE_INPUTS
             } else {
-                FACE_SIGNS
+                FACE_INPUTS
             };
             let slopes = reader.floats(signs)?;
             core::array::from_fn(|k| slopes.get(k).copied().unwrap_or(0.0))
@@ -242,7 +242,7 @@ fn put_stages(stages: &[CascadeStage]) -> Vec<u8> {
     out
 }
 
-/// A file of this version with these sections.
+/// A file of a version and sections (tag, bytes), with length and checksum.
 fn framed<'a>(version: u32, sections: impl Iterator<Item = (&'a [u8], &'a [u8])>) -> Vec<u8> {
     let mut out = MAGIC.to_vec();
     out.extend(version.to_le_bytes());
@@ -262,7 +262,7 @@ fn framed<'a>(version: u32, sections: impl Iterator<Item = (&'a [u8], &'a [u8])>
 /// Tags and bytes of the sections of a model file, in order.
 ///
 /// # Errors
-/// If the bytes are no model.
+/// As [`FaceModel::read`].
 #[cfg(feature = "studio")]
 pub fn sections(bytes: &[u8]) -> Result<impl Iterator<Item = (&[u8], &[u8])> + Clone, ModelError> {
     FaceModel::read(bytes)?;
@@ -273,10 +273,10 @@ pub fn sections(bytes: &[u8]) -> Result<impl Iterator<Item = (&[u8], &[u8])> + C
     Ok(core::iter::from_fn(move || next_section(&mut rest).ok()))
 }
 
-/// The same file with the section of this tag replaced; all others stay the same, byte for byte.
+/// Replaces the payload of a section; the others stay identical.
 ///
 /// # Errors
-/// If the bytes are no model, or no longer one with it.
+/// If the bytes are not a model, before or after the replacement.
 #[cfg(feature = "studio")]
 pub fn with_section(bytes: &[u8], tag: [u8; 4], payload: &[u8]) -> Result<Vec<u8>, ModelError> {
     let sections = sections(bytes)?;
@@ -286,7 +286,7 @@ pub fn with_section(bytes: &[u8], tag: [u8; 4], payload: &[u8]) -> Result<Vec<u8
     Ok(out)
 }
 
-/// Writes a model; its `id` is not written, it follows from the bytes.
+/// Bytes of a model file. The `id` is not written: it is the checksum of the bytes.
 pub fn emit(model: &FaceModel) -> Vec<u8> {
     let mut shape = Vec::new();
     put_count(&mut shape, model.shape.modes.len());
@@ -367,7 +367,7 @@ mod tests {
             cell_px: 5.0,
             mean: floats(FEATURES),
             weights: floats(FEATURES),
-            landmark: floats(LANDMARK_SIGNS * LANDMARKS),
+            landmark: floats(LANDMARK_INPUTS * LANDMARKS),
             face: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
         }
         .into();
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn every_damage_is_named() {
+    fn every_damage_has_its_error() {
         let bytes = emit(&example());
         assert!(matches!(
             FaceModel::read(b""),

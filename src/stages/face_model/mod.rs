@@ -1,4 +1,4 @@
-//! The face model: 3D shape modes, the fitting cascade, the standard head; one file, read at start-up.
+//! The face model: 3D shape modes, the fitting cascade and the standard head, in one file read at start-up.
 //!
 //! **Shape.** `X = mean + Σ b_i σ_i m_i`: 68 points in the head frame of [`crate::base::geometry`], metres, rigid motion and size
 //! removed on the [`scheme::STABLE`] points; modes `m_i` orthonormal over all 204 coordinates, `σ_i` their standard
@@ -8,8 +8,8 @@
 //!
 //! **Cascade.** Update matrices of the stages of [`crate::landmarks`], quantised to 8 bits in blocks of one patch.
 //!
-//! Memory: 0.4 MB per stage. The built-in model's update matrices stay where they are in the binary; all else is allocated
-//! while reading and never after. Limits: see [`mod@file`].
+//! Memory: 0.4 MB per stage. The built-in model's update matrices are used in place; everything else is allocated while
+//! reading. Limits: see [`mod@file`].
 
 pub mod error;
 pub mod file;

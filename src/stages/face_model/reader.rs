@@ -4,10 +4,10 @@ use super::error::ModelError;
 use crate::base::geometry::Vector;
 use crate::base::prelude::*;
 
-/// Largest number of any kind: deviations, units, distances, weights.
+/// Largest magnitude of any number in a model.
 const LARGEST: f32 = 1e6;
 
-/// What is left of a section.
+/// The unread bytes of a section.
 #[derive(Clone)]
 pub(crate) struct Reader<'a> {
     pub(crate) section: &'static str,
@@ -27,13 +27,13 @@ impl<'a> Reader<'a> {
         Ok(head)
     }
 
-    /// An unsigned number of so many bytes, four at most.
+    /// An unsigned number of `bytes` bytes, at most four.
     pub(crate) fn number(&mut self, bytes: usize) -> Result<usize, ModelError> {
         let digits = self.take(bytes)?.iter().rev();
         Ok(digits.fold(0, |number, &byte| number << 8 | usize::from(byte)))
     }
 
-    /// A number of so many bytes within limits.
+    /// An unsigned number of `bytes` bytes within limits.
     pub(crate) fn count(
         &mut self,
         bytes: usize,
@@ -59,12 +59,12 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Finite numbers of a size that sums of them stay finite.
+    /// Floats of magnitude up to [`LARGEST`], so that sums stay finite.
     pub(crate) fn floats(&mut self, count: usize) -> Result<Vec<f32>, ModelError> {
         self.floats_within(count, LARGEST, "finite numbers within a million")
     }
 
-    /// Numbers no larger than `most` either way.
+    /// Floats of magnitude up to `most`.
     pub(crate) fn floats_within(
         &mut self,
         count: usize,
@@ -74,7 +74,7 @@ impl<'a> Reader<'a> {
         self.floats_that(count, expected, |value| value.abs() <= most)
     }
 
-    /// Numbers above 0.
+    /// Floats above 0, up to [`LARGEST`].
     pub(crate) fn positive(
         &mut self,
         count: usize,
@@ -83,7 +83,7 @@ impl<'a> Reader<'a> {
         self.positive_up_to(count, LARGEST, expected)
     }
 
-    /// Numbers above 0 and no larger than `most`.
+    /// Floats above 0, up to `most`.
     pub(crate) fn positive_up_to(
         &mut self,
         count: usize,
@@ -93,7 +93,7 @@ impl<'a> Reader<'a> {
         self.floats_that(count, expected, |value| value > 0.0 && value <= most)
     }
 
-    /// Vectors whose coordinates are no larger than `most` either way.
+    /// Vectors with coordinates of magnitude up to `most`.
     pub(crate) fn vectors_within(
         &mut self,
         count: usize,
@@ -111,7 +111,7 @@ impl<'a> Reader<'a> {
         Ok(cell[0])
     }
 
-    /// Nothing may be left.
+    /// Checks that no bytes are left.
     pub(crate) fn end(&self) -> Result<(), ModelError> {
         if self.bytes.is_empty() {
             return Ok(());
@@ -120,7 +120,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Vectors of numbers in threes.
+/// Groups values into vectors.
 pub(crate) fn vectors(values: &[f32]) -> Vec<Vector> {
     let threes = values.as_chunks::<3>().0.iter();
     threes.map(|three| Vector::from(*three)).collect()

@@ -1,15 +1,15 @@
-//! Correction of a fit by depth: a linear correction of the shape by measured surface heights.
+//! Correction of a fit by depth: a linear map from measured surface heights to shape coefficients.
 //!
-//! A frontal image hardly shows how far lips and jaw protrude, and a cascade tends to mistake part of one movement for others.
-//! Depth measures the first, and the second is the same for all faces. So the shape coefficients are corrected by
+//! A frontal image hardly shows the protrusion of lips and jaw, and a cascade confuses part of one movement with others. Depth
+//! measures the first, and the second is the same for all faces. So the shape coefficients are corrected by
 //! `Δb = C (x − mean) / deviation`, where `x` contains the fitted coefficients, the head's rotation relative to the line of
-//! sight (and its products) and, at each of [`PLACES`], how much nearer the measured surface is than the fit
+//! sight (and its products) and, at each of [`SITES`], how much nearer the measured surface is than the fit
 //! ([`crate::landmarks::relief`]). `C` is learned by ridge regression from tracked sessions of rendered people
 //! (`mien-studio train`): the depth term of the paper's 2D+3D cost (section 1.2), with learned weights. Two more rows measure
-//! how far the cheeks are puffed out, which no landmark shows.
+//! the puff of the cheeks, which no landmark shows.
 //!
 //! Head frame, metres at the model's size, standard deviations. Memory: one matrix of 30 kB. Cost: some 60 patches of
-//! depth and 5000 multiplications. Degenerate: a place without depth counts as the mean; inputs are clamped to ±[`MOST`].
+//! depth and 5000 multiplications. Degenerate: a site without depth counts as the mean; inputs are clamped to ±[`MAX_DEVIATIONS`].
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Point;
@@ -19,10 +19,11 @@ use super::error::ModelError;
 use super::reader::Reader;
 use super::sizes::MAX_MODES;
 
-/// Landmarks where depth is looked up: all but the jaw's sides, where it sees past the face.
-const FIRST_PLACES: [usize; 3] = [7, 8, 9];
-const FROM: usize = 17;
-/// Places of the cheeks: landmarks they lie between, and the share of the second.
+/// First landmarks at which depth is measured. The jaw's sides are omitted, because there depth misses the face.
+const CHIN_SITES: [usize; 3] = [7, 8, 9];
+/// Depth is measured at this landmark and all after it.
+const FIRST_INNER: usize = 17;
+/// Sites on the cheeks: two landmarks, and the share of the second.
 const CHEEKS: [(usize, usize, f32); 6] = [
     (31, 2, 0.5),
     (35, 14, 0.5),
@@ -31,21 +32,21 @@ const CHEEKS: [(usize, usize, f32); 6] = [
     (48, 3, 0.4),
     (54, 13, 0.4),
 ];
-/// Places where depth is looked up.
-pub const PLACES: usize = FIRST_PLACES.len() + (LANDMARKS - FROM) + CHEEKS.len();
-/// The head's turn: rotation vector and products of its first two components.
+/// Number of sites at which depth is measured.
+pub const SITES: usize = CHIN_SITES.len() + (LANDMARKS - FIRST_INNER) + CHEEKS.len();
+/// Number of rotation inputs: rotation vector and products of its first two components.
 const TURN: usize = 6;
-/// Inputs at most.
-pub const MAX_INPUTS: usize = MAX_MODES + TURN + PLACES;
-/// Outputs beyond the shape: right and left cheek.
+/// Most inputs.
+pub const MAX_INPUTS: usize = MAX_MODES + TURN + SITES;
+/// Number of outputs besides the shape: puff of the right and left cheek.
 pub const PUFFS: usize = 2;
-/// Inputs farther from the mean count as this many deviations.
-pub const MOST: f32 = 4.0;
+/// Limit of a standardised input, standard deviations.
+pub const MAX_DEVIATIONS: f32 = 4.0;
 
-/// Largest step of the weights.
+/// Largest unit of a row of weights.
 const MAX_STEP: f32 = 1e3;
 
-/// Inputs of one frame; `NaN` where depth saw nothing.
+/// Inputs of one frame; NaN for sites without depth.
 pub type Inputs = heapless::Vec<f32, MAX_INPUTS>;
 
 /// The learnt map.
@@ -59,44 +60,48 @@ pub struct Refinement {
     pub weights: Vec<f32>,
 }
 
-/// Number of a landmark's place, of 7 to 9 and of 17 on.
-pub(crate) const fn place_of(landmark: usize) -> usize {
-    if landmark < FROM {
-        landmark - FIRST_PLACES[0]
+/// Index of the site of a landmark, which is 7 to 9 or at least 17.
+pub(crate) const fn site_of(landmark: usize) -> usize {
+    if landmark < FIRST_INNER {
+        landmark - CHIN_SITES[0]
     } else {
-        landmark - FROM + FIRST_PLACES.len()
+        landmark - FIRST_INNER + CHIN_SITES.len()
     }
 }
 
-/// Where depth is looked up on a head.
-pub(crate) fn places(head: &[Point; LANDMARKS]) -> impl Iterator<Item = Point> {
-    let at = move |i: usize| head[i];
+/// Sites at which depth is measured, in the frame and unit of `head`.
+pub(crate) fn sites(head: &[Point; LANDMARKS]) -> impl Iterator<Item = Point> {
+    let landmark = move |i: usize| head[i];
     let between = move |(a, b, share): (usize, usize, f32)| {
         Point::from(head[a].coords.lerp(&head[b].coords, share))
     };
-    let landmarks = FIRST_PLACES.into_iter().chain(FROM..LANDMARKS).map(at);
+    let landmarks = CHIN_SITES
+        .into_iter()
+        .chain(FIRST_INNER..LANDMARKS)
+        .map(landmark);
     landmarks.chain(CHEEKS.into_iter().map(between))
 }
 
 impl Refinement {
-    /// Inputs of the map.
+    /// Number of inputs.
     pub fn inputs(&self) -> usize {
         self.mean.len()
     }
 
-    /// Standardised inputs, 0 where nothing was seen.
+    /// Standardises the inputs in place; 0 for sites without depth.
     pub fn standardise(&self, inputs: &mut Inputs) {
         for ((x, mean), deviation) in inputs.iter_mut().zip(&self.mean).zip(&self.deviation) {
             let z = (*x - mean) / deviation;
             *x = if z.is_finite() {
-                z.clamp(-MOST, MOST)
+                z.clamp(-MAX_DEVIATIONS, MAX_DEVIATIONS)
             } else {
                 0.0
             };
         }
     }
 
-    /// Corrects the coefficients in place and returns how far the cheeks are blown out (right, left; about 0 to 1).
+    /// Corrects the shape coefficients (standard deviations) in place and returns the puff of the cheeks (right, left; about 0 to 1).
+    /// Standardises `inputs`.
     pub fn refine(&self, inputs: &mut Inputs, shape: &mut [f32]) -> [f32; PUFFS] {
         self.standardise(inputs);
         let row = |k: usize| -> f32 {
@@ -110,14 +115,14 @@ impl Refinement {
         [row(modes), row(modes + 1)]
     }
 
-    /// Reads what [`Self::emit`] wrote, for a shape model of so many modes.
+    /// Reads the bytes of [`Self::emit`], for a shape model of `modes` modes.
     ///
     /// # Errors
-    /// If the numbers are too few, too many or not finite.
+    /// If there are too few or too many numbers, or one is out of range.
     pub fn parse(bytes: &[u8], modes: usize) -> Result<Self, ModelError> {
         let section = "REFI";
         let mut reader = Reader { section, bytes };
-        let (inputs, rows) = (modes + TURN + PLACES, modes + PUFFS);
+        let (inputs, rows) = (modes + TURN + SITES, modes + PUFFS);
         let mean = reader.floats(inputs)?;
         let deviation = reader.positive(inputs, "deviations above 0")?;
         let scales = reader.floats_within(rows, MAX_STEP, "steps within a thousand")?;
@@ -132,8 +137,8 @@ impl Refinement {
         })
     }
 
-    /// As little-endian bytes: means, deviations, the size of a step for each row, all 32-bit floats; then the weights in
-    /// steps of 16 bits.
+    /// Little-endian bytes: means, deviations and one unit per row as 32-bit floats, then the weights as 16-bit multiples of the
+    /// unit.
     pub fn emit(&self) -> Vec<u8> {
         let rows = self.weights.chunks_exact(self.inputs());
         let scales: Vec<f32> = rows
@@ -155,7 +160,7 @@ mod tests {
     use super::*;
 
     const MODES: usize = 3;
-    const INPUTS: usize = MODES + TURN + PLACES;
+    const INPUTS: usize = MODES + TURN + SITES;
 
     /// The second coefficient follows the first input, the left cheek the last; all means 1, all deviations 2.
     fn planted() -> Refinement {
@@ -170,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_planted_map_corrects_what_it_says() {
+    fn a_planted_map_is_applied() {
         let mut inputs: Inputs = core::iter::repeat_n(1.0, INPUTS).collect();
         (inputs[0], inputs[INPUTS - 1]) = (4.0, -3.0);
         let mut shape = [0.1, 0.2, 0.3];
@@ -181,18 +186,18 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_seen_says_nothing_and_outliers_little() {
+    fn missing_inputs_count_as_the_mean_and_outliers_are_clamped() {
         let mut inputs: Inputs = core::iter::repeat_n(f32::NAN, INPUTS).collect();
         let mut shape = [0.0; MODES];
         planted().refine(&mut inputs, &mut shape);
         assert_eq!(shape, [0.0; MODES]);
         let mut inputs: Inputs = core::iter::repeat_n(1e9, INPUTS).collect();
         planted().refine(&mut inputs, &mut shape);
-        assert!((shape[1] - 0.5 * MOST).abs() < 1e-6);
+        assert!((shape[1] - 0.5 * MAX_DEVIATIONS).abs() < 1e-6);
     }
 
     #[test]
-    fn what_is_written_is_read_and_what_is_wrong_is_refused() {
+    fn written_bytes_are_read_and_damaged_ones_refused() {
         let bytes = planted().emit();
         let read = Refinement::parse(&bytes, MODES).expect("valid");
         assert_eq!(read.emit(), bytes);

@@ -1,6 +1,6 @@
-//! The 68 landmarks of iBUG / Multi-PIE, 0-based: which belong to what, which mirror which, which stay still.
+//! The 68 landmarks of iBUG / Multi-PIE, 0-based: groups, mirror pairs and stable points.
 //!
-//! Sides are the subject's own: L is at the right of the picture.
+//! Sides are the subject's: L is at the right of the image.
 
 use core::ops::Range;
 
@@ -8,7 +8,7 @@ use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Right ear to left ear along the jaw; 8 is the chin. Fixed points of the head, not the silhouette.
+/// Jaw from the right to the left ear; 8 is the chin. Points of the head, not of the silhouette.
 pub const JAW: Range<usize> = 0..17;
 /// Bridge of the nose (27–30), then the nostrils (31–35).
 pub const NOSE: Range<usize> = 27..36;
@@ -18,21 +18,21 @@ pub const MOUTH: Range<usize> = 48..68;
 pub const INNER: Range<usize> = 17..68;
 /// The chin.
 pub const CHIN: [usize; 3] = [7, 8, 9];
-/// Outer ends of the brows.
+/// Outer end of the right brow.
 pub const OUTER_BROW_R: [usize; 2] = [17, 18];
-/// Outer ends of the brows.
+/// Outer end of the left brow.
 pub const OUTER_BROW_L: [usize; 2] = [25, 26];
-/// Inner ends of the brows.
+/// Inner end of the right brow.
 pub const INNER_BROW_R: [usize; 2] = [20, 21];
-/// Inner ends of the brows.
+/// Inner end of the left brow.
 pub const INNER_BROW_L: [usize; 2] = [22, 23];
 /// The base of the nose, between the nostrils.
 pub const NOSE_BASE: usize = 33;
 /// The nose's lower edge, from one wing to the other.
 pub const NOSE_LINE: [usize; 5] = [31, 32, 33, 34, 35];
-/// Outer edges of the nostrils.
+/// Outer edge of the right nostril.
 pub const NOSTRIL_R: [usize; 2] = [31, 32];
-/// Outer edges of the nostrils.
+/// Outer edge of the left nostril.
 pub const NOSTRIL_L: [usize; 2] = [34, 35];
 /// Both corners of the right eye, outer first.
 pub const EYE_CORNERS_R: [usize; 2] = [36, 39];
@@ -60,10 +60,10 @@ pub const UPPER_LIP_INSIDE: [usize; 3] = [61, 62, 63];
 pub const LOWER_LIP_INSIDE: [usize; 3] = [65, 66, 67];
 /// Inner corners of the right and left eye.
 pub const INNER_EYE_CORNERS: [usize; 2] = [39, 42];
-/// Outer corners of the right and left eye: their distance is the unit in which landmark errors are given.
+/// Outer corners of the right and left eye: their distance is the unit of landmark errors.
 pub const OUTER_EYE_CORNERS: [usize; 2] = [36, 45];
 
-/// The regions by name, in order of their points; they cover all 68 without overlap.
+/// Regions by name, in order of their points, covering all 68 without overlap.
 pub const REGIONS: [(&str, Range<usize>); 5] = [
     ("jaw", JAW),
     ("brows", 17..27),
@@ -72,10 +72,10 @@ pub const REGIONS: [(&str, Range<usize>); 5] = [
     ("mouth", MOUTH),
 ];
 
-/// Points that hardly move with expression: eye corners, bridge of the nose and its base. They carry the head frame.
+/// Points that hardly move with expression: eye corners, bridge and base of the nose. They define the head frame.
 pub const STABLE: [usize; 9] = [27, 28, 29, 30, 33, 36, 39, 42, 45];
 
-/// Landmark that `MIRROR[i]` becomes when the face is mirrored left to right.
+/// `MIRROR[i]`: landmark that `i` becomes when the face is mirrored left to right.
 pub const MIRROR: [usize; LANDMARKS] = mirror();
 
 const fn mirror() -> [usize; LANDMARKS] {
@@ -99,7 +99,7 @@ const fn mirror() -> [usize; LANDMARKS] {
     permutation
 }
 
-/// Distance of the outer eye corners in a flat picture, in the unit of the points.
+/// Distance of the outer eye corners in the image, in the unit of the points.
 pub fn outer_eye_distance(points: &[[f32; 2]; LANDMARKS]) -> f32 {
     let [r, l] = OUTER_EYE_CORNERS;
     (points[r][0] - points[l][0]).hypot(points[r][1] - points[l][1])

@@ -1,14 +1,14 @@
-//! How large the parts of a model are, or may be.
+//! Sizes and limits of a model.
 
 use crate::base::capacity::LANDMARKS;
 
-/// Most shape modes a model may have.
+/// Most shape modes.
 pub const MAX_MODES: usize = 48;
-/// Parameters of the view: log scale, rotation vector (3), shift (2).
+/// Number of view parameters: log scale, rotation vector (3), shift (2).
 pub const VIEW_PARAMETERS: usize = 6;
-/// Most parameters a stage updates.
+/// Most parameters updated by a stage.
 pub const MAX_PARAMETERS: usize = VIEW_PARAMETERS + MAX_MODES;
-/// Orientations of the gradient that are told apart.
+/// Bins of gradient orientation.
 pub const ORIENTATIONS: usize = 8;
 /// Cells along one side of a patch.
 pub const PATCH_CELLS: usize = 4;
@@ -16,11 +16,11 @@ pub const PATCH_CELLS: usize = 4;
 pub const PATCH: usize = PATCH_CELLS * PATCH_CELLS * ORIENTATIONS;
 /// Values of all patches of a face.
 pub const FEATURES: usize = LANDMARKS * PATCH;
-/// Numbers that a landmark's confidence follows from.
-pub const LANDMARK_SIGNS: usize = 4;
-/// Numbers that the face's confidence follows from.
-pub const FACE_SIGNS: usize = 7;
-/// The first of them, which models have had from the beginning.
-pub const FIRST_FACE_SIGNS: usize = 4;
+/// Number of inputs of a landmark's confidence.
+pub const LANDMARK_INPUTS: usize = 4;
+/// Number of inputs of the face's confidence.
+pub const FACE_INPUTS: usize = 7;
+/// Number of inputs of the face's confidence in models of version 2.
+pub const FIRST_FACE_INPUTS: usize = 4;
 /// Most stages of one schedule.
 pub const MAX_STAGES: usize = 8;

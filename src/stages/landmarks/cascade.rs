@@ -1,13 +1,12 @@
-//! The fit: a short cascade of linear updates of view and shape, and the confidence in the result.
+//! The fit: a short cascade of linear updates of view and shape, and its confidence.
 //!
 //! Each stage computes features `f` of the patches around the current landmarks and updates the view (6 parameters) and the
-//! shape coefficients by `Δ = bias + W (f − mean) + P k`. `W` and `P` are trained where the previous stage actually ends
+//! shape coefficients by `Δ = bias + W (f − mean) + P k`. `W` and `P` are trained on the results of the previous stage
 //! (supervised descent, Xiong and De la Torre 2013, here over the parameters of a combined 2D+3D shape model). `k` contains
-//! the displacement of the view from the start and the current shape coefficients: since the start is the depth pose, `P` is
-//! the learned weight of depth pose and shape prior against the image, the second term of the paper's cost (section 1.2).
+//! the displacement of the view from the start and the current shape coefficients: as the start is the depth pose, `P` is the
+//! learned weight of depth pose and shape prior against the image, the second term of the paper's cost (section 1.2).
 //! Window pixels, radians, standard deviations. A stage costs one pass over an 8-bit matrix of up to 0.45 MB; early stages
-//! do not change the higher shape modes. Degenerate: without stages the start is returned. Limits: coefficients are clamped
-//! to ±[`MOST_DEVIATIONS`].
+//! do not change the higher shape modes. Degenerate: without stages the start is returned. Coefficients are clamped to ±[`MOST_DEVIATIONS`].
 
 use super::features::OrientationMaps;
 use super::view::View;
@@ -16,57 +15,57 @@ use crate::base::defaults;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::vectors::{NO_FRACTION, wide};
+use crate::base::vectors::{NO_FRACTION, with_avx2};
 use crate::face_model::{
-    CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, LANDMARK_SIGNS, MAX_MODES, MAX_PARAMETERS,
-    PATCH, ShapeModel, VIEW_PARAMETERS,
+    CascadeStage, ConfidenceModel, FACE_INPUTS, FEATURES, LANDMARK_INPUTS, MAX_MODES,
+    MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
 };
 
-/// Farthest a shape coefficient may go, in standard deviations.
+/// Limit of a shape coefficient, standard deviations.
 pub const MOST_DEVIATIONS: f32 = 4.0;
 
-/// Quantisation steps of a feature between 0 and 1.
+/// Quantisation steps per unit of a feature.
 const STEPS: f32 = 16_384.0;
 
 /// View and shape of one face.
 #[derive(Clone, Copy, Debug)]
 pub struct FaceFit {
-    /// View in the window.
+    /// View in the window, window pixels.
     pub view: View,
-    /// Shape coefficients, standard deviations; those beyond the model's modes are 0.
+    /// Shape coefficients, standard deviations; 0 beyond the model's modes.
     pub shape: [f32; MAX_MODES],
 }
 
 /// Confidence in a fit.
 #[derive(Clone, Copy, Debug)]
-pub struct Belief {
+pub struct FitConfidence {
     /// Confidence of each landmark, 0…1.
     pub landmark: [f32; LANDMARKS],
     /// Confidence of the face, 0…1.
     pub face: f32,
-    /// The face's log odds: distinguishes two good fits where `face` is 1 for both.
+    /// Log odds of `face`, which distinguish fits whose confidence is 1.
     pub log_odds: f32,
 }
 
 defaults! {
-    /// Scratch of the cascade; allocated once.
+    /// Scratch of the cascade, allocated once.
     pub struct Solver {
         features: Vec<f32> = vec![0.0; FEATURES],
-        /// Features without their mean, in steps of 1 / [`STEPS`].
-        whole: Vec<i16> = vec![0; FEATURES],
+        /// Features minus their mean, quantised to 1 / [`STEPS`].
+        quantised: Vec<i16> = vec![0; FEATURES],
         head: [Point; LANDMARKS] = [Point::origin(); LANDMARKS],
         /// Landmarks of the last projection, window pixels.
         pub window: [[f32; 2]; LANDMARKS] = [[0.0; 2]; LANDMARKS],
     }
 }
 
-/// Inputs of a stage besides the image: displacement from the start and shape coefficients.
+/// Writes a stage's inputs besides the image: displacement from the start, then shape coefficients.
 pub fn prior_columns(fit: &FaceFit, start: &View, out: &mut [f32; MAX_PARAMETERS]) {
     out[..VIEW_PARAMETERS].copy_from_slice(&fit.view.step_from(start));
     out[VIEW_PARAMETERS..].copy_from_slice(&fit.shape);
 }
 
-/// The fit changed by an update of as many parameters as given.
+/// The fit after an update of its first `step.len()` parameters: view, then shape.
 pub fn updated(fit: &FaceFit, step: &[f32]) -> FaceFit {
     let mut next = FaceFit {
         view: fit.view.moved(step),
@@ -79,7 +78,7 @@ pub fn updated(fit: &FaceFit, step: &[f32]) -> FaceFit {
 }
 
 impl Solver {
-    /// Projects the fit into [`Self::window`].
+    /// Projects the fit's landmarks into [`Self::window`].
     pub fn project(&mut self, shape: &ShapeModel, fit: &FaceFit) {
         shape.shape(&fit.shape, &mut self.head);
         let project = fit.view.projection();
@@ -88,7 +87,7 @@ impl Solver {
         }
     }
 
-    /// Features around the fit's landmarks; [`Self::window`] is the projection.
+    /// Features around the fit's landmarks, [`FEATURES`] values; updates [`Self::window`].
     pub fn features(
         &mut self,
         shape: &ShapeModel,
@@ -116,7 +115,7 @@ impl Solver {
         for stage in stages {
             self.features(shape, maps, &fit, stage.cell_px);
             prior_columns(&fit, anchor, &mut columns);
-            wide(
+            with_avx2(
                 #[inline(always)]
                 || self.update(stage, &columns, &mut step),
             );
@@ -126,13 +125,18 @@ impl Solver {
         fit
     }
 
-    /// A stage's update from the features and its other inputs.
+    /// A stage's update from the features and its other inputs `columns`.
     #[inline(always)]
     fn update(&mut self, stage: &CascadeStage, columns: &[f32], step: &mut [f32; MAX_PARAMETERS]) {
-        for ((whole, f), mean) in self.whole.iter_mut().zip(&self.features).zip(&stage.mean) {
-            *whole = rounded((f - mean) * STEPS);
+        for ((quantised, f), mean) in self
+            .quantised
+            .iter_mut()
+            .zip(&self.features)
+            .zip(&stage.mean)
+        {
+            *quantised = rounded((f - mean) * STEPS);
         }
-        let features = self.whole.as_chunks::<PATCH>().0;
+        let features = self.quantised.as_chunks::<PATCH>().0;
         let patches = stage.weights.as_chunks::<PATCH>().0;
         let rows = patches
             .chunks_exact(LANDMARKS)
@@ -149,28 +153,28 @@ impl Solver {
         }
     }
 
-    /// How much the image around the fit's landmarks looks like a fitted face.
-    pub fn belief(
+    /// Confidence of a fit, from the image around its landmarks.
+    pub fn confidence(
         &mut self,
         model: &ConfidenceModel,
         shape: &ShapeModel,
         maps: &OrientationMaps,
         fit: &FaceFit,
-    ) -> Belief {
+    ) -> FitConfidence {
         self.features(shape, maps, fit, model.cell_px);
         let own = discriminants(model, &self.features);
         let mut landmark = [0.0; LANDMARKS];
-        let signs = landmark_signs(&own);
-        for ((confidence, signs), slopes) in landmark
+        let inputs = landmark_inputs(&own);
+        for ((confidence, inputs), slopes) in landmark
             .iter_mut()
-            .zip(&signs)
-            .zip(model.landmark.chunks_exact(LANDMARK_SIGNS))
+            .zip(&inputs)
+            .zip(model.landmark.chunks_exact(LANDMARK_INPUTS))
         {
-            *confidence = logistic(signs.iter().zip(slopes).map(|(x, c)| x * c).sum());
+            *confidence = logistic(inputs.iter().zip(slopes).map(|(x, c)| x * c).sum());
         }
-        let signs = face_signs(&own, fit);
-        let log_odds = signs.iter().zip(&model.face).map(|(x, c)| x * c).sum();
-        Belief {
+        let inputs = face_inputs(&own, fit);
+        let log_odds = inputs.iter().zip(&model.face).map(|(x, c)| x * c).sum();
+        FitConfidence {
             landmark,
             face: logistic(log_odds),
             log_odds,
@@ -191,9 +195,9 @@ pub fn discriminants(model: &ConfidenceModel, features: &[f32]) -> [f32; LANDMAR
     })
 }
 
-/// Inputs to each landmark's confidence: its own discriminant, its neighbours' in the numbering (they lie on the same
-/// contour, and whatever covers one covers them), the whole face's, and 1.
-pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMARKS] {
+/// Inputs of each landmark's confidence: its discriminant, the mean of its neighbours' in the numbering (on the same contour, so
+/// covered together), the mean of all, and 1.
+pub fn landmark_inputs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_INPUTS]; LANDMARKS] {
     let mean = own.iter().sum::<f32>() / LANDMARKS as f32;
     core::array::from_fn(|i| {
         let beside = own[i.saturating_sub(1)] + own[(i + 1).min(LANDMARKS - 1)];
@@ -201,10 +205,10 @@ pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMAR
     })
 }
 
-/// Inputs to the face's confidence: the mean discriminant, the mean of the lower quarter (a part that is covered or
-/// missed), how unlikely the shape is, and 1; then, for faces partly covered by hair, a beard or a cap, the mean of the
-/// better half, of nose, eyes and mouth, and of the better of eyes and mouth, each with the nose.
-pub fn face_signs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_SIGNS] {
+/// Inputs of the face's confidence: the mean discriminant, the mean of the lower quarter (a covered or missed part), the mean
+/// square shape coefficient, and 1; then, for faces partly covered by hair, a beard or a cap, the means of the better half, of
+/// nose, eyes and mouth, and of the nose with the better of eyes and mouth.
+pub fn face_inputs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_INPUTS] {
     let mut sorted = *own;
     sorted.sort_unstable_by(f32::total_cmp);
     let lower = LANDMARKS / 4;
@@ -224,20 +228,19 @@ pub fn face_signs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_SIGNS] {
     ]
 }
 
-/// 1 / (1 + e^-x).
+/// Logistic function 1 / (1 + e^-x).
 pub fn logistic(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// The nearest whole number, for numbers of at most 2¹⁴.
+/// Nearest integer of a number of magnitude up to 2¹⁴.
 #[inline(always)]
 fn rounded(x: f32) -> i16 {
     (x + NO_FRACTION).to_bits() as i16
 }
 
-/// Integer dot product over one patch: an eighth of the time of floats, because parallel sums compile to wide
-/// multiply-and-adds. It cannot overflow, being at most 128 × 127 × 2¹⁴; wrapping arithmetic lets it be vectorised in every
-/// profile.
+/// Integer dot product over one patch, eight times as fast as with floats because integer sums vectorise. At most
+/// 128 × 127 × 2¹⁴, it cannot overflow; wrapping arithmetic lets it vectorise in every profile.
 #[inline(always)]
 fn dot(weights: &[i8; PATCH], features: &[i16; PATCH]) -> i32 {
     let pairs = weights.iter().zip(features);
@@ -250,7 +253,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whole_numbers_are_the_nearest() {
+    fn rounds_to_the_nearest_integer() {
         for (x, whole) in [
             (0.0, 0),
             (0.4, 0),
@@ -266,16 +269,16 @@ mod tests {
     #[test]
     fn a_landmark_is_judged_with_its_neighbours_on_both_sides() {
         let own: [f32; LANDMARKS] = core::array::from_fn(|i| (i * i) as f32);
-        let signs = landmark_signs(&own);
+        let inputs = landmark_inputs(&own);
         for i in 1..LANDMARKS - 1 {
             // The mean of (i - 1)² and (i + 1)².
-            assert_eq!(signs[i][..2], [own[i], own[i] + 1.0], "{i}");
+            assert_eq!(inputs[i][..2], [own[i], own[i] + 1.0], "{i}");
         }
         let last = LANDMARKS - 1;
-        assert_eq!(signs[0][1], 0.5 * own[1]);
-        assert_eq!(signs[last][1], 0.5 * (own[last - 1] + own[last]));
+        assert_eq!(inputs[0][1], 0.5 * own[1]);
+        assert_eq!(inputs[last][1], 0.5 * (own[last - 1] + own[last]));
         let mean = own.iter().sum::<f32>() / LANDMARKS as f32;
-        assert!(signs.iter().all(|one| one[2..] == [mean, 1.0]));
+        assert!(inputs.iter().all(|one| one[2..] == [mean, 1.0]));
     }
 
     #[test]

@@ -1,37 +1,37 @@
-//! Eye patches: cut from the colour picture, rotated upright, normalised in brightness.
+//! Eye patches: cut from the colour image, rotated upright, normalised in brightness.
 //!
 //! No landmark marks the iris, and lids move by less than the landmarks' error, but the 20 pixels of an eye at 0.75 m show
-//! both. Each eye is resampled around the middle between its corners, x along the line through both eyes, 1.1 eye widths
-//! wide; the left one is mirrored. Grey values are normalised to zero mean and unit deviation, so light and skin cancel. Cost: 2 × 144 × 4 bilinear samples, some 10 µs. Degenerate: an eye under 15 pixels
-//! wide, or without contrast, is not seen.
+//! both. Each eye is resampled around the midpoint of its corners, x along the line through both eyes, 1.1 eye widths wide; the
+//! left one is mirrored. Grey values are normalised to zero mean and unit deviation, which cancels light and skin. Cost:
+//! 2 × 144 × 4 bilinear samples, some 10 µs. Degenerate: eyes under 15 pixels wide or without contrast give `None`.
 
-use super::window::Picture;
+use super::window::LumaImage;
 use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Cells of an eye, across and down.
+/// Columns of an eye patch.
 pub const ACROSS: usize = 16;
-/// See [`ACROSS`].
+/// Rows of an eye patch.
 pub const DOWN: usize = 9;
-/// Cells of an eye.
+/// Cells of an eye patch.
 pub const CELLS: usize = ACROSS * DOWN;
-/// The subject's right and left eye, rows from above; x from the temple to the nose.
+/// Patches of the subject's right and left eye, row by row from above, x from the temple to the nose; zero mean, unit deviation.
 pub type Eyes = [[f32; CELLS]; 2];
 
-/// Corners by eye (right, left), the one at the temple first.
+/// Landmarks of the corners of the right and left eye, the one at the temple first.
 const CORNERS: [[usize; 2]; 2] = [[36, 39], [45, 42]];
-/// Extent of an eye's picture in eye widths.
+/// Width and height of a patch, eye widths.
 const EXTENT: [f32; 2] = [1.1, 0.7];
 /// Samples per cell and axis.
-const FINE: usize = 2;
-/// Least width of an eye, colour pixels: narrower ones are a metre away and tell nothing.
-const LEAST_PX: f32 = 15.0;
-/// Least deviation of the grey values.
-const LEAST_CONTRAST: f32 = 2.0;
+const SAMPLES: usize = 2;
+/// Least width of an eye, colour pixels: about 1 m away.
+const MIN_WIDTH_PX: f32 = 15.0;
+/// Least standard deviation of the grey values.
+const MIN_CONTRAST: f32 = 2.0;
 
-/// Cuts the eyes of a face out of a picture, given its landmarks in pixels; `None` if they are not visible.
-pub fn cut(picture: &Picture, pixels: &[[f32; 2]; LANDMARKS]) -> Option<Eyes> {
+/// Cuts both eye patches from an image, given the landmarks in its pixels; `None` if the eyes are too small or without contrast.
+pub fn cut(image: &LumaImage, pixels: &[[f32; 2]; LANDMARKS]) -> Option<Eyes> {
     let between = |a: [f32; 2], b: [f32; 2]| [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];
     let middles = CORNERS.map(|[temple, nose]| between(pixels[temple], pixels[nose]));
     let widths = CORNERS.map(|[a, b]| {
@@ -41,37 +41,37 @@ pub fn cut(picture: &Picture, pixels: &[[f32; 2]; LANDMARKS]) -> Option<Eyes> {
     let width = (widths[0] + widths[1]) / 2.0;
     let line = [middles[1][0] - middles[0][0], middles[1][1] - middles[0][1]];
     let length = (line[0] * line[0] + line[1] * line[1]).sqrt();
-    if !(width >= LEAST_PX && length >= LEAST_PX) {
+    if !(width >= MIN_WIDTH_PX && length >= MIN_WIDTH_PX) {
         return None;
     }
     let axis = [line[0] / length, line[1] / length];
     let mut eyes = [[0.0; CELLS]; 2];
     for ((eye, middle), to_nose) in eyes.iter_mut().zip(middles).zip([1.0, -1.0]) {
         for (at, cell) in eye.iter_mut().enumerate() {
-            for fine in 0..FINE * FINE {
+            for fine in 0..SAMPLES * SAMPLES {
                 let step = |cell: usize, fine: usize, cells: usize, extent: f32| {
-                    let at = cell as f32 + (fine as f32 + 0.5) / FINE as f32;
+                    let at = cell as f32 + (fine as f32 + 0.5) / SAMPLES as f32;
                     (at / cells as f32 - 0.5) * extent * width
                 };
-                let x = to_nose * step(at % ACROSS, fine % FINE, ACROSS, EXTENT[0]);
-                let y = step(at / ACROSS, fine / FINE, DOWN, EXTENT[1]);
-                *cell += picture.at(
+                let x = to_nose * step(at % ACROSS, fine % SAMPLES, ACROSS, EXTENT[0]);
+                let y = step(at / ACROSS, fine / SAMPLES, DOWN, EXTENT[1]);
+                *cell += image.bilinear(
                     middle[0] + x * axis[0] - y * axis[1],
                     middle[1] + x * axis[1] + y * axis[0],
                 );
             }
         }
-        level(eye)?;
+        normalise(eye)?;
     }
     Some(eyes)
 }
 
-/// Mean 0, deviation 1; none if there is no contrast.
-fn level(eye: &mut [f32; CELLS]) -> Option<()> {
+/// Normalises a patch to mean 0 and deviation 1; `None` without contrast.
+fn normalise(eye: &mut [f32; CELLS]) -> Option<()> {
     let n = CELLS as f32;
     let mean = eye.iter().sum::<f32>() / n;
     let deviation = (eye.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n).sqrt();
-    if deviation < LEAST_CONTRAST * (FINE * FINE) as f32 {
+    if deviation < MIN_CONTRAST * (SAMPLES * SAMPLES) as f32 {
         return None;
     }
     for value in eye {
@@ -110,12 +110,12 @@ mod tests {
 
     fn seen(turn: f32, aside: f32, width: f32) -> Option<Eyes> {
         let (luma, pixels) = face(turn, aside, width);
-        let picture = Picture {
+        let image = LumaImage {
             luma: &luma,
             width: WIDTH,
             height: HEIGHT,
         };
-        cut(&picture, &pixels)
+        cut(&image, &pixels)
     }
 
     /// Column of the dark middle, cells from the temple.
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn an_iris_that_moves_to_the_pictures_right_moves_to_one_nose_and_from_the_other() {
+    fn a_moving_iris_is_mirrored_between_the_eyes() {
         let straight = seen(0.0, 0.0, 30.0).expect("eyes");
         let aside = seen(0.0, 4.0, 30.0).expect("eyes");
         let middle = (ACROSS - 1) as f32 / 2.0;
@@ -152,15 +152,15 @@ mod tests {
     }
 
     #[test]
-    fn small_eyes_and_a_plain_picture_show_none() {
+    fn small_eyes_and_flat_images_give_none() {
         assert!(seen(0.0, 0.0, 14.0).is_none());
         let (_, pixels) = face(0.0, 0.0, 30.0);
         let plain = vec![90; PIXELS];
-        let picture = Picture {
+        let image = LumaImage {
             luma: &plain,
             width: WIDTH,
             height: HEIGHT,
         };
-        assert!(cut(&picture, &pixels).is_none());
+        assert!(cut(&image, &pixels).is_none());
     }
 }

@@ -1,13 +1,13 @@
 //! Features around the landmarks: patches of gradient orientation histograms.
 //!
 //! Once per window: central-difference gradients, each spread over eight orientations by the fourth power of the positive
-//! cosine (the sum over orientations is then the magnitude, without an arc tangent), summed into cells of 2×2 pixels and
-//! blurred twice: slightly (σ 1.2 px) for patches of lids and lips, whose cells are closer than [`FINE_BELOW_PX`], and
-//! further (σ 2.4 px) for the others. Per landmark: 4×4 cells, bilinear, scaled to unit length, square-rooted (the Hellinger map).
+//! cosine (so the sum over orientations is proportional to the magnitude, without an arc tangent), summed into cells of 2×2
+//! pixels and blurred: by σ 1.2 px for patches of lids and lips, whose cells are closer than [`FINE_BELOW_PX`], by σ 2.4 px for
+//! the others. Per landmark: 4×4 cells, bilinear, scaled to unit length, square-rooted (the Hellinger map).
 //! Histograms of oriented gradients after Dalal and Triggs 2005, used for alignment as in Xiong and De la Torre 2013.
 //! Units: window pixels in, values 0…1 out. About 1.7 M operations per window, 35 k look-ups per face; 0.8 MB.
-//! Invariant to the scale of the grey values: the small constant of the normalisation is relative to the window's mean gradient.
-//! Degenerate: a flat window gives zero patches. Limits: clipped highlights lose their gradients.
+//! Invariant to the scale of the grey values, because the constant of the normalisation is relative to the window's mean
+//! gradient. Degenerate: a flat window gives zero patches. Limitation: clipped highlights have no gradients.
 
 use core::hint::black_box;
 use core::ops::Range;
@@ -18,25 +18,26 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::vectors::wide;
+use crate::base::vectors::with_avx2;
 use crate::face_model::{FEATURES, ORIENTATIONS, PATCH, PATCH_CELLS};
 
 /// Cells along one side of the maps.
 pub const MAP: usize = WINDOW / 2;
-/// Patches whose cells are closer than this, window pixels, use the finer maps.
+/// Patches with cells closer than this use the finer maps, window pixels.
 pub const FINE_BELOW_PX: f32 = 3.4;
 /// Blur of the finer maps: half a Gaussian of σ 0.6 cells (1.2 px).
 const FINE: [f32; 2] = [0.6671, 0.1664];
-/// Additional blur of the coarser maps, to σ 1.2 cells (2.4 px): half a Gaussian of σ 1.04 cells.
+/// Additional blur of the coarser maps to σ 1.2 cells (2.4 px): half a Gaussian of σ 1.04 cells.
 const COARSE: [f32; 4] = [0.3838, 0.2417, 0.0604, 0.0060];
-/// Share of a typical patch's length that is added in the normalisation, so that empty patches stay small.
+/// Constant of the normalisation as a share of a typical patch's length: keeps empty patches small.
 const FLATNESS: f32 = 0.3;
 
 const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
-/// Directions of the orientations: right, right and down, down, …
+/// x of each orientation's direction, clockwise from the right (y down).
 const ACROSS: [f32; ORIENTATIONS] = [
     1.0, DIAGONAL, 0.0, -DIAGONAL, -1.0, -DIAGONAL, 0.0, DIAGONAL,
 ];
+/// y of each orientation's direction, down.
 const DOWN: [f32; ORIENTATIONS] = [
     0.0, DIAGONAL, 1.0, DIAGONAL, 0.0, -DIAGONAL, -1.0, -DIAGONAL,
 ];
@@ -49,13 +50,13 @@ defaults! {
         coarse: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * MAP],
         scratch: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * MAP],
         floor: f32 = 1.0,
-        /// Region covered by the maps.
+        /// Region covered by the maps, window pixels.
         region: Region = Region::WHOLE,
     }
 }
 
 impl OrientationMaps {
-    /// Computes the maps of a region of a window of `WINDOW` × `WINDOW` grey values; beyond it they repeat its border.
+    /// Computes the maps of a region of a window of [`WINDOW`]² grey values; patches beyond the region repeat its border.
     pub fn compute(&mut self, window: &[f32], region: &Region) {
         self.region = region.clone();
         let cells = Region {
@@ -68,15 +69,15 @@ impl OrientationMaps {
             scratch,
             ..
         } = self;
-        let total = wide(
+        let total = with_avx2(
             #[inline(always)]
             || spread(window, region, coarse),
         );
-        wide(
+        with_avx2(
             #[inline(always)]
             || blur(coarse, &FINE, &cells, scratch, fine),
         );
-        wide(
+        with_avx2(
             #[inline(always)]
             || blur(fine, &COARSE, &cells, scratch, coarse),
         );
@@ -85,7 +86,7 @@ impl OrientationMaps {
         self.floor = (FLATNESS * cell * (PATCH_CELLS as f32)).max(1e-3);
     }
 
-    /// The patches around all landmarks (window pixels): [`FEATURES`] values, landmark by landmark.
+    /// Patches around all landmarks (window pixels), with cells `cell_px` apart: [`FEATURES`] values, landmark by landmark.
     pub fn patches(&self, landmarks: &[[f32; 2]; LANDMARKS], cell_px: f32, out: &mut [f32]) {
         debug_assert_eq!(out.len(), FEATURES);
         let maps = if cell_px < FINE_BELOW_PX {
@@ -93,7 +94,7 @@ impl OrientationMaps {
         } else {
             &self.coarse
         };
-        wide(
+        with_avx2(
             #[inline(always)]
             || {
                 for (landmark, patch) in landmarks.iter().zip(out.as_chunks_mut::<PATCH>().0) {
@@ -111,13 +112,13 @@ impl OrientationMaps {
         cell_px: f32,
         patch: &mut [f32; PATCH],
     ) {
-        let columns = places(landmark[0], cell_px, &self.region.columns);
-        let rows = places(landmark[1], cell_px, &self.region.rows);
+        let columns = cell_positions(landmark[0], cell_px, &self.region.columns);
+        let rows = cell_positions(landmark[1], cell_px, &self.region.rows);
         let mut squares = [0.0f32; ORIENTATIONS];
         let cells = patch.as_chunks_mut::<ORIENTATIONS>().0;
         let lines = cells.as_chunks_mut::<PATCH_CELLS>().0;
         for (line, (row, down)) in lines.iter_mut().zip(rows) {
-            // One slice of both rows: its bounds are looked at once.
+            // One slice of both rows: one bounds check.
             let (upper, lower) = maps[row * MAP..][..2 * MAP].split_at(MAP);
             for (values, (column, across)) in line.iter_mut().zip(columns) {
                 *values = between(upper, lower, column, across, down);
@@ -134,11 +135,11 @@ impl OrientationMaps {
     }
 }
 
-/// Gradients of a region spread over orientations into cells; returned is the sum of their magnitudes.
+/// Spreads the gradients of a region over orientations into cells; returns the sum of their magnitudes.
 #[inline(always)]
 fn spread(window: &[f32], region: &Region, cells: &mut [[f32; ORIENTATIONS]]) -> f32 {
     let pixels = window.as_chunks::<WINDOW>().0;
-    // Not constants to the compiler: it would treat ones and zeros apart, which costs more than it saves.
+    // Hidden from constant folding: special cases of ones and zeros cost more than they save.
     let (across, down) = black_box((ACROSS, DOWN));
     let (mut gx, mut gy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
     let (mut magnitude, mut inverse) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
@@ -159,7 +160,7 @@ fn spread(window: &[f32], region: &Region, cells: &mut [[f32; ORIENTATIONS]]) ->
             let y = below[column] - above[column];
             let squared = x * x + y * y;
             magnitude[column] = squared.sqrt();
-            // Of the cube: magnitude × cosine⁴ is projection⁴ / magnitude³. The constant only keeps 0 / 0 away.
+            // Inverse cube, because magnitude × cosine⁴ is projection⁴ / magnitude³. The constant avoids 0 / 0.
             inverse[column] = 1.0 / (squared * magnitude[column] + 1e-12);
             (gx[column], gy[column]) = (x, y);
         }
@@ -170,9 +171,9 @@ fn spread(window: &[f32], region: &Region, cells: &mut [[f32; ORIENTATIONS]]) ->
         }
         let within = columns.start / 2..columns.end / 2;
         let [gx, gy, inverse] =
-            [&gx, &gy, &inverse].map(|of| &of.as_chunks::<2>().0[within.clone()]);
+            [&gx, &gy, &inverse].map(|values| &values.as_chunks::<2>().0[within.clone()]);
         for (((cell, gx), gy), inverse) in cells.iter_mut().zip(gx).zip(gy).zip(inverse) {
-            // Costs nothing: without it the cells, not the orientations, become a vector's lanes, which costs more.
+            // Makes the compiler vectorise over orientations, not cells, which is slower.
             compiler_fence(Ordering::Release);
             for pixel in 0..2 {
                 for k in 0..ORIENTATIONS {
@@ -186,7 +187,7 @@ fn spread(window: &[f32], region: &Region, cells: &mut [[f32; ORIENTATIONS]]) ->
     totals.iter().sum()
 }
 
-/// Blurs rows, then columns, of a region of cells with half a symmetric kernel; its border repeats.
+/// Blurs a region of cells by a separable symmetric kernel, given as its half; the border is repeated.
 #[inline(always)]
 fn blur<const TAPS: usize>(
     from: &[[f32; ORIENTATIONS]],
@@ -259,9 +260,9 @@ fn add_pair(
     }
 }
 
-/// Along one axis of a patch: the cell before each of its places, and the part of the way to the next; within the region.
+/// Along one axis of a patch: the map cell before each patch cell, and the share of the way to the next; clamped to the region.
 #[inline(always)]
-fn places(middle: f32, cell_px: f32, along: &Range<usize>) -> [(usize, f32); PATCH_CELLS] {
+fn cell_positions(middle: f32, cell_px: f32, along: &Range<usize>) -> [(usize, f32); PATCH_CELLS] {
     let (least, most) = ((along.start / 2) as f32, (along.end / 2 - 1) as f32 - 1e-3);
     let first = -0.5 * (PATCH_CELLS as f32 - 1.0);
     core::array::from_fn(|k| {
@@ -272,7 +273,7 @@ fn places(middle: f32, cell_px: f32, along: &Range<usize>) -> [(usize, f32); PAT
     })
 }
 
-/// Bilinear value of two rows of a map: `across` of the way from a column to the next, `down` from row to row.
+/// Bilinear value in two rows of a map, at shares `across` to the next column and `down` to the lower row.
 #[inline(always)]
 fn between(
     upper: &[[f32; ORIENTATIONS]],
@@ -307,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_answers_in_its_own_orientation() {
+    fn an_edge_fills_its_own_orientation() {
         for k in 0..ORIENTATIONS {
             let mut maps = OrientationMaps::default();
             maps.compute(
@@ -343,7 +344,7 @@ mod tests {
         let mut narrow = vec![[0.0; ORIENTATIONS]; MAP * MAP];
         let mut broad = narrow.clone();
         let total = spread(&window, &Region::WHOLE, &mut narrow);
-        let same = wide(
+        let same = with_avx2(
             #[inline(always)]
             || spread(&window, &Region::WHOLE, &mut broad),
         );

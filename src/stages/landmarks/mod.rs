@@ -1,4 +1,4 @@
-//! Luma and head pose to 68 landmarks in the head frame, with confidence (paper section 1.2).
+//! Grey image and head pose to 68 landmarks in the head frame, with confidence (paper section 1.2).
 
 pub mod cascade;
 pub mod eyes;

@@ -9,10 +9,10 @@ use crate::camera::Camera;
 use crate::face_model::refinement;
 
 defaults! {
-    /// The 68 points of one face in one frame; before the first fit all at the origin, confidence 0.
+    /// The 68 points of one face in one frame; before the first fit at the origin with confidence 0.
     #[derive(Clone, Debug)]
     pub struct Landmarks {
-        /// Landmarks in the head frame, metres: rigid motion removed, the face's own size kept.
+        /// Landmarks in the face's frame, metres, at the face's own size.
         pub head: [Point; LANDMARKS] = [Point::origin(); LANDMARKS],
         /// Landmarks in colour pixels; pixel centres are integers.
         pub pixels: [[f32; 2]; LANDMARKS] = [[0.0; 2]; LANDMARKS],
@@ -22,15 +22,15 @@ defaults! {
         pub confidence: f32 = 0.0,
         /// Puff of the right and the left cheek, measured by depth: about 0 to 1, plus a constant of the person.
         pub cheeks: [f32; refinement::PUFFS] = [0.0; refinement::PUFFS],
-        /// Share of the mouth's points with something else in front: a hand, a cup, a sheet of paper.
+        /// Share of the mouth's points behind an object (a hand, a cup), 0…1.
         pub mouth_hidden: f32 = 0.0,
-        /// Eye patches; none if the eyes are not visible.
+        /// Eye patches; `None` if the eyes are not visible.
         pub eyes: Option<Eyes> = None,
     }
 }
 
 impl Landmarks {
-    /// A face whose points are all certain, with nothing in front.
+    /// An unoccluded face with full confidence; `head` in the face's frame, metres.
     pub fn certain(head: [Point; LANDMARKS]) -> Self {
         Self {
             head,
@@ -40,8 +40,8 @@ impl Landmarks {
         }
     }
 
-    /// The same face at another pose of its head.
-    pub fn move_to(&mut self, sensor_from_face: &SensorFromFace, camera: &Camera) {
+    /// Reprojects the points at another pose: updates `pixels`.
+    pub fn reproject(&mut self, sensor_from_face: &SensorFromFace, camera: &Camera) {
         self.pixels = self
             .head
             .map(|point| camera.colour_pixel(&(sensor_from_face * point)));

@@ -1,9 +1,9 @@
-//! Surface height at places of the face, measured by depth; a frontal image hardly shows it.
+//! Surface height at points of the face, measured by depth; a frontal image hardly shows it.
 //!
-//! Around a place of the head frame, every depth pixel within a small window is transformed to the head frame; the mean of
-//! those that agree with their median is the surface there. A patch of some dozens of pixels beats the sensor's depth
+//! Every depth pixel within a small window around the point is transformed to the head frame; the surface is the mean of those
+//! that agree with their median. A patch of some dozens of pixels beats the sensor's depth
 //! steps (2 mm at 0.8 m) by a factor of ten. Units: metres, head frame. No memory. Cost: one look-up and one rotation
-//! per pixel, about a microsecond a place. Degenerate: too few pixels, or none near the place, give `None`.
+//! per pixel, about a microsecond per point. Degenerate: too few pixels, or none near the point, give `None`.
 
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::base::frames::SensorFromFace;
@@ -14,16 +14,16 @@ use crate::camera::Camera;
 
 /// Half the width of a window, metres.
 const REACH_M: f32 = 0.004;
-/// Half the width of a window at most, pixels.
+/// Largest half width of a window, pixels.
 const MOST_PX: f32 = 6.0;
-/// Surfaces farther from the place than this do not belong to it, metres.
+/// Largest distance of a surface along z from the point, metres.
 const NEAR_M: f32 = 0.025;
-/// Depths farther from the median than this are steps or edges, metres.
+/// Largest deviation from the median, metres: beyond are steps and edges.
 const AGREE_M: f32 = 0.006;
-/// Fewest pixels of a mean.
+/// Least number of pixels.
 const LEAST: usize = 8;
 
-/// Height −z (towards the camera) of the surface at `place` of the head frame.
+/// Height −z (towards the camera) of the surface at `place`, both in the face's frame, metres; `None` with too few pixels.
 #[inline(never)]
 pub fn height(
     depth: &[u16; PIXELS],
@@ -67,10 +67,10 @@ pub fn height(
     Some(sum / count)
 }
 
-/// Surfaces nearer to the camera than the face by this much are something else, metres.
+/// Least distance of an object before the face, metres.
 const BEFORE_M: f32 = 0.02;
 
-/// Whether something is in front of `place` of the head frame.
+/// Whether an object is before `place` (face's frame, metres).
 pub fn is_hidden(
     depth: &[u16; PIXELS],
     camera: &Camera,
@@ -87,7 +87,7 @@ pub fn is_hidden(
         return false;
     }
     let z = camera.depth_m(depth[row as usize * WIDTH + col as usize]);
-    // Nothing measured is no distance at all.
+    // 0: no measurement.
     z > 0.2 && z < seen.z - BEFORE_M
 }
 
@@ -97,7 +97,7 @@ mod tests {
     use crate::base::geometry::Rigid;
     use crate::frame::NO_DEPTH;
 
-    /// A depth picture of the plane z = 0.8 m + slope · x, in the camera's whole steps.
+    /// A depth image of the plane z = 0.8 m + slope · x, in the camera's whole steps.
     fn plane(camera: &Camera, slope: f32) -> Box<[u16; PIXELS]> {
         let mut depth = vec![NO_DEPTH; PIXELS].into_boxed_slice();
         for (i, raw) in depth.iter_mut().enumerate() {
@@ -109,10 +109,10 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_is_where_it_is_in_the_head_frame() {
+    fn the_height_of_a_plane_is_measured() {
         let camera = Camera::default();
         let depth = plane(&camera, 0.2);
-        let pose = SensorFromFace::of(Rigid::translation(0.01, -0.02, 0.83));
+        let pose = SensorFromFace::assume_frames(Rigid::translation(0.01, -0.02, 0.83));
         for place in [[0.0, 0.0], [0.03, 0.02], [-0.04, 0.05]] {
             let truth = -(0.8 + 0.2 * (place[0] + 0.01) - 0.83);
             let guess = Point::new(place[0], place[1], -truth + 0.008);
@@ -123,10 +123,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_far_from_the_place_is_not_taken_for_it() {
+    fn distant_surfaces_are_ignored() {
         let camera = Camera::default();
         let depth = plane(&camera, 0.0);
-        let pose = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.8));
+        let pose = SensorFromFace::assume_frames(Rigid::translation(0.0, 0.0, 0.8));
         assert!(height(&depth, &camera, &pose, &Point::new(0.0, 0.0, 0.05)).is_none());
         assert!(height(&depth, &camera, &pose, &Point::new(3.0, 0.0, 0.0)).is_none());
         let nothing: Box<[u16; PIXELS]> = vec![NO_DEPTH; PIXELS].try_into().expect("long");
@@ -134,10 +134,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_two_centimetres_nearer_hides_a_place_and_what_is_behind_does_not() {
+    fn an_object_two_centimetres_before_a_point_hides_it() {
         let camera = Camera::default();
         let depth = plane(&camera, 0.0);
-        let pose = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.8));
+        let pose = SensorFromFace::assume_frames(Rigid::translation(0.0, 0.0, 0.8));
         for (z, hidden) in [(0.03, true), (0.01, false), (0.0, false), (-0.03, false)] {
             let place = Point::new(0.01, 0.02, z);
             assert_eq!(is_hidden(&depth, &camera, &pose, &place), hidden, "{z}");

@@ -1,4 +1,4 @@
-//! The landmark stage of a pipeline: the chosen method behind one interface.
+//! The landmark stage: the configured method behind one interface.
 
 use super::fit::{LandmarkFitter, Scratch, Settings};
 use super::paper_aam::PaperAamFitter;
@@ -12,7 +12,7 @@ use crate::camera::Camera;
 use crate::face_model::FaceModel;
 use crate::pose::HeadPose;
 
-/// How landmarks are found.
+/// Landmark method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// Cascade of regressions on gradient-orientation patches.
@@ -34,12 +34,12 @@ pub struct StageSettings {
 /// Why the stage cannot be created.
 #[derive(Debug, thiserror::Error)]
 pub enum LandmarkError {
-    /// The model was trained without it.
+    /// The face model has no active appearance model.
     #[error(
         "landmarks.method is \"paper\", but the face model holds no active appearance model; train one with mien-studio train, or set \"cascade\""
     )]
     NoPaperModel,
-    /// The model's block for the paper's method.
+    /// The face model's active appearance model is invalid.
     #[error(transparent)]
     Paper(#[from] crate::face_model::ModelError),
 }
@@ -71,7 +71,7 @@ impl LandmarkStage {
         }
     }
 
-    /// Fits one frame; `None` if there is no face to be found at the pose.
+    /// Fits one frame of grey and raw depth at a head pose; `None` if no face is found there.
     pub fn fit(
         &mut self,
         scratch: &mut Scratch,
@@ -87,7 +87,7 @@ impl LandmarkStage {
         }
     }
 
-    /// The default method, which can search a picture for a face; none with the paper's.
+    /// The default method, which can search an image for a face; `None` with the paper's.
     pub fn cascade(&self) -> Option<&LandmarkFitter> {
         match self {
             Self::Cascade(fitter) => Some(fitter),
@@ -95,7 +95,7 @@ impl LandmarkStage {
         }
     }
 
-    /// Rotation that makes this person's depth poses agree with the image; none with the paper's method.
+    /// See [`LandmarkFitter::rotation_in_head`]; the identity with the paper's method.
     pub fn rotation_in_head(&self) -> HeadFromFace {
         self.cascade()
             .map_or_else(HeadFromFace::identity, LandmarkFitter::rotation_in_head)
@@ -117,7 +117,7 @@ impl LandmarkStage {
         self.cascade()?.search_face(scratch, luma, camera, guess)
     }
 
-    /// See [`LandmarkFitter::take_correction`]; nothing with the paper's method.
+    /// See [`LandmarkFitter::take_correction`]; `None` with the paper's method.
     pub fn take_correction(&mut self) -> Option<HeadFromFace> {
         match self {
             Self::Cascade(fitter) => fitter.take_correction(),

@@ -2,8 +2,8 @@
 //!
 //! Each shape coefficient has its own first-order filter whose gain grows with the coefficient's speed
 //! ([`crate::base::one_euro`]). Parameters are filtered rather than points, so the filtered face is still a face.
-//! Latency: under one frame while a coefficient moves by a deviation in a fifth of a second; a step of a tenth of a
-//! deviation takes about a quarter of a second. Seconds, standard deviations. Degenerate: after a gap the filter restarts.
+//! Latency: under one frame at a deviation per 0.2 s; a step of 0.1 deviations takes about 0.25 s. Seconds, standard
+//! deviations. Degenerate: after a gap the filter restarts.
 
 use crate::base::one_euro::{Cutoffs, OneEuro};
 use crate::base::time::Timestamp;
@@ -35,7 +35,7 @@ impl ShapeFilter {
         self.last = None;
     }
 
-    /// Takes in a measured shape and returns the filtered one.
+    /// Adds a measured shape (standard deviations) and returns the filtered one.
     pub fn follow(&mut self, measured: &[f32; MAX_MODES], at: Timestamp) -> [f32; MAX_MODES] {
         let step = self.last.map(|last| at.seconds_since(last));
         self.last = Some(at);
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_still_shape_is_steadied_and_a_step_followed() {
+    fn noise_is_smoothed_and_a_step_passes() {
         let mut random = fastrand::Rng::with_seed(3);
         let mut filter = ShapeFilter::new(Cutoffs {
             still_hz: 1.0,

@@ -1,8 +1,8 @@
-//! How a 3D shape appears in the head window: scaled perspective view and its six parameters.
+//! Projection of a 3D shape into the head window: a scaled perspective view with six parameters.
 //!
 //! `w = shift + e^log_scale (R X)_xy / (1 + q (R X)_z)` with `X` in metres (head frame), `w` in window pixels and `q` the
-//! inverse distance of the head in 1/m: weak perspective (`q = 0`) with the first-order effect of nearness kept, because at
-//! half a metre the nose is a fifth nearer than the ears. `q` is known from depth and not fitted.
+//! inverse distance of the head in 1/m: unlike weak perspective (`q = 0`) it keeps the effect of distance, because at half a
+//! metre the nose is a fifth nearer than the ears. `q` is known from depth and not fitted.
 //! Degenerate: points behind the camera (`1 + q z <= 0.2`) are projected as if at that limit.
 
 use crate::base::geometry::{Point, Rotation, Vector};
@@ -10,7 +10,7 @@ use crate::base::geometry::{Point, Rotation, Vector};
 use crate::base::prelude::*;
 use crate::face_model::VIEW_PARAMETERS;
 
-/// Size of one unit of each view parameter: log scale, rotation (3, radians), shift (2, window pixels).
+/// Unit of each view parameter: log scale, rotation (3, radians), shift (2, window pixels).
 pub const UNITS: [f32; VIEW_PARAMETERS] = [0.05, 0.1, 0.1, 0.1, 5.0, 5.0];
 
 /// A view of a shape in window pixels.
@@ -20,19 +20,19 @@ pub struct View {
     pub log_scale: f32,
     /// Head frame to window axes (x right, y down, z away).
     pub rotation: Rotation,
-    /// Where the head's origin appears, window pixels.
+    /// Projection of the head's origin, window pixels.
     pub shift: [f32; 2],
-    /// One over the head's distance, 1/m.
+    /// Inverse of the head's distance, 1/m.
     pub inverse_distance: f32,
 }
 
 impl View {
-    /// Window pixel of a point of the head, metres.
+    /// Window pixel of a point in the head frame, metres.
     pub fn project(&self, point: &Point) -> [f32; 2] {
         self.projection()(point)
     }
 
-    /// [`Self::project`] for many points.
+    /// [`Self::project`] as a function, for many points.
     pub fn projection(&self) -> impl Fn(&Point) -> [f32; 2] {
         let (turn, scale) = (self.rotation.to_rotation_matrix(), self.log_scale.exp());
         let (shift, inverse_distance) = (self.shift, self.inverse_distance);
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_is_undone_by_its_reading() {
+    fn step_from_inverts_moved() {
         let view = View {
             log_scale: 6.5,
             rotation: crate::base::geometry::rotation_from_yaw_pitch_roll(0.3, -0.2, 0.05),

@@ -1,11 +1,10 @@
-//! The head window: the face resampled upright and at a fixed scale from the whole colour picture.
+//! The head window: the face resampled upright and at a fixed scale from the whole colour image.
 //!
-//! The depth pose gives where the head's origin appears ([`Camera::colour_pixel`]) and how colour pixels move with metres
-//! there (2×3 Jacobian by central differences). The Jacobian gives the axes of a virtual camera that looks straight at the
-//! head; the window is that camera's image, rotated upright, and a homography (from four points of the plane through the
-//! head's origin) maps it to the colour picture, so a head at the edge of the picture appears as if it were in the middle. Pixels,
+//! The depth pose gives the pixel of the head's origin ([`Camera::colour_pixel`]) and the 2×3 Jacobian of colour pixels there (by
+//! central differences). The Jacobian gives the axes of a virtual camera that looks straight at the head; the window is that camera's image, rotated upright, and a homography (from four points of the plane through the
+//! head's origin) maps it to the colour image, so a head at the edge of the image appears as in the middle. Pixels,
 //! metres, radians. One bilinear look-up per window pixel, 34 k in all. Degenerate: a Jacobian without rank (head at the
-//! camera) gives no placement. Outside the picture its border is repeated.
+//! camera) gives no placement. Outside the image its border is repeated.
 
 use core::ops::Range;
 
@@ -16,21 +15,21 @@ use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::vectors::{NO_FRACTION, wide};
+use crate::base::vectors::{NO_FRACTION, with_avx2};
 use crate::camera::Camera;
 
 /// Side of the window, pixels.
 pub const WINDOW: usize = 184;
 /// Window pixels per metre: a face 0.145 m wide is 100 px.
 pub const PIXELS_PER_METRE: f32 = 690.0;
-/// Where the head's origin appears, window pixels: brows to chin fit with an open jaw and 20° of pitch.
+/// Window pixel of the head's origin: brows to chin fit with an open jaw and 20° of pitch.
 pub const ORIGIN: [f32; 2] = [91.5, 66.0];
-/// Half the base of the central differences, metres: about an eye's distance, so that table steps do not matter.
+/// Half the base of the central differences, metres: large against the steps of calibration tables.
 const DIFFERENCE: f32 = 0.03;
 /// Least side of a region, pixels.
 const LEAST_REGION: usize = 32;
 
-/// The part of a window that is used: pixel rows and columns, even numbers.
+/// The used part of a window: rows and columns with even bounds, pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Region {
     /// Pixel rows.
@@ -40,13 +39,13 @@ pub struct Region {
 }
 
 impl Region {
-    /// All of it.
+    /// The whole window.
     pub const WHOLE: Self = Self {
         rows: 0..WINDOW,
         columns: 0..WINDOW,
     };
 
-    /// The bounding box of the points with a margin of `margin` pixels; at least one patch.
+    /// Bounding box of points (window pixels) with a margin in pixels; at least 32 pixels wide and high.
     pub fn around(points: &[[f32; 2]], margin: f32) -> Self {
         let along = |axis: usize| {
             let values = points.iter().map(|point| point[axis]);
@@ -64,10 +63,10 @@ impl Region {
     }
 }
 
-/// A grey picture to cut windows from.
+/// A grey image.
 #[derive(Clone, Copy)]
-pub struct Picture<'a> {
-    /// Luma, row by row.
+pub struct LumaImage<'a> {
+    /// Grey values, row by row.
     pub luma: &'a [u8],
     /// Columns.
     pub width: usize,
@@ -75,9 +74,9 @@ pub struct Picture<'a> {
     pub height: usize,
 }
 
-impl Picture<'_> {
-    /// Bilinear value; beyond the border the border's own.
-    pub fn at(&self, x: f32, y: f32) -> f32 {
+impl LumaImage<'_> {
+    /// Bilinear grey value at a pixel; the border is repeated.
+    pub fn bilinear(&self, x: f32, y: f32) -> f32 {
         let x = x.clamp(0.0, (self.width - 1) as f32 - 1e-3);
         let y = y.clamp(0.0, (self.height - 1) as f32 - 1e-3);
         let (column, row) = (x as usize, y as usize);
@@ -91,19 +90,19 @@ impl Picture<'_> {
     }
 }
 
-/// Where a window lies in a picture.
+/// Position of a window in an image.
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
-    /// Homography from window pixels about [`ORIGIN`] to picture pixels.
-    pub picture_from_window: Matrix3<f32>,
-    window_from_picture: Matrix3<f32>,
-    /// Rotation of the window relative to the picture or the viewing camera, radians.
+    /// Homography from window pixels relative to [`ORIGIN`] to image pixels.
+    pub image_from_window: Matrix3<f32>,
+    window_from_image: Matrix3<f32>,
+    /// Rotation of the window relative to the image or the virtual camera, radians.
     pub roll: f32,
-    /// The view of the depth pose in the window: upright, at [`PIXELS_PER_METRE`], origin at [`ORIGIN`].
+    /// View of the depth pose in the window: upright, at [`PIXELS_PER_METRE`], origin at [`ORIGIN`].
     pub start: View,
 }
 
-/// The rotation split into a turn in the picture and an upright rest: `(roll, rest)`, `rotation = Rz(roll) rest`.
+/// Splits a rotation into `(roll, upright)` with `rotation = Rz(roll) upright`.
 fn upright(rotation: &Rotation) -> (f32, Rotation) {
     let down = rotation * Vector::y();
     let roll = (-down.x).atan2(down.y);
@@ -113,7 +112,7 @@ fn upright(rotation: &Rotation) -> (f32, Rotation) {
     )
 }
 
-/// Homography that takes four points to four others; `None` if three of them are in line.
+/// Homography that maps four points to four others; `None` if three of them are collinear.
 fn homography(from: &[[f32; 2]; 4], to: &[[f32; 2]; 4]) -> Option<Matrix3<f32>> {
     let mut rows = SMatrix::<f64, 8, 8>::zeros();
     let mut right = SVector::<f64, 8>::zeros();
@@ -139,7 +138,7 @@ fn mapped(map: &Matrix3<f32>, x: f32, y: f32) -> [f32; 2] {
     [p.x / p.z, p.y / p.z]
 }
 
-/// Integer and fractional part of `x`, which is 0 to a few thousand.
+/// Integer and fractional part of `x`, 0 to a few thousand.
 #[inline(always)]
 fn split(x: f32) -> (u32, f32) {
     let rounded = (x - 0.5) + NO_FRACTION;
@@ -150,8 +149,8 @@ fn split(x: f32) -> (u32, f32) {
 }
 
 impl Placement {
-    /// Placement from the depth pose; `None` if the head is outside the colour camera's view.
-    pub fn of_pose(camera: &Camera, sensor_from_head: &Rigid) -> Option<Self> {
+    /// Placement from the depth pose (metres); `None` if the head is at the camera or its projection is not finite.
+    pub fn from_pose(camera: &Camera, sensor_from_head: &Rigid) -> Option<Self> {
         let origin = sensor_from_head * Point::origin();
         let slope = |axis: Vector| {
             let [x1, y1] = camera.colour_pixel(&(origin + axis * DIFFERENCE));
@@ -187,14 +186,14 @@ impl Placement {
     }
 
     fn new(
-        picture_from_window: Matrix3<f32>,
+        image_from_window: Matrix3<f32>,
         roll: f32,
         rotation: Rotation,
         inverse_distance: f32,
     ) -> Option<Self> {
         Some(Self {
-            picture_from_window,
-            window_from_picture: picture_from_window.try_inverse()?,
+            image_from_window,
+            window_from_image: image_from_window.try_inverse()?,
             roll,
             start: View {
                 log_scale: PIXELS_PER_METRE.ln(),
@@ -205,8 +204,8 @@ impl Placement {
         })
     }
 
-    /// Placement in the picture of a camera that looks straight at the head, from the head's view in picture pixels.
-    pub fn of_view(view: &View) -> Self {
+    /// Placement in the image of a camera that looks straight at the head, from the head's view in image pixels.
+    pub fn from_view(view: &View) -> Self {
         let (roll, rotation) = upright(&view.rotation);
         let (sin, cos) = roll.sin_cos();
         let scale = view.log_scale.exp().max(1e-3) / PIXELS_PER_METRE;
@@ -218,45 +217,45 @@ impl Placement {
         placement.expect("a turn and a scale above 0 have an inverse")
     }
 
-    /// Window pixel to picture pixel.
-    pub fn picture_pixel(&self, window: [f32; 2]) -> [f32; 2] {
+    /// Window pixel to image pixel.
+    pub fn image_pixel(&self, window: [f32; 2]) -> [f32; 2] {
         mapped(
-            &self.picture_from_window,
+            &self.image_from_window,
             window[0] - ORIGIN[0],
             window[1] - ORIGIN[1],
         )
     }
 
-    /// Picture pixel to window pixel.
-    pub fn window_pixel(&self, picture: [f32; 2]) -> [f32; 2] {
-        let [x, y] = mapped(&self.window_from_picture, picture[0], picture[1]);
+    /// Image pixel to window pixel.
+    pub fn window_pixel(&self, image: [f32; 2]) -> [f32; 2] {
+        let [x, y] = mapped(&self.window_from_image, image[0], image[1]);
         [x + ORIGIN[0], y + ORIGIN[1]]
     }
 
-    /// Resamples a region of the window, row by row; outside the picture its border is repeated.
-    pub fn resample(&self, picture: &Picture, region: &Region, window: &mut [f32]) {
-        wide(
+    /// Resamples a region of the window ([`WINDOW`]² grey values, row by row); the image's border is repeated.
+    pub fn resample(&self, image: &LumaImage, region: &Region, window: &mut [f32]) {
+        with_avx2(
             #[inline(always)]
-            || self.resample_rows(picture, region, window),
+            || self.resample_rows(image, region, window),
         );
     }
 
     #[inline(always)]
-    fn resample_rows(&self, picture: &Picture, region: &Region, window: &mut [f32]) {
-        let map = &self.picture_from_window;
-        let (luma, width) = (picture.luma, picture.width as u32 as usize);
-        let most = [picture.width, picture.height].map(|size| (size - 1) as f32 - 1e-2);
-        // Places, looking up and weighing in turn: only the looking up goes pixel by pixel.
+    fn resample_rows(&self, image: &LumaImage, region: &Region, window: &mut [f32]) {
+        let map = &self.image_from_window;
+        let (luma, width) = (image.luma, image.width as u32 as usize);
+        let most = [image.width, image.height].map(|size| (size - 1) as f32 - 1e-2);
+        // Positions, loads and weights in separate loops: only the loads are not vectorised.
         let (mut at, mut pairs) = ([0u32; WINDOW], [[0u16; WINDOW]; 2]);
         let (mut fx, mut fy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
         let columns = region.columns.start..region.columns.end.min(WINDOW);
         for row in region.rows.clone() {
             let line = &mut window.as_chunks_mut::<WINDOW>().0[row];
             let down = row as f32 - ORIGIN[1];
-            // The three sums of the homography at the row's first pixel; they grow evenly along it.
+            // Homogeneous coordinates of the row's first pixel, linear along the row.
             let first = map.column(0) * -ORIGIN[0] + map.column(1) * down + map.column(2);
             for column in columns.clone() {
-                // By way of a number of 32 bits, which unlike one of 64 a vector instruction takes to a float.
+                // Through i32: its conversion to f32 vectorises, that of usize does not.
                 let along = column as u32 as i32 as f32;
                 let inverse = 1.0 / (first.z + map.m31 * along);
                 let x = ((first.x + map.m11 * along) * inverse)
@@ -270,7 +269,7 @@ impl Placement {
                 at[column] = top * width as u32 + left;
             }
             for column in columns.clone() {
-                // One slice of both rows: one check of its bounds for all four.
+                // One slice of both rows: one bounds check for all four.
                 let first = at[column] as usize;
                 let square = &luma[first..first + width + 2];
                 pairs[0][column] = u16::from_le_bytes([square[0], square[1]]);
@@ -287,9 +286,9 @@ impl Placement {
     }
 }
 
-/// The whole colour picture of the sensor as a [`Picture`].
-pub fn sensor_picture(luma: &[u8; crate::base::capacity::PIXELS]) -> Picture<'_> {
-    Picture {
+/// The sensor's whole grey image.
+pub fn sensor_image(luma: &[u8; crate::base::capacity::PIXELS]) -> LumaImage<'_> {
+    LumaImage {
         luma,
         width: WIDTH,
         height: HEIGHT,
@@ -297,18 +296,18 @@ pub fn sensor_picture(luma: &[u8; crate::base::capacity::PIXELS]) -> Picture<'_>
 }
 
 impl Placement {
-    /// A view in the picture as it is in the window.
-    pub fn window_view(&self, picture: &View) -> View {
-        self.carried(picture, -1.0, self.window_pixel(picture.shift))
+    /// Converts a view from image to window pixels.
+    pub fn window_view(&self, image: &View) -> View {
+        self.transformed(image, -1.0, self.window_pixel(image.shift))
     }
 
-    /// A view in the window as it is in the picture.
-    pub fn picture_view(&self, window: &View) -> View {
-        self.carried(window, 1.0, self.picture_pixel(window.shift))
+    /// Converts a view from window to image pixels.
+    pub fn image_view(&self, window: &View) -> View {
+        self.transformed(window, 1.0, self.image_pixel(window.shift))
     }
 
-    fn carried(&self, view: &View, way: f32, shift: [f32; 2]) -> View {
-        let map = &self.picture_from_window;
+    fn transformed(&self, view: &View, way: f32, shift: [f32; 2]) -> View {
+        let map = &self.image_from_window;
         View {
             log_scale: view.log_scale + way * map[(0, 0)].hypot(map[(1, 0)]).ln(),
             rotation: Rotation::from_axis_angle(&Vector::z_axis(), way * self.roll) * view.rotation,
@@ -335,7 +334,7 @@ mod tests {
                 nalgebra::Translation3::new(x, y, z),
                 rotation_from_yaw_pitch_roll(yaw, 0.1, roll),
             );
-            let placement = Placement::of_pose(&camera, &pose).expect("in view");
+            let placement = Placement::from_pose(&camera, &pose).expect("in view");
             for point in [
                 Point::new(0.045, 0.0, 0.01),
                 Point::new(-0.045, 0.0, 0.01),
@@ -343,7 +342,7 @@ mod tests {
                 Point::new(0.0, 0.04, -0.03),
             ] {
                 let seen = camera.colour_pixel(&(pose * point));
-                let said = placement.picture_pixel(placement.start.project(&point));
+                let said = placement.image_pixel(placement.start.project(&point));
                 let off = (seen[0] - said[0]).hypot(seen[1] - said[1]);
                 assert!(off < 0.35, "{seen:?} {said:?} at {x} {y} {z}");
             }
@@ -351,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_is_its_parts_together() {
+    fn split_parts_add_up() {
         for x in [0.0, 0.25, 0.5, 0.999, 1.0, 1.5, 638.99, 639.0] {
             let (whole, rest) = split(x);
             assert_eq!(whole as f32 + rest, x);
@@ -365,7 +364,7 @@ mod tests {
             nalgebra::Translation3::new(0.1, 0.0, 0.8),
             rotation_from_yaw_pitch_roll(0.2, 0.1, 0.5),
         );
-        let placement = Placement::of_pose(&Camera::default(), &pose).expect("in view");
+        let placement = Placement::from_pose(&Camera::default(), &pose).expect("in view");
         let down = placement.start.rotation * Vector::y();
         assert!(down.x.abs() < 1e-5 && down.y > 0.9);
     }

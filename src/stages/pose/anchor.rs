@@ -1,13 +1,13 @@
 //! The anchor: the standard head, prepared so that finding its nearest point is one table look-up.
 //!
 //! Computed once: a grid of [`CELL_M`] cubes around the standard head with the index of the point nearest to each cube's
-//! centre, the points on the rim of the open surface, and a trust weight for each point. With points 5 mm apart and distances
-//! measured along the normal, using a neighbour instead of the nearest point changes a distance by a fraction of a millimetre
-//! only, so the look-up replaces a tree search in the tracking loop.
+//! centre, the points on the rim of the open surface, and a trust weight per point. With points 5 mm apart and distances
+//! along the normal, using a neighbour of the nearest point changes a distance by a fraction of a millimetre only, so the
+//! look-up replaces a tree search in the tracking loop.
 //!
 //! Head frame, metres. Memory: about 0.6 MB of grid and 0.1 MB of points, built at construction (some tens of milliseconds).
-//! Degenerate: an anchor of too few points is rejected. Limitation: points further than [`MARGIN_M`] from the surface have no
-//! nearest point; a start that far off can only be corrected by the search over starts.
+//! Degenerate: an anchor of too few points is rejected. Limitation: points farther than [`MARGIN_M`] from the surface have no
+//! nearest point; a start that far off needs the search over starts.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -17,24 +17,26 @@ use crate::base::prelude::*;
 
 /// Side of a grid cell, metres.
 const CELL_M: f32 = 0.004;
-/// Distance from the surface up to which points are looked up, metres.
+/// Largest distance of a point from the surface in the grid, metres.
 pub(crate) const MARGIN_M: f32 = 0.040;
-/// Most cells of the grid, ten times those of a head.
-const MOST_CELLS: usize = 1 << 22;
-/// Neighbours of a point on the surface, for rim and smoothing.
+/// Most cells of the grid: ten times a head's.
+const MAX_CELLS: usize = 1 << 22;
+/// Neighbours per point, for the rim and smoothing.
 pub(crate) const NEIGHBOURS: usize = 8;
-/// A gap between neighbours wider than this angle means that the surface ends there.
+/// Least angular gap between neighbours of a rim point, radians.
 const RIM_GAP_RAD: f32 = 2.2;
-/// The fine surface: distance between points, metres; parts per edge; largest distance between corners, metres.
-const FINE_M: f32 = 0.0015;
-const PARTS: u32 = 4;
-/// Points of it that wait to be compared with the others.
-const FINE_AT_ONCE: usize = 1 << 16;
-const NEIGHBOUR_M: f32 = 0.012;
-/// No point near.
-const NOWHERE: u16 = u16::MAX;
+/// Distance between points of the fine surface, metres.
+const FINE_SPACING_M: f32 = 0.0015;
+/// Subdivisions of an edge for the fine surface.
+const EDGE_PARTS: u32 = 4;
+/// Points of the fine surface added between two removals of duplicates.
+const DEDUP_BATCH: usize = 1 << 16;
+/// Longest edge of a triangle of the fine surface, metres.
+const MAX_EDGE_M: f32 = 0.012;
+/// Grid value of a cell without a point in reach.
+const NO_POINT: u16 = u16::MAX;
 
-/// Trust in a place of the head: mouth and jaw move with speech, hair covers the upper cranium and the temples.
+/// Trust 0…1 in a point of the head: mouth and jaw move with speech, hair covers the upper cranium and the temples.
 fn trust(p: &Point) -> f32 {
     let falling = |v: f32, from: f32, to: f32| ((to - v) / (to - from)).clamp(0.0, 1.0);
     let lower_face = 0.3 + 0.7 * falling(p.y, 0.030, 0.060);
@@ -43,42 +45,42 @@ fn trust(p: &Point) -> f32 {
     lower_face * hair * side
 }
 
-/// Whether a place belongs to the bare face: below the hairline, in front of hair beside it, above the chin. Only there is
-/// a person's own shape learned; elsewhere the surface may be hair, a cap or a collar.
-fn bare(p: &Point) -> bool {
+/// Whether a point belongs to the bare face: below the hairline, before the hair beside it, above the chin. Only there the
+/// person's shape is fitted; elsewhere the surface may be hair, a cap or a collar.
+fn is_bare_face(p: &Point) -> bool {
     p.y > -0.050 && p.y < 0.080 && p.z < 0.040 && p.x.abs() < 0.062
 }
 
-/// Parts of the head.
-pub(crate) const PARTS_OF_HEAD: usize = 3;
+/// Number of parts of the head; see [`head_part`].
+pub(crate) const HEAD_PARTS: usize = 3;
 
-/// The part of a place: 0 beside the bare face, 1 where a full beard grows on it, 2 above that.
-fn part(p: &Point) -> u8 {
-    u8::from(bare(p)) + u8::from(bare(p) && p.y < 0.060)
+/// Part of the head of a point: 0 outside the bare face, 1 its beard area, 2 the rest of it.
+fn head_part(p: &Point) -> u8 {
+    u8::from(is_bare_face(p)) + u8::from(is_bare_face(p) && p.y < 0.060)
 }
 
-/// A place between three anchor points: how many of [`PARTS`] parts of the way to the second and to the third.
+/// A point on a triangle of three anchor points: `shares` / [`EDGE_PARTS`] of the way to the second and to the third.
 #[derive(Clone, Copy)]
-struct Between {
+struct SurfacePoint {
     corners: [u16; 3],
     shares: [u8; 2],
 }
 
-impl Between {
-    fn place(&self, of: impl Fn(usize) -> Point) -> Point {
-        let [a, b, c] = self.corners.map(|i| of(usize::from(i)));
-        let [u, v] = self.shares.map(|n| f32::from(n) / PARTS as f32);
+impl SurfacePoint {
+    fn position(&self, vertex: impl Fn(usize) -> Point) -> Point {
+        let [a, b, c] = self.corners.map(|i| vertex(usize::from(i)));
+        let [u, v] = self.shares.map(|n| f32::from(n) / EDGE_PARTS as f32);
         a + (b - a) * u + (c - a) * v
     }
 }
 
-/// A head's surface between its anchor points.
-pub(crate) struct Surface(Vec<Between>);
+/// Points of a head's surface between its anchor points.
+pub(crate) struct Surface(Vec<SurfacePoint>);
 
 impl Surface {
-    /// Its points, with the anchor points at the positions in `of`. `None` if points coincide.
-    pub(crate) fn target(&self, of: impl Fn(usize) -> Point) -> Option<Target> {
-        let points: Vec<Point> = self.0.iter().map(|between| between.place(&of)).collect();
+    /// Its points for anchor points at `vertex(index)`, as an ICP target. `None` if points coincide.
+    pub(crate) fn target(&self, vertex: impl Fn(usize) -> Point) -> Option<Target> {
+        let points: Vec<Point> = self.0.iter().map(|point| point.position(&vertex)).collect();
         Target::new(&points)
     }
 }
@@ -87,19 +89,22 @@ impl Surface {
 pub struct Anchor {
     pub(crate) points: Vec<Point>,
     pub(crate) normals: Vec<Vector>,
+    /// Weight of each point, 0…1.
     pub(crate) trust: Vec<f32>,
+    /// Whether each point is on the rim of the open surface.
     pub(crate) rim: Vec<bool>,
-    /// Part of each point, below [`PARTS_OF_HEAD`].
+    /// Part of each point, below [`HEAD_PARTS`].
     pub(crate) part: Vec<u8>,
     pub(crate) neighbours: Vec<[u16; NEIGHBOURS]>,
-    /// Effect of a rigid motion (rotation about x, y, z, shift along them) and of scale on each point along its normal.
+    /// Displacement of each point along its normal per unit of rotation (x, y, z), shift (x, y, z) and ln(scale).
     pub(crate) motions: Vec<[f32; 7]>,
-    /// Inverse of the motions' normal matrix, weighted by trust.
+    /// Inverse of the motions' normal matrix over the bare face, weighted by trust.
     pub(crate) motions_inverse: SMatrix<f64, 7, 7>,
     /// Patches for re-identification.
     pub(crate) patches: Patches,
-    /// Used by the point-to-point method, which searches the tree itself.
+    /// Tree of the points, for the point-to-point method.
     pub(crate) target: Target,
+    /// Centre of the grid's first cell.
     low: Point,
     size: [usize; 3],
     grid: Vec<u16>,
@@ -107,14 +112,14 @@ pub struct Anchor {
 
 impl Anchor {
     /// Prepares points and outward unit normals (head frame, metres). `None` with fewer than [`MIN_PAIRS`] or more than
-    /// 65,534 points, when a coordinate is not finite, or when they extend farther than any head.
+    /// 65,534 points, a coordinate that is not finite, or an extent beyond any head.
     pub fn new(standard_head: &[(Point, Vector)]) -> Option<Self> {
         let points: Vec<Point> = standard_head.iter().map(|(p, _)| *p).collect();
         let normals: Vec<Vector> = standard_head.iter().map(|(_, n)| *n).collect();
         let finite = standard_head
             .iter()
             .all(|(p, n)| p.iter().chain(n.iter()).all(|c| c.is_finite()));
-        if points.len() < MIN_PAIRS || points.len() >= usize::from(NOWHERE) || !finite {
+        if points.len() < MIN_PAIRS || points.len() >= usize::from(NO_POINT) || !finite {
             return None;
         }
         let target = Target::new(&points)?;
@@ -127,7 +132,7 @@ impl Anchor {
         let (low, high) = (low - margin, high + margin);
         let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / CELL_M).ceil() as usize + 1);
         let cells = size.iter().try_fold(1_usize, |n, &k| n.checked_mul(k));
-        if cells.is_none_or(|cells| cells > MOST_CELLS) {
+        if cells.is_none_or(|cells| cells > MAX_CELLS) {
             return None;
         }
         let grid = nearest_points(&points, &low, size);
@@ -148,7 +153,7 @@ impl Anchor {
             patches: Patches::new(&points, &motions),
             motions,
             trust: points.iter().map(trust).collect(),
-            part: points.iter().map(part).collect(),
+            part: points.iter().map(head_part).collect(),
             points,
             normals,
             rim,
@@ -160,21 +165,21 @@ impl Anchor {
         })
     }
 
-    /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it moves in jumps.
+    /// The surface as points [`FINE_SPACING_M`] apart, for the point-to-point method, which on points 5 mm apart moves in jumps.
     pub(crate) fn fine_surface(&self) -> Surface {
-        let place = |p: &Point| p.coords.map(|c| (c / FINE_M).floor() as i32);
-        // Most places are met many times: each is kept once, the first one, and others go before they become many.
-        let mut fine: Vec<([i32; 3], Between)> = Vec::new();
-        let thin = |fine: &mut Vec<([i32; 3], Between)>| {
+        let cell = |p: &Point| p.coords.map(|c| (c / FINE_SPACING_M).floor() as i32);
+        // Most cells are hit many times; only the first point of each is kept, in batches to bound memory.
+        let mut fine: Vec<([i32; 3], SurfacePoint)> = Vec::new();
+        let thin = |fine: &mut Vec<([i32; 3], SurfacePoint)>| {
             fine.sort_by_key(|(cell, _)| *cell);
             fine.dedup_by_key(|(cell, _)| *cell);
         };
-        let mut most = FINE_AT_ONCE;
-        let near = |a: usize, b: usize| (self.points[a] - self.points[b]).norm() < NEIGHBOUR_M;
+        let mut most = DEDUP_BATCH;
+        let near = |a: usize, b: usize| (self.points[a] - self.points[b]).norm() < MAX_EDGE_M;
         for (i, beside) in self.neighbours.iter().enumerate() {
             if fine.len() > most {
                 thin(&mut fine);
-                most = fine.len() + FINE_AT_ONCE;
+                most = fine.len() + DEDUP_BATCH;
             }
             for (n, &j) in beside.iter().enumerate() {
                 for &k in &beside[n + 1..] {
@@ -183,12 +188,12 @@ impl Anchor {
                     if !(near(i, j) && near(i, k) && near(j, k)) {
                         continue;
                     }
-                    for u in 0..=PARTS {
-                        for v in 0..=PARTS - u {
+                    for u in 0..=EDGE_PARTS {
+                        for v in 0..=EDGE_PARTS - u {
                             let shares = [u as u8, v as u8];
-                            let between = Between { corners, shares };
-                            let p = between.place(|i| self.points[i]);
-                            fine.push((place(&p).into(), between));
+                            let between = SurfacePoint { corners, shares };
+                            let p = between.position(|i| self.points[i]);
+                            fine.push((cell(&p).into(), between));
                         }
                     }
                 }
@@ -203,7 +208,7 @@ impl Anchor {
         self.part[point] > 0
     }
 
-    /// Index of the point nearest to `q` (head frame), to within the grid's resolution; `None` when none is near.
+    /// Index of the point nearest to `q` (head frame, metres) within the grid's resolution; `None` beyond [`MARGIN_M`].
     #[inline(always)]
     pub(crate) fn nearest(&self, q: &Point) -> Option<usize> {
         let mut cell = [0usize; 3];
@@ -216,23 +221,23 @@ impl Anchor {
         }
         let at = (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0];
         let found = self.grid[at];
-        (found != NOWHERE).then_some(usize::from(found))
+        (found != NO_POINT).then_some(usize::from(found))
     }
 }
 
-/// For each cell of the grid the index of the point nearest to its centre, [`NOWHERE`] beyond [`MARGIN_M`]. Layer by layer
-/// each point is offered to the cells within the margin: a third of the work of a tree search for each cell.
+/// For each cell of the grid the index of the point nearest to its centre, [`NO_POINT`] beyond [`MARGIN_M`]. Each point updates
+/// the cells within the margin, layer by layer: a third of the work of a tree search per cell.
 fn nearest_points(points: &[Point], low: &Point, size: [usize; 3]) -> Vec<u16> {
     let [columns, rows, layers] = size;
     let most = MARGIN_M * MARGIN_M;
     let centre = |k: usize, cell: usize| low[k] + cell as f32 * CELL_M;
-    // Cells along an axis whose centres are within reach, and perhaps one more at each end.
+    // Cells along an axis with centres within reach, and up to one more at each end.
     let cells = |k: usize, coordinate: f32, reach: f32| {
         let cell = |metres: f32| ((metres - low[k]) / CELL_M).max(0.0) as usize;
         cell(coordinate - reach)..(cell(coordinate + reach) + 2).min(size[k])
     };
     let across: Vec<f32> = (0..columns).map(|column| centre(0, column)).collect();
-    let mut grid = vec![NOWHERE; columns * rows * layers];
+    let mut grid = vec![NO_POINT; columns * rows * layers];
     let mut distances = vec![0.0_f32; columns * rows];
     for (layer, slots) in grid.chunks_exact_mut(columns * rows).enumerate() {
         distances.fill(most);
@@ -262,11 +267,11 @@ fn nearest_points(points: &[Point], low: &Point, size: [usize; 3]) -> Vec<u16> {
 
 fn normal_matrix_inverse(points: &[Point], motions: &[[f32; 7]]) -> Option<SMatrix<f64, 7, 7>> {
     let mut h = SMatrix::<f64, 7, 7>::zeros();
-    for (p, j) in points.iter().zip(motions).filter(|(p, _)| bare(p)) {
+    for (p, j) in points.iter().zip(motions).filter(|(p, _)| is_bare_face(p)) {
         let j = SVector::<f32, 7>::from(*j).cast::<f64>();
         h += (j * f64::from(trust(p))) * j.transpose();
     }
-    // Of a head as round as a ball turns cannot be told from shifts: so little of each is left to itself.
+    // Slight damping: on a nearly spherical head rotations and shifts are indistinguishable.
     for k in 0..7 {
         h[(k, k)] *= 1.0 + 1e-6;
     }
@@ -293,7 +298,7 @@ fn nearest_neighbours(points: &[Point]) -> Vec<[u16; NEIGHBOURS]> {
         .collect()
 }
 
-/// Whether the neighbours leave a wide gap in the tangent plane.
+/// Whether the neighbours leave a gap of over [`RIM_GAP_RAD`] in the tangent plane.
 fn on_rim(i: usize, points: &[Point], normals: &[Vector], neighbours: &[u16; NEIGHBOURS]) -> bool {
     let n = normals[i];
     let (x, y) = (Vector::x(), Vector::y());
@@ -313,43 +318,45 @@ fn on_rim(i: usize, points: &[Point], normals: &[Vector], neighbours: &[u16; NEI
 }
 
 /// Columns and rows of patches over the face.
-const GRID: [usize; 2] = [6, 6];
+const PATCH_GRID: [usize; 2] = [6, 6];
 
-/// Patches.
-pub const PLACES: usize = GRID[0] * GRID[1];
+/// Number of patches of a signature.
+pub const PATCHES: usize = PATCH_GRID[0] * PATCH_GRID[1];
 
-/// The patches' area: left, top, right, bottom, metres: forehead to the upper lip, temple to temple.
-const AREA_M: [f32; 4] = [-0.066, -0.060, 0.066, 0.052];
+/// Left, top, right, bottom of the patches, head frame, metres: forehead to upper lip, temple to temple.
+const PATCH_AREA_M: [f32; 4] = [-0.066, -0.060, 0.066, 0.052];
 
-/// The patch of a place on the anchor.
+/// Patch of a point of the anchor, row by row; `None` outside.
 fn patch(p: &Point) -> Option<usize> {
-    let [left, top, right, bottom] = AREA_M;
+    let [left, top, right, bottom] = PATCH_AREA_M;
     let (x, y) = ((p.x - left) / (right - left), (p.y - top) / (bottom - top));
     let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
-    inside.then(|| (y * GRID[1] as f32) as usize * GRID[0] + (x * GRID[0] as f32) as usize)
+    inside.then(|| {
+        (y * PATCH_GRID[1] as f32) as usize * PATCH_GRID[0] + (x * PATCH_GRID[0] as f32) as usize
+    })
 }
 
-/// The patches of an anchor, and the effect of a motion on each.
+/// Patches of an anchor, and the effect of motions on each.
 #[derive(Clone, Debug)]
 pub(crate) struct Patches {
-    /// Effect of each of the seven motions on each patch.
-    pub(super) rows: [[f64; 7]; PLACES],
-    /// Patch of each anchor point, [`PLACES`] for none.
-    pub(super) of: Vec<u8>,
+    /// Mean of [`Anchor::motions`] over each patch.
+    pub(super) rows: [[f64; 7]; PATCHES],
+    /// Patch of each anchor point, [`PATCHES`] for none.
+    pub(super) patch_of_point: Vec<u8>,
 }
 
 impl Patches {
     /// Patches from the anchor's points and the effect of motions on them.
     pub(crate) fn new(points: &[Point], motions: &[[f32; 7]]) -> Self {
-        let of: Vec<u8> = points
+        let patch_of_point: Vec<u8> = points
             .iter()
-            .map(|p| patch(p).unwrap_or(PLACES) as u8)
+            .map(|p| patch(p).unwrap_or(PATCHES) as u8)
             .collect();
-        let mut rows = [[0.0; 7]; PLACES];
-        let mut counts = [0.0f64; PLACES];
-        for (motion, &k) in motions.iter().zip(&of) {
+        let mut rows = [[0.0; 7]; PATCHES];
+        let mut counts = [0.0f64; PATCHES];
+        for (motion, &k) in motions.iter().zip(&patch_of_point) {
             let k = usize::from(k);
-            if k < PLACES {
+            if k < PATCHES {
                 for (sum, value) in rows[k].iter_mut().zip(motion) {
                     *sum += f64::from(*value);
                 }
@@ -361,7 +368,10 @@ impl Patches {
                 *value /= count.max(1.0);
             }
         }
-        Self { rows, of }
+        Self {
+            rows,
+            patch_of_point,
+        }
     }
 }
 
@@ -414,9 +424,9 @@ pub(crate) mod tests {
             furthest[0] = furthest[0].max(fine.nearest(&between).1.sqrt());
             furthest[1] = furthest[1].max(coarse(&between));
         }
-        // Within a cell of the fine surface; between the standard head's own points there is nothing.
+        // Within a cell of the fine surface; the standard head alone has no points in between.
         assert!(
-            furthest[0] < 1.8 * FINE_M && furthest[1] > 1.8 * FINE_M,
+            furthest[0] < 1.8 * FINE_SPACING_M && furthest[1] > 1.8 * FINE_SPACING_M,
             "{furthest:?}"
         );
     }
@@ -427,18 +437,18 @@ pub(crate) mod tests {
         let apart =
             |a: u16, b: u16| (anchor.points[usize::from(a)] - anchor.points[usize::from(b)]).norm();
         let mut longest = 0.0_f32;
-        for Between {
+        for SurfacePoint {
             corners: [a, b, c], ..
         } in anchor.fine_surface().0
         {
             longest = longest.max(apart(a, b)).max(apart(a, c)).max(apart(b, c));
         }
-        // Neighbours are further apart than that in places, so it is not by chance.
-        assert!(longest < NEIGHBOUR_M, "{longest}");
+        // Some neighbours are farther apart, so the limit is effective.
+        assert!(longest < MAX_EDGE_M, "{longest}");
         assert!(
             (0u16..)
                 .zip(&anchor.neighbours)
-                .any(|(i, beside)| beside.iter().any(|&j| apart(i, j) > NEIGHBOUR_M))
+                .any(|(i, beside)| beside.iter().any(|&j| apart(i, j) > MAX_EDGE_M))
         );
     }
 
@@ -515,7 +525,7 @@ pub(crate) mod tests {
             (-0.063, 0.0, 0.0, false),
             (-0.061, 0.079, 0.039, true),
         ] {
-            assert_eq!(bare(&Point::new(x, y, z)), is_bare, "{x} {y} {z}");
+            assert_eq!(is_bare_face(&Point::new(x, y, z)), is_bare, "{x} {y} {z}");
         }
     }
 
@@ -529,7 +539,7 @@ pub(crate) mod tests {
             ([-0.061, 0.0, 0.0], [-0.062, 0.0, 0.0]),
         ] {
             assert!(
-                bare(&inside.into()) && !bare(&outside.into()),
+                is_bare_face(&inside.into()) && !is_bare_face(&outside.into()),
                 "{outside:?}"
             );
         }
@@ -537,7 +547,7 @@ pub(crate) mod tests {
 
     #[test]
     fn the_fewest_points_make_a_head_and_one_fewer_does_not() {
-        // Spread over all of it, or no motion could be told from another.
+        // Spread over the whole head, so that all motions are determined.
         let head = half_egg();
         let spread = |count: usize| -> Vec<(Point, Vector)> {
             (0..count)
@@ -564,8 +574,8 @@ pub(crate) mod tests {
 
     #[test]
     fn patches_are_numbered_as_one_reads_and_end_with_the_area() {
-        let [left, top, right, bottom] = AREA_M;
-        let at = |column: f32, row: f32| {
+        let [left, top, right, bottom] = PATCH_AREA_M;
+        let patch_at = |column: f32, row: f32| {
             let (x, y) = (
                 left + (right - left) * column / 6.0,
                 top + (bottom - top) * row / 6.0,
@@ -575,13 +585,13 @@ pub(crate) mod tests {
         let mut number = 0;
         for row in 0..6 {
             for column in 0..6 {
-                let middle = at(column as f32 + 0.5, row as f32 + 0.5);
+                let middle = patch_at(column as f32 + 0.5, row as f32 + 0.5);
                 assert_eq!(middle, Some(number), "row {row}, column {column}");
                 number += 1;
             }
         }
         for (column, row) in [(-0.1, 3.0), (6.1, 3.0), (3.0, -0.1), (3.0, 6.1)] {
-            assert_eq!(at(column, row), None);
+            assert_eq!(patch_at(column, row), None);
         }
     }
 }

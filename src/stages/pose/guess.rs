@@ -1,8 +1,8 @@
-//! Candidate positions of the face in a head's cloud, to be tested in the colour picture: hair beside a face shifts the box,
-//! so that a search may end where there is no face.
+//! Candidate poses of the face in a head's cloud, to be tested in the colour image: hair beside a face shifts the cloud, so that
+//! the pose search may miss the face.
 //!
-//! The candidates are about four centimetres apart within the cloud's extent, the middle first, each with three yaw
-//! angles; a fit that starts that far off still converges to the face. Sensor frame, metres. Degenerate: an empty
+//! The positions are about four centimetres apart within the cloud's extent, the middle first, each with three yaw angles; a fit
+//! that starts that far off still converges to the face. Sensor frame, metres. Degenerate: an empty
 //! cloud gives none.
 
 use crate::base::frames::SensorFromHead;
@@ -10,8 +10,8 @@ use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Places in the extent of the cloud, 0…1 to the right and downwards; heads extend lower than faces.
-const PLACES: [[f32; 2]; 12] = [
+/// Positions in the extent of the cloud, 0…1 to the right and downwards; heads extend lower than faces.
+const POSITIONS: [[f32; 2]; 12] = [
     [0.50, 0.45],
     [0.65, 0.45],
     [0.35, 0.45],
@@ -27,7 +27,8 @@ const PLACES: [[f32; 2]; 12] = [
 ];
 const YAWS_RAD: [f32; 3] = [0.0, 0.45, -0.45];
 
-/// The guesses of one frame: those at place number `count`, cycling through all places.
+/// Three poses, one per yaw, at position number `count`, cycling through all; `cloud` in the sensor frame, metres. `None` if it is
+/// empty.
 pub fn guesses(cloud: &[Point], count: usize) -> Option<[SensorFromHead; 3]> {
     let slope = |p: &Point| [p.x / p.z, p.y / p.z];
     let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
@@ -37,8 +38,8 @@ pub fn guesses(cloud: &[Point], count: usize) -> Option<[SensorFromHead; 3]> {
             most[k] = most[k].max(s);
         }
     }
-    let place = PLACES[count % PLACES.len()];
-    let ray: [f32; 2] = core::array::from_fn(|k| least[k] + place[k] * (most[k] - least[k]));
+    let position = POSITIONS[count % POSITIONS.len()];
+    let ray: [f32; 2] = core::array::from_fn(|k| least[k] + position[k] * (most[k] - least[k]));
     let off = |p: &Point| {
         let [x, y] = slope(p);
         (x - ray[0]).hypot(y - ray[1])

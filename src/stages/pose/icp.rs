@@ -2,7 +2,7 @@
 //!
 //! Method: Algorithm 1 of the paper (section 1.1, step 2); iterative closest point after Besl & McKay 1992 with the rotation
 //! by singular value decomposition (Arun, Huang & Blostein 1987), its reflection guard (Umeyama 1991), and trimmed pairs
-//! (Chetverikov et al. 2002). Steps of the algorithm and where they are:
+//! (Chetverikov et al. 2002). Steps of the algorithm:
 //!
 //! 1. C2' = nearest neighbour in C1 of each point of C2 ([`Target`], a k-d tree); pairs beyond a distance and the worst
 //!    share of the rest are rejected, because the clouds overlap only in part;
@@ -13,7 +13,7 @@
 //!
 //! Frames and units: both clouds in metres, in any two frames; the result maps the moving cloud's frame to the target's.
 //! Cost: n log n per iteration (n² without `std`, which the tree needs) and some tens of iterations: along the surface
-//! convergence is slow, so steps in the same direction are extrapolated ([`Way`]). Memory: a tree per target and one pair
+//! convergence is slow, so steps in the same direction are extrapolated ([`Step`]). Memory: a tree per target and one pair
 //! per moving point. Degenerate: fewer than [`MIN_PAIRS`] pairs give `None`; pairs on one line leave the
 //! rotation about it undetermined (a proper rotation is still given). Limitation: finds the nearest minimum only, and on
 //! quantised depth it stops up to a degree short of it: the pose stage uses it as the paper's reference method.
@@ -65,7 +65,7 @@ pub struct Target {
 }
 
 impl Target {
-    /// Builds the tree. `None` if there are fewer than [`MIN_PAIRS`] points or they coincide.
+    /// Builds the tree of points in metres. `None` if there are fewer than [`MIN_PAIRS`] or they coincide.
     pub fn new(points: &[Point]) -> Option<Self> {
         if points.len() < MIN_PAIRS {
             return None;
@@ -90,16 +90,16 @@ impl Target {
         (found.item as usize, found.distance)
     }
 
-    /// The same without a tree: checks every point.
+    /// Index of the nearest point and its squared distance, square metres, by exhaustive search.
     #[cfg(not(feature = "std"))]
     pub fn nearest(&self, p: &Point) -> (usize, f32) {
         let distances = self.points.iter().map(|point| (point - p).norm_squared());
         let nearest = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
-        nearest.expect("as many points as `new` asks for")
+        nearest.expect("at least MIN_PAIRS points")
     }
 }
 
-/// One pair: the moving point's number, its target's number, squared distance.
+/// A pair: indices of the moving and the target point, and their squared distance, square metres.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
     moving: u32,
@@ -107,18 +107,18 @@ struct Pair {
     distance2: f32,
 }
 
-/// Room for the pairs, kept between calls.
+/// Buffer of pairs, kept between calls.
 #[derive(Default)]
 pub struct Scratch(Vec<Pair>);
 
 /// Steps 2 to 4: the rigid motion that minimises the squared distances of `(target, moving)` pairs. Sums in f64.
 /// `None` if there are no pairs or they are not finite.
 pub fn rigid_from_pairs(pairs: impl Iterator<Item = (Point, Point)> + Clone) -> Option<Rigid> {
-    let wide = |p: Point| p.coords.cast::<f64>();
+    let to_f64 = |p: Point| p.coords.cast::<f64>();
     let (mut n, mut target_mean, mut moving_mean) = (0.0, Vector3::zeros(), Vector3::zeros());
     for (target, moving) in pairs.clone() {
-        target_mean += wide(target);
-        moving_mean += wide(moving);
+        target_mean += to_f64(target);
+        moving_mean += to_f64(moving);
         n += 1.0;
     }
     if n == 0.0 {
@@ -128,7 +128,7 @@ pub fn rigid_from_pairs(pairs: impl Iterator<Item = (Point, Point)> + Clone) -> 
     moving_mean /= n;
     let mut m = Matrix3::<f64>::zeros();
     for (target, moving) in pairs {
-        m += (wide(target) - target_mean) * (wide(moving) - moving_mean).transpose();
+        m += (to_f64(target) - target_mean) * (to_f64(moving) - moving_mean).transpose();
     }
     m /= n;
     if !m.iter().all(|c| c.is_finite()) {
@@ -136,8 +136,8 @@ pub fn rigid_from_pairs(pairs: impl Iterator<Item = (Point, Point)> + Clone) -> 
     }
     let svd = m.svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
-    // Of the two ways to a proper rotation, flipping the direction with the least spread costs least (Umeyama): nalgebra
-    // sorts singular values downwards, so it is the last one.
+    // Flipping the direction of the least spread is the cheapest way to a proper rotation (Umeyama); nalgebra sorts singular
+    // values downwards, so it is the last one.
     let guard = Vector3::new(1.0, 1.0, (u * v_t).determinant().signum());
     let r = u * Matrix3::from_diagonal(&guard) * v_t;
     let t = target_mean - r * moving_mean;
@@ -145,40 +145,43 @@ pub fn rigid_from_pairs(pairs: impl Iterator<Item = (Point, Point)> + Clone) -> 
     Some(Rigid::from_parts(t.cast::<f32>().into(), rotation))
 }
 
-/// The step of one iteration: rotation, radians, and motion of the cloud's centre, metres.
+/// The step of one iteration.
 #[derive(Clone, Copy)]
-struct Way {
+struct Step {
+    /// Rotation vector, radians.
     turn: Vector,
+    /// Motion of `middle`, metres.
     moved: Vector,
+    /// A point of the cloud before the step, metres.
     middle: Point,
 }
 
-impl Way {
-    /// Remaining motion if every step is the same fraction of the previous one, as along a smooth surface; `None` unless this
-    /// step has the direction of the last. The accelerated ICP of Besl and McKay 1992, by a geometric series instead of a
-    /// parabola.
-    fn rest_after(&self, last: &Self) -> Option<Rigid> {
-        let six = |way: &Self| (way.turn * HEAD_RADIUS_M, way.moved);
+impl Step {
+    /// Remaining motion if steps shrink geometrically, as along a smooth surface; `None` unless this step has the direction of
+    /// `last`. The accelerated ICP of Besl and McKay 1992, with a geometric series instead of a parabola.
+    fn extrapolate(&self, last: &Self) -> Option<Rigid> {
+        let six = |step: &Self| (step.turn * HEAD_RADIUS_M, step.moved);
         let ((turn, moved), (last_turn, last_moved)) = (six(self), six(last));
         let along = turn.dot(&last_turn) + moved.dot(&last_moved);
         let size = (turn.norm_squared() + moved.norm_squared()).sqrt();
         let last_size = (last_turn.norm_squared() + last_moved.norm_squared()).sqrt();
-        if along < ALIKE * size * last_size {
+        if along < MIN_STEP_COSINE * size * last_size {
             return None;
         }
-        let ratio = (size / last_size.max(f32::MIN_POSITIVE)).min(MOST_RATIO);
-        let further = ratio / (1.0 - ratio);
-        let rotation = Rotation::new(self.turn * further);
-        let shift = self.middle.coords + self.moved * further - rotation * self.middle.coords;
+        let ratio = (size / last_size.max(f32::MIN_POSITIVE)).min(MAX_STEP_RATIO);
+        let remaining = ratio / (1.0 - ratio);
+        let rotation = Rotation::new(self.turn * remaining);
+        let shift = self.middle.coords + self.moved * remaining - rotation * self.middle.coords;
         Some(Rigid::from_parts(shift.into(), rotation))
     }
 }
 
-/// Cosine of the largest angle between two steps in the same direction, and the largest ratio of a series to extrapolate.
-const ALIKE: f32 = 0.97;
-const MOST_RATIO: f32 = 0.92;
+/// Least cosine of the angle between two steps in the same direction.
+const MIN_STEP_COSINE: f32 = 0.97;
+/// Largest ratio of successive steps that is extrapolated.
+const MAX_STEP_RATIO: f32 = 0.92;
 
-/// Step 1: the moving points at `pose`, each with its nearest one of the target, up to a squared distance.
+/// Step 1: pairs each moving point, at `pose`, with its nearest target point up to the squared distance `limit`.
 fn pair_up(target: &Target, moving: &[Point], pose: &Rigid, limit: f32, pairs: &mut Vec<Pair>) {
     pairs.clear();
     for (k, p) in moving.iter().enumerate() {
@@ -193,7 +196,8 @@ fn pair_up(target: &Target, moving: &[Point], pose: &Rigid, limit: f32, pairs: &
     }
 }
 
-/// Algorithm 1: the motion that aligns `moving` with `target`, starting at `start`. `None` when too few pairs are near enough.
+/// Algorithm 1: aligns `moving` with `target` from `start` (target from moving, metres). `None` with fewer than [`MIN_PAIRS`] pairs
+/// within the distance.
 pub fn align(
     target: &Target,
     moving: &[Point],
@@ -205,7 +209,7 @@ pub fn align(
     let limit = settings.max_distance_m * settings.max_distance_m;
     let mut pose = start;
     let (mut residual, mut paired, mut iterations) = (0.0, 0.0, 0);
-    let mut last: Option<Way> = None;
+    let mut last: Option<Step> = None;
     while iterations < settings.iterations {
         iterations += 1;
         pair_up(target, moving, &pose, limit, pairs);
@@ -224,7 +228,7 @@ pub fn align(
                 pose * moving[p.moving as usize],
             )
         });
-        // The step's effect where the points are, not at the far-away origin of the camera.
+        // The step is measured at the cloud, not at the distant origin.
         let middle = pose * moving[kept[0].moving as usize];
         let step = rigid_from_pairs(step_pairs)?;
         pose = step * pose;
@@ -233,17 +237,17 @@ pub fn align(
         if shift < settings.stop_m {
             break;
         }
-        let way = Way {
+        let iteration = Step {
             turn: step.rotation.scaled_axis(),
             moved,
             middle,
         };
-        last = match last.and_then(|last| way.rest_after(&last)) {
+        last = match last.and_then(|last| iteration.extrapolate(&last)) {
             Some(rest) => {
                 pose = rest * pose;
                 None
             }
-            None => Some(way),
+            None => Some(iteration),
         };
     }
     pose.rotation.renormalize();
@@ -255,7 +259,7 @@ pub fn align(
     })
 }
 
-/// Turns an angle into the path of a point on a head.
+/// Lever that converts a rotation to the path of a point on a head, metres.
 const HEAD_RADIUS_M: f32 = 0.1;
 
 #[cfg(test)]
@@ -268,20 +272,20 @@ mod tests {
     }
 
     #[test]
-    fn steps_that_halve_go_as_far_again_and_others_nowhere() {
-        let way = |turn: f32, moved: f32| Way {
+    fn halving_steps_are_extrapolated_and_others_are_not() {
+        let step = |turn: f32, moved: f32| Step {
             turn: Vector::y() * turn,
             moved: Vector::x() * moved,
             middle: Point::new(0.0, 0.0, 1.0),
         };
-        let rest = way(0.01, 0.002)
-            .rest_after(&way(0.02, 0.004))
+        let rest = step(0.01, 0.002)
+            .extrapolate(&step(0.02, 0.004))
             .expect("a rest");
         assert!((rest.rotation.scaled_axis() - Vector::y() * 0.01).norm() < 1e-6);
         let middle = rest * Point::new(0.0, 0.0, 1.0);
         assert!((middle - Point::new(0.002, 0.0, 1.0)).norm() < 1e-6);
-        for other in [way(-0.02, -0.004), way(0.0, 0.02), way(-0.02, 0.004)] {
-            assert!(way(0.01, 0.002).rest_after(&other).is_none());
+        for other in [step(-0.02, -0.004), step(0.0, 0.02), step(-0.02, 0.004)] {
+            assert!(step(0.01, 0.002).extrapolate(&other).is_none());
         }
     }
 
@@ -378,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn strangers_in_the_cloud_are_trimmed() {
+    fn outliers_in_the_cloud_are_trimmed() {
         let head = scattered();
         let target = Target::new(&head).unwrap();
         let planted = Rigid::new(
@@ -415,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn it_ends_after_as_many_iterations_as_told() {
+    fn stops_after_the_given_iterations() {
         let head = scattered();
         let target = Target::new(&head).unwrap();
         let moving: Vec<Point> = head.iter().map(|p| p + Vector::repeat(0.004)).collect();
@@ -460,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn as_many_pairs_are_kept_as_told() {
+    fn keeps_the_given_share_of_pairs() {
         let head = scattered();
         let target = Target::new(&head).unwrap();
         let mut rng = fastrand::Rng::with_seed(8);
@@ -495,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_below_a_hundredth_of_a_millimetre_is_the_last() {
+    fn stops_at_a_step_below_a_hundredth_of_a_millimetre() {
         for (shift_m, iterations) in [(7e-6, 1), (1.4e-5, 2)] {
             let motion = Rigid::translation(shift_m, 0.0, 0.0);
             assert_eq!(iterations_for(&scattered(), motion), iterations);
@@ -503,7 +507,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_counts_as_the_path_of_a_point_a_tenth_of_a_metre_out() {
+    fn rotations_count_with_a_lever_of_a_tenth_of_a_metre() {
         // A cloud of a centimetre: its own points move by a tenth of that path at most.
         let small: Vec<Point> = scattered().iter().map(|p| p * 0.06).collect();
         for (turn_rad, iterations) in [(7e-5, 1), (1.4e-4, 2)] {

@@ -1,13 +1,13 @@
 //! Head cloud to `sensor_from_head`: rigid ICP, anchored, smoothed (paper section 1.1, steps 2 and 3).
 //!
-//! Two methods of one [`Tracker`]: the paper's ([`paper_tracker`]), and the default ([`plane_tracker`]) against a standard head
-//! whose size and shape adapt to the user ([`shape`]). Both find the first pose among several starts ([`start`]), and leave
-//! their poses in the same [`trail`], which smooths them ([`smoothing`]).
+//! Two methods implement [`Tracker`]: the paper's ([`paper_tracker`]), and the default ([`plane_tracker`]) against a standard
+//! head whose size and shape adapt to the user ([`shape`]). Both find the first pose among several starts ([`start`]) and store
+//! their poses in a [`trail`], which smooths them ([`smoothing`]).
 //!
-//! Frames: clouds in the sensor frame, poses `sensor_from_head`, metres. Memory: anchor 0.7 MB, all built at construction;
-//! the paper's method builds a tree per frame and so allocates, the default does not. Degenerate: a cloud that agrees
-//! poorly with the head gives `None`, and the next frame searches again; a learned shape survives short losses only.
-//! Limitation: in depth the back of a head looks like a head; the landmarks have to tell them apart.
+//! Frames: clouds in the sensor frame, poses `sensor_from_head`, metres. Memory: anchor 0.7 MB, built at construction; the
+//! paper's method builds a tree per frame and so allocates, the default does not. Degenerate: a cloud that agrees poorly with
+//! the head gives `None`, and the next frame searches again; a learned shape survives short losses only. Limitation: in depth
+//! the back of a head resembles a face; the landmarks have to distinguish them.
 
 pub mod anchor;
 pub mod guess;
@@ -38,7 +38,7 @@ pub use settings::{HeadPose, Method, Settings, WINDOW_FRAMES};
 use signature::{Difference, Signature};
 use trail::{COAST_S, Tracker, Trail};
 
-/// Why a tracker cannot be created: a standard head of so many points is unusable.
+/// The standard head is unusable; it has this many points.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "standard head: expected {} to 65534 finite points, found {} points; use a face model written by `mien-studio train`",
@@ -47,30 +47,29 @@ use trail::{COAST_S, Tracker, Trail};
 )]
 pub struct PoseError(pub usize);
 
-/// Steps of a search, each of which may run in a separate frame.
+/// Parts of a search, each of which may run in a separate frame.
 const SEARCH_HALVES: u32 = 2;
-/// After this long it may be another person: the learned shape is dropped, seconds.
+/// Loss after which the learned shape is dropped, seconds: it may be another person.
 const FORGET_S: f64 = 2.0;
 
-/// What the picture shows at a pose that was found: the pose stage learns it after the landmarks.
+/// Result of the landmark stage at a pose, fed back to the pose stage.
 pub enum Evidence<'a> {
-    /// A face, in the cloud that gave the pose.
+    /// A face was found.
     Face {
-        /// The cloud.
+        /// The cloud of the pose, sensor frame.
         cloud: &'a HeadCloud,
-        /// The head pose that a face as sure as this one implies.
-        by_picture: Option<SensorFromHead>,
-        /// The pose was wrong: the face is here in it, and the head should be.
+        /// Head pose implied by the image, if the face is confident enough.
+        image_pose: Option<SensorFromHead>,
+        /// Pose of the face within the head if that is so far off that the head pose must be wrong: corrects it.
         head_from_face: Option<HeadFromFace>,
     },
-    /// None, but a head beyond doubt: in the dark, or behind a hand.
+    /// No face, but certainly a head: in the dark, or behind a hand.
     Head(&'a HeadCloud),
-    /// None, where depth alone does not prove a head: as if the pose had not been found.
+    /// No face, and depth alone does not prove a head: the pose is discarded.
     Nothing,
-    /// None for too long: the next cloud is aligned from the next result of its search, or searched anew. What was learned
-    /// about the head stays.
+    /// No face for too long: the next cloud is aligned from the next search candidate, or searched anew. The learned shape stays.
     NoFace,
-    /// A face where depth found no head: the next cloud is aligned starting there.
+    /// A face elsewhere, where depth found no head: the next alignment starts at this pose.
     Elsewhere(SensorFromHead, Timestamp),
 }
 
@@ -81,7 +80,7 @@ pub struct PoseTracker {
     surface: Option<Arc<Surface>>,
     tracker: Box<dyn Tracker>,
     trail: Trail,
-    /// Whether the picture gave the next start.
+    /// Whether the next start is from the image.
     has_hint: bool,
 }
 
@@ -89,14 +88,14 @@ impl PoseTracker {
     /// Prepares the anchor from the standard head: points with outward unit normals, head frame, metres.
     ///
     /// # Errors
-    /// When the standard head has too few points or one that is not finite.
+    /// If [`Anchor::new`] rejects the standard head.
     pub fn new(settings: Settings, standard_head: &[(Point, Vector)]) -> Result<Self, PoseError> {
         let anchor = Anchor::new(standard_head).ok_or(PoseError(standard_head.len()))?;
         let surface = (settings.method == Method::Paper).then(|| Arc::new(anchor.fine_surface()));
-        Ok(Self::over(settings, Arc::new(anchor), surface))
+        Ok(Self::with_anchor(settings, Arc::new(anchor), surface))
     }
 
-    fn over(settings: Settings, anchor: Arc<Anchor>, surface: Option<Arc<Surface>>) -> Self {
+    fn with_anchor(settings: Settings, anchor: Arc<Anchor>, surface: Option<Arc<Surface>>) -> Self {
         let tracker: Box<dyn Tracker> = match &surface {
             Some(surface) => Box::new(PaperTracker::new(
                 &settings,
@@ -116,31 +115,31 @@ impl PoseTracker {
     }
 
     /// A tracker of another head, with the same settings and a shared standard head.
-    pub fn another(&self) -> Self {
-        Self::over(self.settings, self.anchor.clone(), self.surface.clone())
+    pub fn for_another_head(&self) -> Self {
+        Self::with_anchor(self.settings, self.anchor.clone(), self.surface.clone())
     }
 
-    /// Frames from which this head's shape was learned.
+    /// Number of frames from which this head's shape was learned.
     pub fn learned_frames(&self) -> u64 {
         self.tracker.shape().learned_frames
     }
 
-    /// The signature of this head, for re-identification.
+    /// Signature of this head, for re-identification.
     pub fn signature(&self) -> Signature {
-        Signature::of(&self.anchor, self.tracker.shape())
+        Signature::from_shape(&self.anchor, self.tracker.shape())
     }
 
-    /// How two heads differ. `None` when too little was seen to tell.
-    pub fn differ(&self, one: &Signature, other: &Signature) -> Option<Difference> {
-        one.differ(other, &self.anchor)
+    /// Difference of two heads; `None` if they have too few patches in common.
+    pub fn difference(&self, one: &Signature, other: &Signature) -> Option<Difference> {
+        one.difference(other, &self.anchor)
     }
 
-    /// Size of the user's head relative to the standard head, 0.86 to 1.17; 1 until something is learned.
+    /// Size of the user's head relative to the standard head, 0.86 to 1.17; 1 until learned.
     pub fn head_scale(&self) -> f32 {
         self.tracker.shape().log_scale.exp() as f32
     }
 
-    /// Whether a search continues in the next frame, or a place from the picture is tried.
+    /// Whether a search continues in the next frame, or a start from the image is pending.
     pub fn is_searching(&self) -> bool {
         self.has_hint || self.tracker.is_searching()
     }
@@ -152,16 +151,15 @@ impl PoseTracker {
         self.has_hint = false;
     }
 
-    /// Forgets the user and not the pose: whoever it is is followed on from there.
+    /// Forgets the user but keeps the pose, from which tracking continues.
     pub fn forget(&mut self) {
         let last = self.trail.last;
         self.reset();
         self.trail.last = last;
     }
 
-    /// Where the head is expected (`sensor_from_head`), and its size against the standard head, if it was followed up to now:
-    /// there its points are to be gathered for [`Self::follow`]. `middle` is the centre of its cut-out in this frame.
-    /// Nothing with the paper's method.
+    /// Predicted pose and size (relative to the standard head) of a tracked head, to gather its cloud for [`Self::follow`].
+    /// `middle`: centre of its segmented cloud in this frame, sensor frame, metres. `None` with the paper's method.
     pub fn expected(
         &mut self,
         at: Timestamp,
@@ -171,16 +169,16 @@ impl PoseTracker {
         Some((pose, self.head_scale()))
     }
 
-    /// Finds the head only where it is expected. Without it there all is left as it was, so that the head can be found in
-    /// another cloud of the same frame.
+    /// Finds the head near its predicted pose only. On `None` the state is unchanged, so that another cloud of the same frame can be
+    /// tried.
     pub fn follow(&mut self, cloud: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
-        let (found, known) = self.tracker.follow(cloud, &self.trail, at)?;
-        Some(self.trail.keep(found, known, at))
+        let (found, information) = self.tracker.follow(cloud, &self.trail, at)?;
+        Some(self.trail.store(found, information, at))
     }
 
-    /// Finds the head anywhere in the cloud. A search costs as much as following a head for many frames, so half of it runs
-    /// for each of `searches`: with one a frame, [`Self::is_searching`] after the first, the pose in the second. Returns how
-    /// many are left, too.
+    /// Finds the head anywhere in the cloud. A search costs as much as tracking for many frames, so each of `searches` pays for half
+    /// of one: with one per frame, [`Self::is_searching`] holds after the first, and the second gives the pose. Also returns the
+    /// searches left.
     pub fn find(
         &mut self,
         cloud: &HeadCloud,
@@ -193,41 +191,41 @@ impl PoseTracker {
             if !(0.0..FORGET_S).contains(&gap) {
                 self.reset();
             } else if gap > COAST_S {
-                self.lose();
+                self.break_continuity();
             }
         }
         let found = self.tracker.find(cloud, &self.trail, at, &mut searches);
-        let found = found.map(|(found, known)| self.trail.keep(found, known, at));
+        let found = found.map(|(found, information)| self.trail.store(found, information, at));
         if found.is_none() {
             self.trail.earlier = None;
         }
         (found, searches)
     }
 
-    fn lose(&mut self) {
-        self.trail.lose();
-        self.tracker.lose();
+    fn break_continuity(&mut self) {
+        self.trail.forget_speed();
+        self.tracker.break_continuity();
     }
 
-    /// [`Self::find`] with a whole search, and learns from the cloud as if its face had been seen.
+    /// [`Self::find`] with a whole search; learns from the cloud without waiting for a face.
     pub fn track(&mut self, cloud: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
         let (pose, _) = self.find(cloud, at, SEARCH_HALVES);
         self.tracker.learn(cloud);
         pose
     }
 
-    /// Takes up what the picture shows at the last pose; the pose of both together where it differs from that of depth.
+    /// Applies the landmark stage's result at the last pose. Returns the pose fused from depth and image, if it differs from depth's.
     pub fn update(&mut self, evidence: Evidence<'_>) -> Option<SensorFromHead> {
         match evidence {
             Evidence::Face {
                 cloud,
-                by_picture,
+                image_pose,
                 head_from_face,
             } => {
-                let fused = by_picture.and_then(|pose| self.trail.fuse(&pose));
+                let fused = image_pose.and_then(|pose| self.trail.fuse(&pose));
                 self.tracker.learn(cloud);
                 if let Some(head_from_face) = head_from_face {
-                    self.tracker.lose();
+                    self.tracker.break_continuity();
                     self.trail.correct(&head_from_face);
                 }
                 return fused;
@@ -235,7 +233,7 @@ impl PoseTracker {
             Evidence::Head(cloud) => self.tracker.learn(cloud),
             Evidence::Nothing => self.trail.revert(),
             Evidence::NoFace => {
-                self.lose();
+                self.break_continuity();
                 self.trail.last = None;
             }
             Evidence::Elsewhere(pose, at) => {

@@ -1,5 +1,5 @@
-//! The paper's method: point-to-point ICP ([`icp`]), against the standard head in the first frame, then frame to frame, each
-//! followed by an alignment of the face to the standard head until convergence, because frame-to-frame motion alone drifts.
+//! The paper's method: point-to-point ICP ([`icp`]) against the standard head in the first frame, then against the last frame,
+//! each time followed by an alignment of the face with the standard head, because frame-to-frame motion alone drifts.
 
 use alloc::sync::Arc;
 
@@ -18,43 +18,49 @@ use crate::segment::HeadCloud;
 
 /// Stride over the points while searching.
 const SEARCH_STRIDE: usize = 5;
-/// Only the face is aligned to the standard head: below the hairline, above the chin, in front of the ears, metres. With a whole
-/// head, hair as round as a ball holds back its turns: of 35° of a bushy head 20° were found, now 34°.
-const FACE_ABOVE_M: f32 = -0.06;
-const FACE_BELOW_M: f32 = 0.06;
-const FACE_BEHIND_M: f32 = 0.06;
-const FACE_BESIDE_M: f32 = 0.08;
-/// Whether a place of the head frame is one of the face.
+/// Top of the face (hairline), y in the head frame, metres. Only the face is aligned with the standard head, because round hair
+/// attenuates rotations: of 35° of a bushy head 20° were found, with the face alone 34°.
+const FACE_TOP_M: f32 = -0.06;
+/// Bottom of the face, above the chin, y in the head frame, metres.
+const FACE_BOTTOM_M: f32 = 0.06;
+/// Back of the face, before the ears, z in the head frame, metres.
+const FACE_BACK_M: f32 = 0.06;
+/// Sides of the face, |x| in the head frame, metres.
+const FACE_SIDE_M: f32 = 0.08;
+
+/// Whether a point of the head frame belongs to the face.
 fn is_face(p: &Point) -> bool {
-    (FACE_ABOVE_M..FACE_BELOW_M).contains(&p.y) && p.z < FACE_BEHIND_M && p.x.abs() < FACE_BESIDE_M
+    (FACE_TOP_M..FACE_BOTTOM_M).contains(&p.y) && p.z < FACE_BACK_M && p.x.abs() < FACE_SIDE_M
 }
 
-/// Fewer points of the face, behind a hand or from the side, are joined by the rest of the head.
-const LEAST_FACE: usize = 150;
-/// Share of the face's pairs that is kept, nearest first, and the largest distance of a pair, metres: what is farther is a hand.
-/// Mean error of a sweep of ±35° 1.6° at 0.92, 1.2° at 0.98 and at 1.
-const KEPT: f32 = 0.98;
-const PAIRED_M: f32 = 0.02;
-/// At most this many points of a cloud are aligned; more cost time and move a pose by less than its noise.
-const MOST_MOVING: usize = 1200;
-/// Step at which the alignment with the frame before ends, metres.
+/// With fewer points of the face (behind a hand, from the side) the whole head is aligned.
+const MIN_FACE_POINTS: usize = 150;
+/// Share of the face's pairs kept, nearest first. Mean error over a sweep of ±35°: 1.6° at 0.92, 1.2° at 0.98 and at 1.
+const KEPT_PAIRS: f32 = 0.98;
+/// Largest distance of a pair of the face, metres: farther points are a hand.
+const MAX_PAIR_M: f32 = 0.02;
+/// Most aligned points of a cloud: more change the pose by less than its noise.
+const MAX_MOVING_POINTS: usize = 1200;
+/// Step at which the alignment with the last frame ends, metres.
 const FRAME_STOP_M: f32 = 1e-4;
-/// Least share of the pairs that must be kept.
+/// Least share of the points with a pair.
 const MIN_PAIRED: f32 = 0.35;
-/// The target is rebuilt after so many such frames at first, and then.
-const REMADE_EARLY: u64 = 3;
-const REMADE: u64 = 15;
+/// Learned frames between rebuilds of the target during the first [`LEARN_ALL`].
+const REBUILD_EVERY_EARLY: u64 = 3;
+/// Learned frames between rebuilds of the target afterwards.
+const REBUILD_EVERY: u64 = 15;
 
-/// Tracks one head by points.
+/// Tracks one head by point-to-point alignment.
 pub(super) struct PaperTracker {
     anchor: Arc<Anchor>,
     shape: HeadShape,
     /// Whether the size is learned.
     learns: bool,
-    /// Rounds of an alignment at most.
+    /// Most iterations of an alignment.
     rounds: u32,
-    /// The surface between anchor points, and of the learned head.
+    /// Surface between the anchor points.
     surface: Arc<Surface>,
+    /// Surface of the learned head.
     standard: Option<icp::Target>,
     /// The last frame's cloud.
     previous: Option<icp::Target>,
@@ -77,23 +83,23 @@ impl Tracker for PaperTracker {
     ) -> Option<Found> {
         self.pending = None;
         let cloud = &head.points;
-        let every = cloud.len().div_ceil(MOST_MOVING).max(1);
+        let every = cloud.len().div_ceil(MAX_MOVING_POINTS).max(1);
         let cloud: Vec<Point> = cloud.iter().step_by(every).copied().collect();
         let cloud = cloud.as_slice();
         let to_frame = icp::Settings {
             iterations: self.rounds,
             ..icp::Settings::default()
         };
-        // Where it leads is a start: a tenth of a millimetre will do.
-        let roughly = icp::Settings {
+        // It only gives a start: 0.1 mm suffices.
+        let to_previous = icp::Settings {
             stop_m: FRAME_STOP_M,
             ..to_frame
         };
         let start = match (self.previous.take(), trail.last) {
             (Some(previous), Some((last, _))) => {
                 let (start, scratch) = (Rigid::identity(), &mut self.scratch);
-                let step = icp::align(&previous, cloud, start, &roughly, scratch)?;
-                HeadFromSensor::of(*last.inverse() * step.target_from_moving)
+                let step = icp::align(&previous, cloud, start, &to_previous, scratch)?;
+                HeadFromSensor::assume_frames(*last.inverse() * step.target_from_moving)
             }
             _ => {
                 *searches = searches.checked_sub(1)?;
@@ -101,13 +107,13 @@ impl Tracker for PaperTracker {
             }
         };
         let to_anchor = icp::Settings {
-            keep: KEPT,
-            max_distance_m: PAIRED_M,
+            keep: KEPT_PAIRS,
+            max_distance_m: MAX_PAIR_M,
             ..to_frame
         };
         let is_face = |p: &&Point| is_face(&(start * **p));
         let face: Vec<Point> = cloud.iter().filter(is_face).copied().collect();
-        let seen = if face.len() < LEAST_FACE {
+        let seen = if face.len() < MIN_FACE_POINTS {
             cloud
         } else {
             &face
@@ -116,7 +122,7 @@ impl Tracker for PaperTracker {
         let found = icp::align(standard, seen, *start, &to_anchor, &mut self.scratch)
             .filter(|found| found.paired >= MIN_PAIRED && found.residual < 0.008)?;
         self.previous = icp::Target::new(cloud);
-        let head_from_sensor = HeadFromSensor::of(found.target_from_moving);
+        let head_from_sensor = HeadFromSensor::assume_frames(found.target_from_moving);
         self.pending = (self.learns && head.whole).then_some(head_from_sensor);
         let pose = HeadPose {
             sensor_from_head: head_from_sensor.inverse(),
@@ -131,26 +137,26 @@ impl Tracker for PaperTracker {
         let Some(head_from_sensor) = self.pending.take() else {
             return;
         };
-        if self.shape.takes_frame() {
+        if self.shape.counts_frame() {
             self.shape
                 .learn(&self.anchor, &cloud.points, &head_from_sensor, None);
         }
-        let remade = if self.shape.learned_frames <= LEARN_ALL {
-            REMADE_EARLY
+        let period = if self.shape.learned_frames <= LEARN_ALL {
+            REBUILD_EVERY_EARLY
         } else {
-            REMADE
+            REBUILD_EVERY
         };
-        if self.shape.learned_frames.is_multiple_of(remade) {
-            self.standard = self.known_head();
+        if self.shape.learned_frames.is_multiple_of(period) {
+            self.standard = self.learned_target();
         }
     }
 
-    fn lose(&mut self) {
+    fn break_continuity(&mut self) {
         self.previous = None;
     }
 
     fn restart(&mut self) {
-        self.lose();
+        self.break_continuity();
     }
 
     fn forget(&mut self) {
@@ -158,7 +164,7 @@ impl Tracker for PaperTracker {
         self.pending = None;
         if self.shape.learned_frames > 0 {
             self.shape.forget();
-            self.standard = self.known_head();
+            self.standard = self.learned_target();
         }
     }
 }
@@ -179,11 +185,11 @@ impl PaperTracker {
     }
 
     /// The surface of the learned head.
-    fn known_head(&self) -> Option<icp::Target> {
-        self.surface.target(|i| self.shape.place(&self.anchor, i))
+    fn learned_target(&self) -> Option<icp::Target> {
+        self.surface.target(|i| self.shape.point(&self.anchor, i))
     }
 
-    /// The first frame: a few iterations from each start, then the best.
+    /// Pose of the first frame: the best of a few iterations from each start.
     fn search(&mut self, cloud: &[Point]) -> Option<HeadFromSensor> {
         let thin: Vec<Point> = cloud.iter().step_by(SEARCH_STRIDE).copied().collect();
         let brief = icp::Settings {
@@ -196,6 +202,6 @@ impl PaperTracker {
         let ends = start::starts(&self.anchor, cloud)
             .filter_map(|start| icp::align(target, &thin, *start, &brief, scratch));
         let best = ends.min_by(|a, b| a.residual.total_cmp(&b.residual))?;
-        Some(HeadFromSensor::of(best.target_from_moving))
+        Some(HeadFromSensor::assume_frames(best.target_from_moving))
     }
 }

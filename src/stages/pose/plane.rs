@@ -1,39 +1,39 @@
 //! Point-to-plane alignment of a live cloud with the anchor: the tracker's default.
 //!
 //! Method: Gauss–Newton on distances along the anchor's normals (Chen & Medioni 1992), pairs weighted by Tukey's biweight, the
-//! anchor's trust and the sensor's error, with a cut-off per iteration from wide to narrow. Distances along the normal let
-//! the surfaces slide over each other, so that a few iterations achieve what takes point-to-point dozens, and depth steps
-//! average out. Besides the six motion parameters, the head's uniform scale is estimated, with a quadratic prior.
+//! anchor's trust and the sensor's error, with a decreasing cut-off per iteration. Distances along the normal let the surfaces
+//! slide over each other, so that a few iterations replace dozens of point-to-point ones, and depth steps average out. Besides the six motion parameters, the head's uniform scale is estimated, with a quadratic prior.
 //!
 //! With q = `head_from_sensor` p, scale s, anchor point a with normal n and learned offset o along it:
 //! r = n·(q/s − a) − o, ∂r/∂ω = (q × n)/s, ∂r/∂v = n/s, ∂r/∂ln s = −n·q/s.
 //!
 //! Head frame, metres, radians; sums in f64. Cost about 40 ns per point and iteration. Memory: none. Degenerate: too few
-//! pairs or a singular system give `None`. Pairs at the anchor's rim are dropped (the live point belongs to a part that
-//! the anchor does not have), and so are pairs whose anchor point looks away from the camera.
+//! pairs or a singular system give `None`. Pairs at the anchor's rim are dropped (the live point may belong to a part that the
+//! anchor lacks), and so are pairs whose anchor normal points away from the camera.
 
 use nalgebra::{SMatrix, SVector};
 
-use super::anchor::{Anchor, PARTS_OF_HEAD};
+use super::anchor::{Anchor, HEAD_PARTS};
 use super::shape::{FACING, HeadShape, MAX_LOG_SCALE};
 use crate::base::frames::{Head, HeadFromSensor, Motion};
 use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::vectors::wide;
+use crate::base::vectors::with_avx2;
 
-/// Fewer weighted pairs than this do not determine a pose.
-const MIN_USED: f64 = 40.0;
+/// Least total weight of pairs that determines a pose.
+const MIN_WEIGHT: f64 = 40.0;
+
 /// Settings of an alignment.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Effort<'a> {
-    /// Cut-off of the biweight in each iteration, metres.
+pub(crate) struct AlignOptions<'a> {
+    /// Cut-off of the biweight per iteration, metres.
     pub(crate) cutoffs_m: &'a [f32],
     /// Stride over the live points.
     pub(crate) stride: usize,
     /// Weight of points outside the bare face, which may be hair, 0…1.
-    pub(crate) beside: f32,
-    /// Prior deviation of the scale around the learned one, as a logarithm; 0 keeps the scale.
+    pub(crate) hair_weight: f32,
+    /// Prior standard deviation of ln(scale) about the learned one; 0 keeps the scale.
     pub(crate) scale_sigma: f64,
 }
 
@@ -41,33 +41,34 @@ pub(crate) struct Effort<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneFit {
     pub(crate) head_from_sensor: HeadFromSensor,
+    /// Size relative to the standard head.
     pub(crate) scale: f32,
-    /// Share of the live points on the bare face that agree, 0…1.
+    /// Agreeing share of the live points on the bare face, 0…1.
     pub(crate) agreement: f32,
-    /// As `agreement`, of those above a beard.
+    /// Agreeing share of the live points on the bare face above a beard, 0…1.
     pub(crate) agreement_above_beard: f32,
-    /// Share of all live points that agree with the head, including hair: ranks poses.
+    /// Agreeing share of all live points, hair included, 0…1: ranks poses.
     pub(crate) support: f32,
-    /// Live points on the bare face that agree.
+    /// Number of agreeing live points on the bare face.
     pub(crate) agreeing: u32,
     /// Information of the live points on rotation and shift (normal matrix, head frame, radians and metres), per unit of weight.
-    pub(crate) known: SMatrix<f64, 6, 6>,
+    pub(crate) information: SMatrix<f64, 6, 6>,
 }
 
-/// Distance from the anchor up to which a live point covers a place, metres.
-const COVERED_M: f32 = 0.008;
+/// Largest distance of a live point that covers an anchor point, metres.
+const COVERED_WITHIN_M: f32 = 0.008;
 
 /// Shares of the face covered by live points, 0…1.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Coverage {
-    /// Between brows and mouth.
+    /// Of the area between brows and mouth.
     pub(crate) middle: f32,
-    /// On the ridge and the tip of the nose: a flat object may cover most of the middle.
+    /// Of the ridge and tip of the nose: a flat object may cover most of the middle.
     pub(crate) nose: f32,
 }
 
-/// How much of the camera-facing part of the face is covered by live points: a wrong pose may place all points on a cheek and
-/// leave the rest of the face empty; a forearm or the back of a chair has no nose. `hit` is scratch, one per anchor point.
+/// Coverage of the camera-facing part of the face by live points (sensor frame): a wrong pose may put all points on a cheek and
+/// leave the rest empty; a forearm or a chair's back has no nose. `hit` is scratch, one per anchor point.
 pub(crate) fn coverage(
     anchor: &Anchor,
     shape: &HeadShape,
@@ -80,7 +81,7 @@ pub(crate) fn coverage(
     for p in cloud {
         let q = fit.head_from_sensor * p;
         if let Some((i, r)) = shape.pair(anchor, &q, 1.0 / fit.scale, &camera)
-            && r.abs() < COVERED_M
+            && r.abs() < COVERED_WITHIN_M
         {
             hit[i] = true;
         }
@@ -103,40 +104,40 @@ pub(crate) fn coverage(
     Coverage { middle, nose }
 }
 
-/// Whether a place is between brows and mouth, where every face has relief.
+/// Whether a point (head frame, metres) is between brows and mouth, where every face has relief.
 fn is_middle(p: &Point) -> bool {
     p.x.abs() < 0.040 && (-0.030..0.070).contains(&p.y)
 }
 
-/// Whether a place of the middle is on the ridge or the tip of the nose, which protrudes by a centimetre.
+/// Whether a point (head frame, metres) of the middle is on the ridge or tip of the nose, which protrudes by a centimetre.
 fn is_nose(p: &Point) -> bool {
     p.x.abs() < 0.010 && (0.010..0.045).contains(&p.y)
 }
 
-/// Spread of the residuals per live point that counts as evidence on the scale, metres: model error, not noise.
-const EVIDENCE_M: f64 = 0.004;
-/// Errors of live points are correlated: of some 1500 this many are independent.
-const INDEPENDENT: f64 = 60.0;
-/// Variance of the live points' combined residual, metres²: divided by the variance of a prior, it gives the prior's weight in
-/// units of live points.
-pub(super) const WORTH_M2: f64 = EVIDENCE_M * EVIDENCE_M / INDEPENDENT;
+/// Standard deviation of a live point's residual, metres: model error, not noise.
+const RESIDUAL_SIGMA_M: f64 = 0.004;
+/// Independent observations among some 1500 live points, whose errors are correlated.
+const INDEPENDENT_POINTS: f64 = 60.0;
+/// Variance of the combined residual, metres²; divided by a prior's variance, it is the prior's weight in units of live points.
+pub(super) const RESIDUAL_VARIANCE_M2: f64 =
+    RESIDUAL_SIGMA_M * RESIDUAL_SIGMA_M / INDEPENDENT_POINTS;
 
 /// Sums over the live points in one iteration.
 #[derive(Default)]
 struct Sums {
-    /// Normal matrix, of which the upper triangle is used, and beside it the gradient: whole rows of eight fill a vector.
+    /// Normal matrix, of which the upper triangle is used, and the gradient as eighth column: rows of eight fill a vector.
     rows: [[f64; 8]; 7],
-    asked: u32,
-    /// By part of the head.
-    on: [u32; PARTS_OF_HEAD],
-    agreement: [f64; PARTS_OF_HEAD],
+    points: u32,
+    /// Paired points by part of the head.
+    paired: [u32; HEAD_PARTS],
+    agreement: [f64; HEAD_PARTS],
     agreeing: u32,
     support: f64,
     total: f64,
 }
 
 impl Sums {
-    /// Adds those of `cloud`. To what stands in memory: sums of its own it would keep in numbers apart, not in vectors.
+    /// Adds the points of `cloud`. In place: the compiler would keep local sums in scalar registers instead of vectors.
     #[inline(always)]
     fn add<'a>(
         &mut self,
@@ -144,19 +145,19 @@ impl Sums {
         shape: &HeadShape,
         cloud: impl Iterator<Item = &'a Point>,
         (pose, inverse_scale): (&HeadFromSensor, f32),
-        (cutoff, beside): (f32, f32),
+        (cutoff, hair_weight): (f32, f32),
         middle2: f32,
     ) {
         let camera = Point::from(pose.translation.vector);
         for p in cloud {
-            self.asked += 1;
+            self.points += 1;
             let q = pose * p;
             let Some((i, r)) = shape.pair(anchor, &q, inverse_scale, &camera) else {
                 continue;
             };
             let part = usize::from(anchor.part[i]);
             let bare = part > 0;
-            self.on[part] += 1;
+            self.paired[part] += 1;
             let u = r / cutoff;
             if u.abs() >= 1.0 {
                 continue;
@@ -165,9 +166,9 @@ impl Sums {
             self.support += f64::from(biweight);
             self.agreement[part] += f64::from(biweight);
             self.agreeing += u32::from(bare);
-            // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
+            // The sensor's error grows with the distance squared, so the weight falls with its fourth power.
             let nearer = middle2 / (p.z * p.z);
-            let trust = anchor.trust[i] * if bare { 1.0 } else { beside };
+            let trust = anchor.trust[i] * if bare { 1.0 } else { hair_weight };
             let w = f64::from(biweight * trust * nearer * nearer);
             self.total += w;
             let n = anchor.normals[i] * inverse_scale;
@@ -184,77 +185,77 @@ impl Sums {
     }
 }
 
-/// Aligns `cloud` (sensor frame), starting at `start`.
+/// Aligns `cloud` (sensor frame, metres) with the head, from `start`; `None` with too few pairs or a singular system.
 pub(crate) fn align(
     anchor: &Anchor,
     shape: &HeadShape,
     cloud: &[Point],
     start: HeadFromSensor,
-    effort: &Effort,
+    options: &AlignOptions,
 ) -> Option<PlaneFit> {
     let mut pose = start;
     let prior = shape.log_scale;
     let mut log_scale = prior;
     let mut fit = None;
     let middle2 = cloud.get(cloud.len() / 2).map_or(1.0, |p| p.z * p.z);
-    let last = effort.cutoffs_m.len().saturating_sub(1);
-    let stride = effort.stride.max(1);
-    for (round, &cutoff) in effort.cutoffs_m.iter().enumerate() {
+    let last = options.cutoffs_m.len().saturating_sub(1);
+    let stride = options.stride.max(1);
+    for (round, &cutoff) in options.cutoffs_m.iter().enumerate() {
         let inverse_scale = (-log_scale).exp() as f32;
         let thinned = cloud.iter().step_by(stride);
         let mut sums = Sums::default();
-        wide(|| {
-            let (place, weights) = ((&pose, inverse_scale), (cutoff, effort.beside));
+        with_avx2(|| {
+            let (place, weights) = ((&pose, inverse_scale), (cutoff, options.hair_weight));
             sums.add(anchor, shape, thinned, place, weights, middle2);
         });
-        if sums.total < MIN_USED / stride as f64 {
+        if sums.total < MIN_WEIGHT / stride as f64 {
             return None;
         }
         if round == last {
             let Sums { rows, total, .. } = &sums;
             let agreement = |from: usize| {
                 let agree = sums.agreement[from..].iter().sum::<f64>();
-                (agree / f64::from(sums.on[from..].iter().sum::<u32>().max(1))) as f32
+                (agree / f64::from(sums.paired[from..].iter().sum::<u32>().max(1))) as f32
             };
             fit = Some(PlaneFit {
                 head_from_sensor: pose,
                 scale: log_scale.exp() as f32,
                 agreement: agreement(1),
                 agreement_above_beard: agreement(2),
-                support: sums.support as f32 / sums.asked as f32,
+                support: sums.support as f32 / sums.points as f32,
                 agreeing: sums.agreeing * stride as u32,
-                known: SMatrix::from_fn(|a, b| rows[a.min(b)][a.max(b)] / total),
+                information: SMatrix::from_fn(|a, b| rows[a.min(b)][a.max(b)] / total),
             });
         }
-        let step = step(&sums, effort, log_scale - prior)?;
+        let step = step(&sums, options, log_scale - prior)?;
         let turn = Vector::new(step[0] as f32, step[1] as f32, step[2] as f32);
         let shift = Vector::new(step[3] as f32, step[4] as f32, step[5] as f32);
         let turn = turn.cap_magnitude(MAX_TURN_RAD);
         let moved = Rigid::new(shift.cap_magnitude(MAX_SHIFT_M), turn);
-        pose = Motion::<Head, Head>::of(moved) * pose;
+        pose = Motion::<Head, Head>::assume_frames(moved) * pose;
         log_scale = (log_scale + step[6]).clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
     }
-    // The figures are those of the last but one place; the place is the last one.
+    // The statistics are those before the last step; pose and scale include it.
     let mut pose = *pose;
     pose.rotation.renormalize();
     let is_finite = pose.translation.vector.iter().all(|c| c.is_finite());
     fit.filter(|_| is_finite).map(|fit| PlaneFit {
-        head_from_sensor: HeadFromSensor::of(pose),
+        head_from_sensor: HeadFromSensor::assume_frames(pose),
         scale: log_scale.exp() as f32,
         ..fit
     })
 }
 
-/// The Gauss–Newton step (rotation, shift, logarithm of the scale) of the sums; `off` is how far the logarithm of the scale is
-/// from its prior. `None` where the position is not determined.
+/// Gauss–Newton step: rotation (radians), shift (metres), ln(scale). `off`: difference of ln(scale) from its prior. `None` if the
+/// system is singular.
 #[inline]
-fn step(sums: &Sums, effort: &Effort, off: f64) -> Option<SVector<f64, 7>> {
+fn step(sums: &Sums, options: &AlignOptions, off: f64) -> Option<SVector<f64, 7>> {
     let &Sums { rows, total, .. } = sums;
     let mut h = SMatrix::<f64, 7, 7>::from_fn(|a, b| rows[a.min(b)][a.max(b)]);
     let mut g = SVector::<f64, 7>::from(rows.map(|row| row[7]));
-    if effort.scale_sigma > 0.0 {
-        // The prior in the units of the sums.
-        let strength = WORTH_M2 * total / (effort.scale_sigma * effort.scale_sigma);
+    if options.scale_sigma > 0.0 {
+        // Prior weight in units of the sums.
+        let strength = RESIDUAL_VARIANCE_M2 * total / (options.scale_sigma * options.scale_sigma);
         h[(6, 6)] += strength;
         g[6] += strength * off;
     } else {
@@ -263,14 +264,14 @@ fn step(sums: &Sums, effort: &Effort, off: f64) -> Option<SVector<f64, 7>> {
         h[(6, 6)] = 1.0;
         g[6] = 0.0;
     }
-    // A touch of damping (mm and mrad against hundreds of weighted pairs) for directions nothing fixes.
+    // Slight damping for undetermined directions (mm and mrad against hundreds of weighted pairs).
     for k in 0..6 {
         h[(k, k)] += 1e-4 * total * if k < 3 { 0.01 } else { 1.0 };
     }
     Some(h.cholesky()?.solve(&(-g)))
 }
 
-/// Largest rotation in one iteration, radians: beyond, the linearisation is invalid.
+/// Largest rotation of one iteration, radians: limit of the linearisation.
 const MAX_TURN_RAD: f32 = 0.3;
 /// Largest shift of one iteration, metres.
 const MAX_SHIFT_M: f32 = 0.04;
@@ -292,7 +293,7 @@ mod tests {
             .expect("a face");
         // The head as the camera at its z sees it, not turned.
         let q = anchor.points[i] + anchor.normals[i] * off;
-        let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, q.z - z));
+        let pose = HeadFromSensor::assume_frames(Rigid::translation(0.0, 0.0, q.z - z));
         (pose.inverse() * q, pose)
     }
 
@@ -317,19 +318,19 @@ mod tests {
         // Relative to the cloud's own middle: the same head farther away weighs the same.
         let there = one_point(&anchor, 1.2, 0.0, 1.2);
         assert!((near.total - there.total).abs() < 1e-6);
-        // Half a cut-off away: (1 - 1/4)^2, and the gradient says how far that is.
+        // At half the cut-off the biweight is (1 - 1/4)^2, and the gradient gives the distance.
         let off = one_point(&anchor, 0.6, 0.01, 0.6);
         assert!((off.total / near.total - 0.5625).abs() < 0.02);
         let distance = off.rows[5][7].abs() / (off.rows[5][5] * off.total).sqrt();
         assert!((distance - 0.01).abs() < 5e-4, "{distance}");
-        // As far as the cut-off: nothing, but it is on the face.
+        // Beyond the cut-off: no weight, but counted as paired.
         let none = one_point(&anchor, 0.6, 0.021, 0.6);
-        assert!(none.total == 0.0 && none.on == [0, 0, 1] && none.asked == 1);
+        assert!(none.total == 0.0 && none.paired == [0, 0, 1] && none.points == 1);
     }
 
     #[test]
-    fn the_normal_equations_point_home() {
-        // A point 5 mm before the surface: the shift that the gradient asks for is back along the normal.
+    fn the_normal_equations_point_back_to_the_surface() {
+        // A point 5 mm before the surface: the step is back along the normal.
         let anchor = Anchor::new(&half_egg()).expect("a head");
         let sums = one_point(&anchor, 0.6, 0.005, 0.6);
         let along = sums.rows[5][7];
@@ -340,8 +341,8 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_of_a_face_and_its_nose_are_where_they_are() {
-        let at = |x: f32, y: f32| Point::new(x, y, 0.0);
+    fn middle_and_nose_are_classified() {
+        let point = |x: f32, y: f32| Point::new(x, y, 0.0);
         for (x, y, middle, nose) in [
             (0.0, 0.02, true, true),
             (0.039, 0.0, true, false),
@@ -356,7 +357,7 @@ mod tests {
             (0.0, 0.009, true, false),
         ] {
             assert_eq!(
-                (is_middle(&at(x, y)), is_nose(&at(x, y))),
+                (is_middle(&point(x, y)), is_nose(&point(x, y))),
                 (middle, nose),
                 "{x} {y}"
             );
@@ -380,15 +381,15 @@ mod tests {
     }
 
     #[test]
-    fn a_cloud_beside_the_face_agrees_with_nothing_and_says_so_in_a_number() {
+    fn hair_has_support_but_no_agreement() {
         let head = half_egg();
         let anchor = Anchor::new(&head).expect("a head");
         let shape = HeadShape::standard(anchor.points.len());
-        let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, -0.75));
-        let effort = Effort {
+        let pose = HeadFromSensor::assume_frames(Rigid::translation(0.0, 0.0, -0.75));
+        let options = AlignOptions {
             cutoffs_m: &[0.01],
             stride: 1,
-            beside: 1.0,
+            hair_weight: 1.0,
             scale_sigma: 0.0,
         };
         let fit = |belongs: fn(&Point) -> bool| {
@@ -397,7 +398,7 @@ mod tests {
                 .filter(|(p, _)| belongs(p))
                 .map(|(p, _)| pose.inverse() * p)
                 .collect();
-            align(&anchor, &shape, &cloud, pose, &effort).expect("enough points")
+            align(&anchor, &shape, &cloud, pose, &options).expect("enough points")
         };
         let hair = fit(|p| p.y < -0.06);
         assert_eq!((hair.agreement, hair.agreeing), (0.0, 0));
@@ -410,7 +411,7 @@ mod tests {
             _ => pose.inverse() * p,
         });
         let cloud: Vec<Point> = cloud.collect();
-        let bearded = align(&anchor, &shape, &cloud, pose, &effort).expect("enough points");
+        let bearded = align(&anchor, &shape, &cloud, pose, &options).expect("enough points");
         let (all, above) = (bearded.agreement, bearded.agreement_above_beard);
         assert!(all < 0.95 * above && above > 0.9, "{all} {above}");
     }
@@ -420,11 +421,11 @@ mod tests {
         let head = half_egg();
         let anchor = Anchor::new(&head).expect("a head");
         let shape = HeadShape::standard(anchor.points.len());
-        let start = HeadFromSensor::of(Rigid::translation(0.0, 0.0, -0.75));
-        let effort = Effort {
+        let start = HeadFromSensor::assume_frames(Rigid::translation(0.0, 0.0, -0.75));
+        let options = AlignOptions {
             cutoffs_m: &[0.03, 0.02, 0.02, 0.01, 0.01, 0.01, 0.01, 0.01],
             stride: 1,
-            beside: 1.0,
+            hair_weight: 1.0,
             scale_sigma: 0.2,
         };
         for (turn, shift, size) in [
@@ -433,12 +434,12 @@ mod tests {
             ([0.04, 0.05, -0.05], [0.0, 0.005, 0.003], 0.94),
         ] {
             let planted = Rigid::new(shift.into(), turn.into());
-            let truth = HeadFromSensor::of(planted * *start);
+            let truth = HeadFromSensor::assume_frames(planted * *start);
             let cloud: Vec<Point> = head
                 .iter()
                 .map(|(p, _)| truth.inverse() * (p * size))
                 .collect();
-            let fit = align(&anchor, &shape, &cloud, start, &effort).expect("enough points");
+            let fit = align(&anchor, &shape, &cloud, start, &options).expect("enough points");
             let apart = *fit.head_from_sensor * *truth.inverse();
             let (turned, moved) = (apart.rotation.angle(), apart.translation.vector.norm());
             assert!(
@@ -450,20 +451,20 @@ mod tests {
     }
 
     #[test]
-    fn forty_points_of_full_weight_fix_a_pose_or_one_of_every_forty() {
+    fn the_least_weight_is_forty_points() {
         let anchor = Anchor::new(&half_egg()).expect("a head");
         let shape = HeadShape::standard(anchor.points.len());
         // On the surface, where trust is whole, and as deep as the cloud's middle.
         assert_eq!(one_point(&anchor, 0.6, 0.0, 0.6).total, 1.0);
         let (p, pose) = seen(&anchor, 0.6, 0.0);
         let is_enough = |stride: usize| {
-            let effort = Effort {
+            let options = AlignOptions {
                 cutoffs_m: &[0.02],
                 stride,
-                beside: 0.5,
+                hair_weight: 0.5,
                 scale_sigma: 0.0,
             };
-            align(&anchor, &shape, &[p], pose, &effort).is_some()
+            align(&anchor, &shape, &[p], pose, &options).is_some()
         };
         assert!(!is_enough(39) && is_enough(40));
     }

@@ -4,7 +4,7 @@
 use alloc::sync::Arc;
 
 use super::anchor::Anchor;
-use super::plane::{self, Coverage, Effort, PlaneFit};
+use super::plane::{self, AlignOptions, Coverage, PlaneFit};
 use super::settings::{HeadPose, Settings};
 use super::shape::HeadShape;
 use super::start;
@@ -15,46 +15,51 @@ use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;
 
-/// Cut-offs of every start's rounds, metres: wide enough for a start 20° off.
-const SEARCH_M: [f32; 4] = [0.035, 0.035, 0.03, 0.025];
-/// Of the starts kept.
-const NARROW_M: [f32; 5] = [0.025, 0.02, 0.015, 0.012, 0.010];
-/// Of the finalists.
-const SETTLE_M: [f32; 8] = [0.025, 0.020, 0.015, 0.012, 0.010, 0.008, 0.008, 0.008];
-/// Of a tracked frame: first on few points, then on all.
-const APPROACH_M: [f32; 2] = [0.020, 0.012];
-const FOLLOW_M: [f32; 3] = [0.008, 0.006, 0.006];
-/// Stride over the points while searching, in the final, and while approaching.
+/// Cut-offs of the coarse search, metres: wide enough for a start 20° off.
+const SEARCH_CUTOFFS_M: [f32; 4] = [0.035, 0.035, 0.03, 0.025];
+/// Cut-offs of the second round of the search, metres.
+const NARROW_CUTOFFS_M: [f32; 5] = [0.025, 0.02, 0.015, 0.012, 0.010];
+/// Cut-offs of the finalists, metres.
+const FINAL_CUTOFFS_M: [f32; 8] = [0.025, 0.020, 0.015, 0.012, 0.010, 0.008, 0.008, 0.008];
+/// Cut-offs of a tracked frame on subsampled points, metres.
+const APPROACH_CUTOFFS_M: [f32; 2] = [0.020, 0.012];
+/// Cut-offs of a tracked frame on all points, metres.
+const FOLLOW_CUTOFFS_M: [f32; 3] = [0.008, 0.006, 0.006];
+/// Stride over the points in both rounds of the search.
 const SEARCH_STRIDE: usize = 5;
+/// Stride over the points for finalists.
 const FINAL_STRIDE: usize = 2;
+/// Stride over the points with [`APPROACH_CUTOFFS_M`].
 const APPROACH_STRIDE: usize = 4;
-/// Weight of points outside the bare face at the end of a search: a fringe or hair beside the face biases the pose.
-const BESIDE: f32 = 0.5;
-/// Starts kept after the first rounds, and finalists aligned with more points after the next.
-const GO_ON: usize = 12;
+/// Weight of points outside the bare face for finalists: a fringe or hair beside the face biases the pose.
+const HAIR_WEIGHT: f32 = 0.5;
+/// Starts kept after the coarse search.
+const KEPT_COARSE: usize = 12;
+/// Finalists kept after the second round.
 const FINALISTS: usize = 6;
-/// Results of a search kept for the face to choose from, at least this far apart, radians.
-const ENDS: usize = 3;
-const APART_RAD: f32 = 0.17;
-/// Share of the least agreement down to which a tracked head may be confirmed by its face instead.
-const UNPROVEN: f32 = 0.7;
-/// Least share of the middle of the face that the cloud must cover: of a tracked head, which a hand may half cover,
-const COVERED_FOLLOWED: f32 = 0.45;
-/// and of a newly found one.
-const COVERED_FOUND: f32 = 0.60;
+/// Most results of a search kept as candidates, of which the landmarks select one.
+const CANDIDATES: usize = 3;
+/// Least rotation between candidates, radians.
+const DISTINCT_RAD: f32 = 0.17;
+/// Share of the least agreement above which a tracked head may still be confirmed by its face.
+const UNPROVEN_SHARE: f32 = 0.7;
+/// Least coverage of the middle of the face for a tracked head, which a hand may half cover.
+const MIN_COVERAGE_TRACKED: f32 = 0.45;
+/// Least coverage of the middle of the face for a newly found head.
+const MIN_COVERAGE_FOUND: f32 = 0.60;
 /// Least number of agreeing live points.
 const MIN_AGREEING: u32 = 120;
-/// A frame teaches the shape from this agreement on.
-const TEACHING_AGREEMENT: f32 = 0.6;
+/// Least agreement of a frame that the shape is learned from.
+const LEARNING_AGREEMENT: f32 = 0.6;
 
-/// Score of a search result: how well the bare face agrees, how much of it is seen, and how much of the face's middle. Hair
-/// and collar, which agree with the sides of a head in many places, no longer count.
-fn proof(fit: &PlaneFit, covered: &Coverage) -> f32 {
+/// Score of a search result: agreement of the bare face, size of its visible part, and coverage of the middle. Hair and collar do
+/// not count, because they agree with the sides of a head in many poses.
+fn score(fit: &PlaneFit, covered: &Coverage) -> f32 {
     fit.agreement * (fit.agreeing as f32).sqrt() * covered.middle
 }
 
-/// The best few results of a search's first rounds, best first: on few points with loose cut-offs they cannot be ranked
-/// reliably. The score is the support of the whole cloud: too little of the bare face alone is used yet.
+/// The best `N` results of a round of the search, best first. Ranked by the support of the whole cloud, because the subsampled
+/// bare face has too few points.
 struct Best<const N: usize>(heapless::Vec<PlaneFit, N>);
 
 impl<const N: usize> Best<N> {
@@ -73,23 +78,25 @@ impl<const N: usize> Best<N> {
     }
 }
 
-/// Tracks one head by planes.
+/// Tracks one head by point-to-plane alignment.
 pub(super) struct PlaneTracker {
     anchor: Arc<Anchor>,
     shape: HeadShape,
-    /// Below this agreement (0…1) the head counts as lost.
+    /// Least agreement of a head, 0…1.
     min_agreement: f32,
     /// Whether size and shape are learned.
     learns: bool,
-    /// Centre of the cloud of the last pose or of a half-finished search, and its motion since.
-    middle: Option<Point>,
-    moved: Vector,
+    /// Centre of the cloud of the last pose or of a half-finished search, sensor frame, metres.
+    last_centre: Option<Point>,
+    /// Motion of the cloud's centre since, metres.
+    cloud_shift: Vector,
     /// Anchor points covered by a cloud.
     hit: Vec<bool>,
-    /// State of a half-finished search, and its time.
+    /// Poses of a half-finished search.
     finalists: heapless::Vec<HeadFromSensor, FINALISTS>,
-    /// Remaining results of a finished search, best first, in case the first one shows no face.
-    ends: heapless::Vec<HeadFromSensor, ENDS>,
+    /// Remaining results of a finished search, best first, in case the first shows no face.
+    candidates: heapless::Vec<HeadFromSensor, CANDIDATES>,
+    /// Time of the last part of a search.
     searched: Timestamp,
     /// The last frame's fit, until the shape has learned from it.
     pending: Option<PlaneFit>,
@@ -101,7 +108,7 @@ impl Tracker for PlaneTracker {
     }
 
     fn is_searching(&self) -> bool {
-        !self.finalists.is_empty() || !self.ends.is_empty()
+        !self.finalists.is_empty() || !self.candidates.is_empty()
     }
 
     fn expected(
@@ -111,29 +118,36 @@ impl Tracker for PlaneTracker {
         middle: Option<Point>,
     ) -> Option<SensorFromHead> {
         if let Some(middle) = middle {
-            self.measure_motion(middle);
+            self.measure_cloud_shift(middle);
         }
-        Some(trail.predicted(at, &self.moved)?.inverse())
+        Some(trail.predicted(at, &self.cloud_shift)?.inverse())
     }
 
     fn follow(&mut self, head: &HeadCloud, trail: &Trail, at: Timestamp) -> Option<Found> {
         let cloud = &head.points;
-        let start = trail.predicted(at, &self.moved)?;
-        let near = self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0, 1.0)?;
+        let start = trail.predicted(at, &self.cloud_shift)?;
+        let near = self.align(cloud, start, &APPROACH_CUTOFFS_M, APPROACH_STRIDE, 0.0, 1.0)?;
         let scale_sigma = self.scale_sigma();
-        let fit = self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma, 1.0)?;
-        // Hair, beard and things let a head agree badly: where a face is seen, that proves it.
+        let fit = self.align(
+            cloud,
+            near.head_from_sensor,
+            &FOLLOW_CUTOFFS_M,
+            1,
+            scale_sigma,
+            1.0,
+        )?;
+        // Hair, a beard or objects lower the agreement of a true head, which its face then confirms.
         let proven = fit.agreement >= self.min_agreement;
-        let enough = fit.agreement >= UNPROVEN * self.min_agreement;
+        let enough = fit.agreement >= UNPROVEN_SHARE * self.min_agreement;
         if !enough || fit.agreeing < MIN_AGREEING {
             return None;
         }
-        let coverage = self.covered(cloud, &fit, COVERED_FOLLOWED)?;
+        let coverage = self.sufficient_coverage(cloud, &fit, MIN_COVERAGE_TRACKED)?;
         self.clear_search();
-        // What is gathered around a pose has the middle of that pose.
-        self.middle = None;
-        let (pose, known) = self.believed(head, fit, coverage);
-        Some((HeadPose { proven, ..pose }, known))
+        // A cloud gathered around a pose is centred by that pose.
+        self.last_centre = None;
+        let (pose, information) = self.report(head, fit, coverage);
+        Some((HeadPose { proven, ..pose }, information))
     }
 
     fn find(
@@ -144,11 +158,11 @@ impl Tracker for PlaneTracker {
         searches: &mut u32,
     ) -> Option<Found> {
         self.pending = None;
-        self.measure_motion(head.centre);
+        self.measure_cloud_shift(head.centre);
         let found = self
             .follow(head, trail, at)
             .or_else(|| self.search(head, trail, at, searches))?;
-        self.middle = Some(head.centre);
+        self.last_centre = Some(head.centre);
         Some(found)
     }
 
@@ -156,7 +170,7 @@ impl Tracker for PlaneTracker {
         let Some(fit) = self.pending.take() else {
             return;
         };
-        if self.shape.takes_frame() {
+        if self.shape.counts_frame() {
             let (pose, scale) = (&fit.head_from_sensor, fit.scale);
             self.shape
                 .learn(&self.anchor, &cloud.points, pose, Some(scale));
@@ -165,7 +179,7 @@ impl Tracker for PlaneTracker {
 
     fn restart(&mut self) {
         self.clear_search();
-        (self.middle, self.moved) = (None, Vector::zeros());
+        (self.last_centre, self.cloud_shift) = (None, Vector::zeros());
     }
 
     fn forget(&mut self) {
@@ -183,10 +197,10 @@ impl PlaneTracker {
             anchor,
             min_agreement: settings.min_agreement,
             learns: settings.learn_shape,
-            middle: None,
-            moved: Vector::zeros(),
+            last_centre: None,
+            cloud_shift: Vector::zeros(),
             finalists: heapless::Vec::new(),
-            ends: heapless::Vec::new(),
+            candidates: heapless::Vec::new(),
             searched: Timestamp::default(),
             pending: None,
         }
@@ -194,50 +208,55 @@ impl PlaneTracker {
 
     fn clear_search(&mut self) {
         self.finalists.clear();
-        self.ends.clear();
+        self.candidates.clear();
     }
 
-    /// How far the head's cut-out has moved, whose centre is now `middle`: until the head has a speed, that of a person walking
-    /// in at 40 mm a frame is predicted from it.
-    fn measure_motion(&mut self, middle: Point) {
-        let moved = self.middle.map(|before| middle - before);
-        self.moved = moved.unwrap_or_default();
+    /// Measures the motion of the segmented cloud, now centred at `middle`: predicts the pose until the head has a speed, as for a
+    /// person walking in at 40 mm a frame.
+    fn measure_cloud_shift(&mut self, middle: Point) {
+        let moved = self.last_centre.map(|before| middle - before);
+        self.cloud_shift = moved.unwrap_or_default();
     }
 
-    /// How much of the middle of the face the cloud covers, if the fit is accepted: at least `least`.
+    /// Coverage of the face by the cloud, if agreement, number of points and coverage (at least `least`) suffice.
     fn accepted(&mut self, cloud: &[Point], fit: &PlaneFit, least: f32) -> Option<Coverage> {
         if fit.agreement < self.min_agreement || fit.agreeing < MIN_AGREEING {
             return None;
         }
-        self.covered(cloud, fit, least)
+        self.sufficient_coverage(cloud, fit, least)
     }
 
-    /// The head's coverage by the cloud, if enough of its middle is covered.
-    fn covered(&mut self, cloud: &[Point], fit: &PlaneFit, least: f32) -> Option<Coverage> {
+    /// Coverage of the face by the cloud, if the middle's is at least `least`.
+    fn sufficient_coverage(
+        &mut self,
+        cloud: &[Point],
+        fit: &PlaneFit,
+        least: f32,
+    ) -> Option<Coverage> {
         let covered = plane::coverage(&self.anchor, &self.shape, cloud, fit, &mut self.hit);
         (covered.middle >= least).then_some(covered)
     }
 
-    /// Aligns the cloud with the learned head, starting at `start`.
-    fn aligned(
+    /// Aligns the cloud with the learned head, from `start`.
+    fn align(
         &self,
         cloud: &[Point],
         start: HeadFromSensor,
         cutoffs_m: &[f32],
         stride: usize,
         scale_sigma: f64,
-        beside: f32,
+        hair_weight: f32,
     ) -> Option<PlaneFit> {
-        let effort = Effort {
+        let options = AlignOptions {
             cutoffs_m,
             stride,
-            beside,
+            hair_weight,
             scale_sigma,
         };
-        plane::align(&self.anchor, &self.shape, cloud, start, &effort)
+        plane::align(&self.anchor, &self.shape, cloud, start, &options)
     }
 
-    /// Prior deviation of the scale in an alignment, as a logarithm.
+    /// Prior standard deviation of ln(scale) in an alignment; 0 if the shape is not learned.
     fn scale_sigma(&self) -> f64 {
         if self.learns {
             self.shape.scale_sigma()
@@ -246,7 +265,7 @@ impl PlaneTracker {
         }
     }
 
-    /// By a search, half of it or both as `searches` are left.
+    /// Searches for the head; each of `searches` pays for half of a search.
     fn search(
         &mut self,
         head: &HeadCloud,
@@ -258,116 +277,139 @@ impl PlaneTracker {
         if !(0.0..=COAST_S).contains(&at.seconds_since(self.searched)) {
             self.clear_search();
         }
-        // What the last search left goes first, if its pose was doubted and not lost: it costs little.
+        // The last search's candidates first, if its pose was rejected (not lost): they cost little.
         if trail.last.is_some() {
-            self.ends.clear();
+            self.candidates.clear();
         }
-        if let Some(found) = self.settle(head, scale_sigma) {
+        if let Some(found) = self.accept_candidate(head, scale_sigma) {
             self.searched = at;
             return Some(found);
         }
         if self.finalists.is_empty() {
             *searches = searches.checked_sub(1)?;
             self.searched = at;
-            self.begin(&head.points, scale_sigma);
-            self.middle = Some(head.centre);
+            self.search_coarsely(&head.points, scale_sigma);
+            self.last_centre = Some(head.centre);
         }
         *searches = searches.checked_sub(1)?;
         self.searched = at;
-        self.decide(&head.points, scale_sigma);
-        (self.middle, self.moved) = (Some(head.centre), Vector::zeros());
-        self.settle(head, scale_sigma)
+        self.refine_finalists(&head.points, scale_sigma);
+        (self.last_centre, self.cloud_shift) = (Some(head.centre), Vector::zeros());
+        self.accept_candidate(head, scale_sigma)
     }
 
-    /// The pose of an accepted fit, from which the head's shape may be learned.
-    fn believed(&mut self, head: &HeadCloud, fit: PlaneFit, covered: Coverage) -> Found {
+    /// The pose of an accepted fit; keeps the fit for [`Self::learn`] if it is good enough.
+    fn report(&mut self, head: &HeadCloud, fit: PlaneFit, covered: Coverage) -> Found {
         let coverage = covered.middle.min(covered.nose);
-        // What the picture's edge cuts off would bend the shape; a beard teaches its own.
+        // A head cut off by the image edge would distort the shape; a beard is part of the learned shape.
         let agreement = fit.agreement.max(fit.agreement_above_beard);
-        let teaches = agreement >= TEACHING_AGREEMENT && head.whole;
-        self.pending = (self.learns && teaches).then_some(fit);
+        let learns = agreement >= LEARNING_AGREEMENT && head.whole;
+        self.pending = (self.learns && learns).then_some(fit);
         let pose = HeadPose {
             sensor_from_head: fit.head_from_sensor.inverse(),
-            confidence: (fit.agreement * (coverage / COVERED_FOUND).min(1.0)).clamp(0.0, 1.0),
+            confidence: (fit.agreement * (coverage / MIN_COVERAGE_FOUND).min(1.0)).clamp(0.0, 1.0),
             coverage,
             proven: true,
         };
-        (pose, fit.known)
+        (pose, fit.information)
     }
 
-    /// First half of a search, giving the finalists: rounds for all starts, more for the better ones.
-    fn begin(&mut self, cloud: &[Point], scale_sigma: f64) {
-        let mut first: Best<GO_ON> = Best::new();
+    /// First half of a search: aligns all starts, then the better ones further, and keeps the finalists.
+    fn search_coarsely(&mut self, cloud: &[Point], scale_sigma: f64) {
+        let mut first: Best<KEPT_COARSE> = Best::new();
         for start in start::starts(&self.anchor, cloud) {
-            first.offer(self.aligned(cloud, start, &SEARCH_M, SEARCH_STRIDE, scale_sigma, 1.0));
+            first.offer(self.align(
+                cloud,
+                start,
+                &SEARCH_CUTOFFS_M,
+                SEARCH_STRIDE,
+                scale_sigma,
+                1.0,
+            ));
         }
         let mut second: Best<FINALISTS> = Best::new();
         for fit in &first.0 {
             let start = fit.head_from_sensor;
-            second.offer(self.aligned(cloud, start, &NARROW_M, SEARCH_STRIDE, scale_sigma, 1.0));
+            second.offer(self.align(
+                cloud,
+                start,
+                &NARROW_CUTOFFS_M,
+                SEARCH_STRIDE,
+                scale_sigma,
+                1.0,
+            ));
         }
         self.finalists = second.0.iter().map(|fit| fit.head_from_sensor).collect();
-        self.moved = Vector::zeros();
+        self.cloud_shift = Vector::zeros();
     }
 
-    /// Second half: the finalists, moved with the cloud, on all points; keeps the best distinct poses.
-    fn decide(&mut self, cloud: &[Point], scale_sigma: f64) {
-        let back = self.moved_back();
-        let mut ends: heapless::Vec<(f32, HeadFromSensor), FINALISTS> = heapless::Vec::new();
+    /// Second half of a search: aligns the finalists, shifted with the cloud, and keeps the best distinct poses as candidates.
+    fn refine_finalists(&mut self, cloud: &[Point], scale_sigma: f64) {
+        let back = self.back_shift();
+        let mut candidates: heapless::Vec<(f32, HeadFromSensor), FINALISTS> = heapless::Vec::new();
         for start in &self.finalists {
-            let start = moved_by(start, &back);
-            let Some(fit) =
-                self.aligned(cloud, start, &SETTLE_M, FINAL_STRIDE, scale_sigma, BESIDE)
-            else {
+            let start = shifted_back(start, &back);
+            let Some(fit) = self.align(
+                cloud,
+                start,
+                &FINAL_CUTOFFS_M,
+                FINAL_STRIDE,
+                scale_sigma,
+                HAIR_WEIGHT,
+            ) else {
                 continue;
             };
             let covered = plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
-            let proof = proof(&fit, &covered);
-            let place = ends.iter().position(|(other, _)| proof > *other);
-            // As many as finalists.
-            let _ = ends.insert(place.unwrap_or(ends.len()), (proof, fit.head_from_sensor));
+            let score = score(&fit, &covered);
+            let place = candidates.iter().position(|(other, _)| score > *other);
+            // Capacity: one per finalist.
+            let _ = candidates.insert(
+                place.unwrap_or(candidates.len()),
+                (score, fit.head_from_sensor),
+            );
         }
         self.clear_search();
-        for (_, end) in &ends {
-            let is_new =
-                |other: &HeadFromSensor| (other.inverse() * *end).rotation.angle() > APART_RAD;
-            if !self.ends.is_full() && self.ends.iter().all(is_new) {
-                // Room was seen to.
-                let _ = self.ends.push(*end);
+        for (_, candidate) in &candidates {
+            let is_new = |other: &HeadFromSensor| {
+                (other.inverse() * *candidate).rotation.angle() > DISTINCT_RAD
+            };
+            if !self.candidates.is_full() && self.candidates.iter().all(is_new) {
+                // Not full: checked above.
+                let _ = self.candidates.push(*candidate);
             }
         }
     }
 
-    /// The best remaining result of a search, if one is accepted on all points.
-    fn settle(&mut self, head: &HeadCloud, scale_sigma: f64) -> Option<Found> {
-        let back = self.moved_back();
-        while !self.ends.is_empty() {
-            let start = moved_by(&self.ends.remove(0), &back);
+    /// The best remaining candidate that is accepted on all points.
+    fn accept_candidate(&mut self, head: &HeadCloud, scale_sigma: f64) -> Option<Found> {
+        let back = self.back_shift();
+        while !self.candidates.is_empty() {
+            let start = shifted_back(&self.candidates.remove(0), &back);
             let cloud = &head.points;
-            let fit = self.aligned(cloud, start, &FOLLOW_M, 1, scale_sigma, BESIDE);
-            let coverage = fit.and_then(|fit| self.accepted(cloud, &fit, COVERED_FOUND));
+            let fit = self.align(cloud, start, &FOLLOW_CUTOFFS_M, 1, scale_sigma, HAIR_WEIGHT);
+            let coverage = fit.and_then(|fit| self.accepted(cloud, &fit, MIN_COVERAGE_FOUND));
             if let (Some(fit), Some(coverage)) = (fit, coverage) {
-                for end in &mut self.ends {
-                    *end = moved_by(end, &back);
+                for candidate in &mut self.candidates {
+                    *candidate = shifted_back(candidate, &back);
                 }
-                return Some(self.believed(head, fit, coverage));
+                return Some(self.report(head, fit, coverage));
             }
         }
         None
     }
 
-    /// Motion from the cloud's current to its former position.
-    fn moved_back(&self) -> nalgebra::Translation3<f32> {
-        (-self.moved.cap_magnitude(STEP_M)).into()
+    /// Translation from the cloud's current to its former position, sensor frame.
+    fn back_shift(&self) -> nalgebra::Translation3<f32> {
+        (-self.cloud_shift.cap_magnitude(STEP_M)).into()
     }
 }
 
-/// A pose of a cloud that has since moved: `back` leads from its current to its former position, in the sensor frame.
-fn moved_by(
+/// Adapts a pose to a cloud that has moved since; `back` leads from its current to its former position, sensor frame.
+fn shifted_back(
     head_from_sensor: &HeadFromSensor,
     back: &nalgebra::Translation3<f32>,
 ) -> HeadFromSensor {
-    HeadFromSensor::of(**head_from_sensor * back)
+    HeadFromSensor::assume_frames(**head_from_sensor * back)
 }
 
 #[cfg(test)]
@@ -384,17 +426,17 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_is_as_sure_as_its_agreement_and_its_coverage() {
+    fn confidence_is_agreement_times_coverage() {
         let mut tracker = tracker();
         let head = cloud(&placed(0.0, 0.0, 0.0), 0.0, 1);
         let fit = |agreement: f32, agreeing: u32| PlaneFit {
-            head_from_sensor: SensorFromHead::of(placed(0.0, 0.0, 0.0)).inverse(),
+            head_from_sensor: SensorFromHead::assume_frames(placed(0.0, 0.0, 0.0)).inverse(),
             scale: 1.0,
             agreement,
             agreement_above_beard: 0.0,
             support: 1.0,
             agreeing,
-            known: SMatrix::zeros(),
+            information: SMatrix::zeros(),
         };
         assert!(
             tracker
@@ -422,44 +464,44 @@ mod tests {
         let covered = |middle: f32, nose: f32| Coverage { middle, nose };
         let mut whole = head;
         whole.whole = true;
-        for (agreement, middle, nose, confidence, teaches) in [
+        for (agreement, middle, nose, confidence, learns) in [
             (0.8, 0.9, 0.7, 0.8, true),
             (0.8, 0.9, 0.3, 0.4, true),
             (0.8, 0.3, 0.9, 0.4, true),
             (0.6, 0.9, 0.9, 0.6, true),
             (0.59, 0.9, 0.9, 0.59, false),
         ] {
-            let (pose, _) = tracker.believed(&whole, fit(agreement, 500), covered(middle, nose));
+            let (pose, _) = tracker.report(&whole, fit(agreement, 500), covered(middle, nose));
             assert!((pose.confidence - confidence).abs() < 1e-6);
             assert_eq!(pose.coverage, middle.min(nose));
-            assert_eq!(tracker.pending.is_some(), teaches);
+            assert_eq!(tracker.pending.is_some(), learns);
         }
         let bearded = PlaneFit {
             agreement_above_beard: 0.6,
             ..fit(0.4, 500)
         };
-        let (pose, _) = tracker.believed(&whole, bearded, covered(0.9, 0.9));
+        let (pose, _) = tracker.report(&whole, bearded, covered(0.9, 0.9));
         assert!((pose.confidence - 0.4).abs() < 1e-6 && tracker.pending.is_some());
         whole.whole = false;
-        tracker.believed(&whole, fit(0.9, 500), covered(0.9, 0.9));
+        tracker.report(&whole, fit(0.9, 500), covered(0.9, 0.9));
         assert!(tracker.pending.is_none(), "cut off at the side");
     }
 
     #[test]
-    fn the_first_sixty_frames_teach_one_by_one_then_every_third() {
+    fn learns_sixty_frames_then_every_third() {
         let mut tracker = tracker();
         let head = cloud(&placed(0.0, 0.0, 0.0), 0.0, 1);
         let mut taught = Vec::new();
         for frame in 1..=70 {
             // Larger each time, so that a lesson moves the scale.
             tracker.pending = Some(PlaneFit {
-                head_from_sensor: SensorFromHead::of(placed(0.0, 0.0, 0.0)).inverse(),
+                head_from_sensor: SensorFromHead::assume_frames(placed(0.0, 0.0, 0.0)).inverse(),
                 scale: 1.0 + 0.001 * frame as f32,
                 agreement: 0.8,
                 agreement_above_beard: 0.8,
                 support: 1.0,
                 agreeing: 500,
-                known: SMatrix::zeros(),
+                information: SMatrix::zeros(),
             });
             let before = tracker.shape.log_scale;
             tracker.learn(&head);
@@ -476,7 +518,7 @@ mod tests {
     }
 
     #[test]
-    fn the_best_ends_are_kept_best_first_and_of_equals_the_first() {
+    fn the_best_results_are_kept_in_order() {
         let fit = |support: f32, name: f32| PlaneFit {
             head_from_sensor: HeadFromSensor::identity(),
             scale: 1.0,
@@ -484,7 +526,7 @@ mod tests {
             agreement_above_beard: name,
             support,
             agreeing: 0,
-            known: nalgebra::SMatrix::zeros(),
+            information: nalgebra::SMatrix::zeros(),
         };
         let mut best = Best::<3>::new();
         best.offer(None);

@@ -1,4 +1,4 @@
-//! What can be chosen about the pose stage, and what it gives.
+//! Settings and result of the pose stage.
 
 use super::smoothing::Smoothing;
 use crate::base::defaults;
@@ -7,22 +7,21 @@ use crate::base::frames::SensorFromHead;
 /// A head pose and its confidence.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadPose {
-    /// Maps head coordinates to the depth camera's.
+    /// Head frame to sensor frame, metres.
     pub sensor_from_head: SensorFromHead,
-    /// Agreement, 0…1: share of the evidence that fits.
+    /// 0…1: share of the evidence that fits.
     pub confidence: f32,
-    /// Share of the middle of the face, or of the nose if that is less, that the cloud covers, 0…1; 1 with the paper's method,
-    /// which does not compute it.
+    /// Share of the middle of the face, or of the nose if less, covered by the cloud, 0…1; 1 with the paper's method, which does not
+    /// compute it.
     pub coverage: f32,
-    /// Whether depth alone confirms it; otherwise it holds only if a face is seen
-    /// there ([`super::Evidence`]).
+    /// Whether depth alone confirms it; otherwise it holds only if a face is seen there ([`super::Evidence`]).
     pub proven: bool,
 }
 
 /// Pose estimation method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// Point-to-point, frame to frame, anchored: the paper's.
+    /// The paper's: point-to-point, frame to frame, anchored.
     Paper,
     /// Point-to-plane against the learned head.
     #[default]
@@ -33,9 +32,9 @@ defaults! {
     /// Settings of the pose stage.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Settings {
-        /// Which method.
+        /// Method.
         pub method: Method = Method::default(),
-        /// Filter over time.
+        /// Temporal filter.
         pub smoothing: Smoothing = Smoothing::default(),
         /// Below this agreement (0…1) the head counts as lost.
         pub min_agreement: f32 = 0.45,
@@ -43,7 +42,7 @@ defaults! {
         pub learn_shape: bool = true,
         /// Frames of [`Smoothing::Window`].
         pub window_frames: u32 = WINDOW_FRAMES,
-        /// Rounds of an alignment at most (paper's method).
+        /// Most iterations of an alignment (paper's method).
         pub rounds: u32 = 400,
     }
 }

@@ -1,17 +1,15 @@
 //! The shape of one user's head, relative to the standard head, and how it is learned while tracking.
 //!
-//! A uniform scale, and for every anchor point an offset along its normal.
+//! If a head differs from the standard head, the alignment is a compromise that depends on which part is visible, so the pose
+//! error depends on the pose. So a uniform scale is learned (a running mean of each frame's estimate, bounded 0.86 to 1.16) and
+//! for every anchor point an offset along its normal (a running mean of the distances of its live points; the idea of a fused
+//! reference model, Newcombe et al., *KinectFusion: real-time dense surface mapping and tracking*, ISMAR 2011, on the anchor's
+//! points instead of a volume).
 //!
-//! Nobody has the standard head. If a head is wider or its nose longer, the alignment settles at a compromise that depends on
-//! which part is visible, so the pose error depends on the pose. Learned are the uniform scale (a running mean of each
-//! frame's estimate, bounded 0.85 to 1.15) and for every anchor point an offset along its normal (a running mean of the
-//! distances of its live points; the idea of a fused reference model, Newcombe et al., Real-Time Dense Surface Mapping and Tracking,
-//! ISMAR 2011, on the anchor's own points instead of a volume).
-//!
-//! Any rigid motion or scale contained in the offsets is removed again ([`HeadShape::settle`]), because it belongs to the
-//! pose: otherwise the learned head could drift away from the standard one. Only the bare face ([`Anchor`]) counts there:
-//! over the whole head, hair standing off the cranium pulls the face along, by a centimetre in half a minute. Offsets are
-//! smoothed along the surface, which also extends them a little into parts not yet seen.
+//! Rigid motion and scale contained in the offsets are removed ([`HeadShape::remove_rigid_and_scale`]), because they belong to
+//! the pose; otherwise the learned head could drift from the standard one. Only the bare face ([`Anchor`]) counts there: over
+//! the whole head, hair off the cranium shifts the face by a centimetre in half a minute. Offsets are smoothed along the
+//! surface, which extends them slightly into unseen parts.
 //!
 //! Head frame, metres. Memory: 12 bytes per anchor point. Cost: one look-up per live point and frame, and a 7 × 7 solve.
 //! Limitation: offsets follow the normal up to [`MAX_OFFSET_M`]; long beards and high hair exceed it and stay outliers.
@@ -23,55 +21,56 @@ use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::Point;
 use crate::base::prelude::*;
 
-/// Heads are 0.85 to 1.15 of the standard size.
+/// Largest |ln(scale)|: heads are 0.86 to 1.16 of the standard size.
 pub(crate) const MAX_LOG_SCALE: f64 = 0.15;
 
-/// Weight of the standard head, in frames, so that one noisy frame cannot distort it.
+/// Weight of the standard head in an offset's mean, frames, against single noisy frames.
 const PRIOR_FRAMES: f32 = 4.0;
 
-/// Cosine below which an anchor point counts as seen by the camera.
+/// Largest cosine between viewing ray and normal of an anchor point that faces the camera.
 pub(crate) const FACING: f32 = -0.15;
 
-/// Live points further off are ignored, metres: they are hands, hair or the neck.
-const TEACHING_M: f32 = 0.010;
+/// Largest distance of a live point that is learned from, metres: farther ones are hands, hair or the neck.
+const MAX_RESIDUAL_M: f32 = 0.010;
 
-/// Share of the neighbours' mean that is mixed in per frame, where nothing was seen yet and where it was.
-const SPREAD: (f32, f32) = (0.08, 0.01);
+/// Share of the neighbours' mean mixed in per frame: at unseen points, and at seen ones.
+const SMOOTHING_SHARES: (f32, f32) = (0.08, 0.01);
 
-/// As for the offsets, for the scale.
+/// Length of the scale's running mean, frames.
 const SCALE_MEMORY_FRAMES: f64 = 300.0;
 
-/// After this many frames an offset is a running mean of that length.
+/// Length of an offset's running mean, frames.
 const MEMORY_FRAMES: f32 = 150.0;
-/// Fewer where the size is derived from the offsets, which have to settle first.
+/// Length of an offset's running mean where the size is derived from the offsets, frames: shorter, so that they settle first.
 const SIZE_MEMORY_FRAMES: f32 = 50.0;
 
-/// The first [`LEARN_ALL`] frames that are good enough all teach the shape, later ones every [`LEARN_STEP`]-th: neighbours are
-/// redundant.
+/// Number of first usable frames that are all learned from.
 pub(super) const LEARN_ALL: u64 = 60;
+/// Later only every so many usable frames are learned from: consecutive ones are redundant.
 const LEARN_STEP: u64 = 3;
 
 /// Largest learned offset, metres.
 const MAX_OFFSET_M: f32 = 0.015;
 
-/// The learned differences.
+/// Learned scale and offsets of one head.
 #[derive(Clone, Debug)]
 pub(crate) struct HeadShape {
     /// Natural logarithm of the head's size relative to the standard head.
     pub(crate) log_scale: f64,
-    /// Frames good enough to learn from.
+    /// Usable frames so far.
     pub(crate) learned_frames: u64,
-    /// Offset of each anchor point along its normal, metres, in the standard head's size.
+    /// Offset of each anchor point along its normal, metres at the standard size.
     pub(crate) offset: Vec<f32>,
     /// Frames from which each offset was learned, capped.
     seen: Vec<f32>,
     /// Frames from which the scale was learned.
     frames: f64,
+    /// Sum and count of this frame's distances per anchor point.
     sums: Vec<(f32, f32)>,
 }
 
 impl HeadShape {
-    /// The standard head itself, for an anchor of `points` points.
+    /// The standard head, for an anchor of `points` points.
     pub(crate) fn standard(points: usize) -> Self {
         Self {
             log_scale: 0.0,
@@ -83,7 +82,7 @@ impl HeadShape {
         }
     }
 
-    /// Back to the standard head, in place.
+    /// Resets to the standard head, in place.
     pub(crate) fn forget(&mut self) {
         self.log_scale = 0.0;
         self.learned_frames = 0;
@@ -92,30 +91,31 @@ impl HeadShape {
         self.seen.fill(0.0);
     }
 
-    /// Counts a frame that is good enough; whether it teaches.
-    pub(super) fn takes_frame(&mut self) -> bool {
+    /// Counts a usable frame; returns whether to learn from it.
+    pub(super) fn counts_frame(&mut self) -> bool {
         self.learned_frames += 1;
         self.learned_frames <= LEARN_ALL || self.learned_frames.is_multiple_of(LEARN_STEP)
     }
 
-    /// Measured offset of an anchor point, without the standard head's share in the mean; `None` where nothing was seen.
+    /// Measured offset of an anchor point, metres, without the standard head's share in the mean; `None` if unseen.
     pub(crate) fn measured(&self, i: usize) -> Option<f32> {
         let seen = self.seen[i];
         (seen >= 1.0).then(|| self.offset[i] * (seen + PRIOR_FRAMES) / seen)
     }
 
-    /// An anchor point on this head, head frame, metres.
-    pub(crate) fn place(&self, anchor: &Anchor, i: usize) -> Point {
+    /// Position of an anchor point on this head, head frame, metres.
+    pub(crate) fn point(&self, anchor: &Anchor, i: usize) -> Point {
         let size = self.log_scale.exp() as f32;
         Point::from((anchor.points[i] + anchor.normals[i] * self.offset[i]).coords * size)
     }
 
-    /// Prior deviation of the scale around its estimate: wide for a newcomer, narrow once known.
+    /// Prior standard deviation of ln(scale): 0.06 at first, decreasing to 0.004.
     pub(crate) fn scale_sigma(&self) -> f64 {
         (0.06 / (1.0 + self.frames * 0.1).sqrt()).max(0.004)
     }
 
-    /// Distance along the normal of one live point in the head frame, with the anchor point it belongs to.
+    /// Nearest anchor point of a live point `q` (head frame, metres), and its distance from the head along that normal, metres at the
+    /// standard size. `None` if none is near, on the rim, or facing away from `camera`.
     #[inline(always)]
     pub(crate) fn pair(
         &self,
@@ -134,8 +134,8 @@ impl HeadShape {
         Some((i, n.dot(&(x - anchor.points[i])) - self.offset[i]))
     }
 
-    /// Learns from one frame, well aligned at a pose: adds its distances to the running means. Without a scale, from an alignment
-    /// that does not estimate it, the size is what the offsets have grown by.
+    /// Learns from an aligned cloud (sensor frame, metres): adds its distances to the running means. Without a `scale` from the
+    /// alignment, the size follows from the offsets' growth.
     pub(crate) fn learn(
         &mut self,
         anchor: &Anchor,
@@ -147,14 +147,14 @@ impl HeadShape {
         if let Some(scale) = scale {
             (inverse_scale, memory) = (1.0 / scale, MEMORY_FRAMES);
             self.frames = (self.frames + 1.0).min(SCALE_MEMORY_FRAMES);
-            self.grow((f64::from(scale).ln() - self.log_scale) / self.frames);
+            self.change_scale((f64::from(scale).ln() - self.log_scale) / self.frames);
         }
         self.sums.fill((0.0, 0.0));
         let camera = Point::from(head_from_sensor.translation.vector);
         for p in cloud {
             let q = head_from_sensor * p;
             if let Some((i, r)) = self.pair(anchor, &q, inverse_scale, &camera)
-                && r.abs() < TEACHING_M
+                && r.abs() < MAX_RESIDUAL_M
             {
                 self.sums[i].0 += r;
                 self.sums[i].1 += 1.0;
@@ -167,32 +167,32 @@ impl HeadShape {
                 self.offset[i] += sum / count / (self.seen[i] + PRIOR_FRAMES);
             }
         }
-        self.spread(anchor);
-        let growth = self.settle(anchor);
+        self.smooth_offsets(anchor);
+        let growth = self.remove_rigid_and_scale(anchor);
         if scale.is_none() {
-            self.grow(growth);
+            self.change_scale(growth);
         }
     }
 
-    fn grow(&mut self, log_scale: f64) {
+    fn change_scale(&mut self, log_scale: f64) {
         let grown = self.log_scale + log_scale;
         self.log_scale = grown.clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
     }
 
-    fn spread(&mut self, anchor: &Anchor) {
+    fn smooth_offsets(&mut self, anchor: &Anchor) {
         for i in 0..self.offset.len() {
             let beside = anchor.neighbours[i].map(|k| self.offset[usize::from(k)]);
             let mean = beside.iter().sum::<f32>() / NEIGHBOURS as f32;
-            let (new, known) = SPREAD;
+            let (new, known) = SMOOTHING_SHARES;
             let share = if self.seen[i] < 1.0 { new } else { known };
             self.offset[i] += (mean - self.offset[i]) * share;
             self.offset[i] = self.offset[i].clamp(-MAX_OFFSET_M, MAX_OFFSET_M);
         }
     }
 
-    /// Removes the least-squares rigid motion and scale from the offsets, weighted by trust, over the bare face: hair elsewhere may
-    /// be learned, but moves nothing. Returns the scale removed, as a logarithm.
-    fn settle(&mut self, anchor: &Anchor) -> f64 {
+    /// Removes the least-squares rigid motion and scale, fitted over the bare face and weighted by trust, from all offsets. Returns
+    /// the removed ln(scale).
+    fn remove_rigid_and_scale(&mut self, anchor: &Anchor) -> f64 {
         let mut g = SVector::<f64, 7>::zeros();
         let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);
         for (_, ((&offset, j), &trust)) in points.enumerate().filter(|(i, _)| anchor.is_bare(*i)) {
@@ -216,7 +216,7 @@ mod tests {
     use crate::pose::signature::Signature;
 
     #[test]
-    fn size_that_is_still_in_the_offsets_counts_as_size() {
+    fn scale_in_the_offsets_counts_as_size() {
         let anchor = Anchor::new(&half_egg()).unwrap();
         let head = |log_scale: f64, growth: f32| {
             let mut shape = HeadShape::standard(anchor.points.len());
@@ -227,21 +227,22 @@ mod tests {
             let grown = anchor.points.iter().zip(&anchor.normals).map(grown);
             let share = MEMORY_FRAMES / (MEMORY_FRAMES + PRIOR_FRAMES);
             shape.offset = grown.map(|offset| offset * share).collect();
-            Signature::of(&anchor, &shape)
+            Signature::from_shape(&anchor, &shape)
         };
-        let differ =
-            |one: &Signature, other: &Signature| one.differ(other, &anchor).expect("all is seen");
-        let same = differ(&head(0.04, -0.03), &head(0.01, 0.0));
+        let difference = |one: &Signature, other: &Signature| {
+            one.difference(other, &anchor).expect("all is seen")
+        };
+        let same = difference(&head(0.04, -0.03), &head(0.01, 0.0));
         assert!(
             same.log_size.abs() < 0.002 && same.surface < 0.1,
             "{same:?}"
         );
-        let other = differ(&head(0.04, 0.01), &head(0.01, 0.0));
+        let other = difference(&head(0.04, 0.01), &head(0.01, 0.0));
         assert!((other.log_size - 0.04).abs() < 0.002, "{other:?}");
     }
 
     #[test]
-    fn settling_leaves_no_rigid_motion_and_no_scale() {
+    fn removing_leaves_no_rigid_motion_and_no_scale() {
         let anchor = Anchor::new(&half_egg()).unwrap();
         let mut shape = HeadShape::standard(anchor.points.len());
         for i in 0..shape.offset.len() {
@@ -250,13 +251,13 @@ mod tests {
             shape.offset[i] =
                 n.dot(&(turned + nalgebra::Vector3::new(0.002, 0.001, -0.003) + a.coords * 0.04));
         }
-        shape.settle(&anchor);
+        shape.remove_rigid_and_scale(&anchor);
         let worst = shape.offset.iter().fold(0.0f32, |m, o| m.max(o.abs()));
         assert!(worst < 2e-5, "{worst}");
     }
 
     #[test]
-    fn what_was_measured_is_told_without_the_standard_heads_share_and_freedom_narrows() {
+    fn measured_offsets_exclude_the_prior_and_scale_sigma_narrows() {
         let mut shape = HeadShape::standard(3);
         (shape.seen, shape.offset) = (vec![0.5, 1.0, 12.0], vec![0.001, 0.001, 0.003]);
         assert_eq!(shape.measured(0), None);
@@ -274,10 +275,10 @@ mod tests {
     }
 
     #[test]
-    fn a_bump_that_is_seen_is_learned_and_a_size_is_a_mean() {
+    fn learns_a_bump_and_the_mean_size() {
         let anchor = Anchor::new(&half_egg()).unwrap();
         let mut shape = HeadShape::standard(anchor.points.len());
-        let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, -0.7));
+        let pose = HeadFromSensor::assume_frames(Rigid::translation(0.0, 0.0, -0.7));
         // The tip of a nose is 4 mm longer than the standard one, over 2 cm.
         let bump = |p: &Point| 0.004 * (-p.coords.xy().norm_squared() / 2e-4).exp();
         let all = anchor.points.iter().zip(&anchor.normals);

@@ -1,52 +1,52 @@
-//! A head's signature: a few dozen numbers by which a returning person is recognised.
+//! Signature of a head: a few dozen numbers that identify a returning person.
 //!
-//! The learned offsets of the head's surface ([`super::shape`]) averaged over [`PLACES`] patches of forehead, nose and
-//! cheeks, and the head's size. Before two are compared, any rigid motion or scale is removed from their
-//! difference: the motion depends on the pose convention, and the scale is size. A head seen for only a few frames still has
-//! part of its size in the offsets (3 % of it, as much as people differ), so only the sum of both is informative. The
-//! remainder is divided by its usual spread within one person. A face cannot be reconstructed from these numbers: they
-//! contain no texture, nothing finer than a patch of 2 to 3 cm, and not the mouth.
+//! It holds the learned surface offsets ([`super::shape`]) averaged over [`PATCHES`] patches of forehead, nose and cheeks, and
+//! the head's size. Before comparison, rigid motion and scale are removed from the difference: the motion is a convention of
+//! pose, and the scale is added to the size, because a head seen for only a few frames has part of its size (3 %, as much as
+//! people differ) in the offsets. The remainder is divided by its spread within one person. A face cannot be reconstructed from
+//! these numbers: they have no texture, no detail below 2 cm, and not the mouth.
 //!
-//! Head frame, metres. Memory: [`PLACES`] numbers and as many counts. Cost: one pass over the anchor. Degenerate: too few
-//! patches in common cannot be compared. Limitation: hats, glasses and thick hair change it; siblings may share it.
+//! Head frame, metres. Memory: [`PATCHES`] numbers and as many counts. Cost: one pass over the anchor. Degenerate: too few
+//! common patches give `None`. Limitation: hats, glasses and thick hair change it; siblings may share it.
 
 use nalgebra::{SMatrix, SVector};
 
 use super::anchor::Anchor;
-pub use super::anchor::PLACES;
+pub use super::anchor::PATCHES;
 use super::shape::HeadShape;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Index of the scale among the motions.
-const GROWTH: usize = 6;
+const SCALE: usize = 6;
 /// Least number of patches in common for a comparison.
-const MIN_COMMON: usize = 14;
-/// Spread of a patch within one person from one session to the next, metres.
+const MIN_COMMON_PATCHES: usize = 14;
+/// Standard deviation of a patch's offset between sessions of one person, metres.
 const PATCH_SIGMA_M: f32 = 0.0003;
 
-/// Largest plausible offset from the anchor, metres, and logarithm of the size.
-const MOST_OFFSET_M: f32 = 0.1;
-const MOST_LOG_SIZE: f64 = 0.7;
+/// Largest plausible offset, metres.
+const MAX_OFFSET_M: f32 = 0.1;
+/// Largest plausible |ln(size)|.
+const MAX_LOG_SIZE: f64 = 0.7;
 
-/// One head's numbers.
+/// Signature of one head.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signature {
     log_size: f64,
-    /// Mean offset of each patch, metres; `None` where too little was seen.
-    patches: [Option<f32>; PLACES],
+    /// Mean offset of each patch, metres; `None` if too few of its points were seen.
+    patches: [Option<f32>; PATCHES],
 }
 
-/// How two heads differ.
+/// Difference of two heads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
-    /// Mean square over the patches, in units of their spread within one person.
+    /// Mean square difference of the patches, in variances within one person.
     pub surface: f32,
-    /// Logarithm of the ratio of their sizes.
+    /// Natural logarithm of the ratio of their sizes.
     pub log_size: f32,
 }
 
-/// Writes a blank and a word for a number; `-` for what was not seen.
+/// Writes a space and a number; `-` for `None`.
 pub(crate) fn write_word(number: Option<f32>, to: &mut impl core::fmt::Write) -> core::fmt::Result {
     match number {
         Some(number) => write!(to, " {number:.6}"),
@@ -54,7 +54,7 @@ pub(crate) fn write_word(number: Option<f32>, to: &mut impl core::fmt::Write) ->
     }
 }
 
-/// What such a word says; `None` if it is no number whose size is below `most`.
+/// Parses a word of [`write_word`]; `None` unless it is `-` or a number of magnitude below `most`.
 pub(crate) fn read_word(word: &str, most: f32) -> Option<Option<f32>> {
     match word {
         "-" => Some(None),
@@ -63,13 +63,13 @@ pub(crate) fn read_word(word: &str, most: f32) -> Option<Option<f32>> {
 }
 
 impl Signature {
-    /// The signature of what has been learned so far.
-    pub(crate) fn of(anchor: &Anchor, shape: &HeadShape) -> Self {
-        let (mut sums, mut counts) = ([0.0f32; PLACES], [0u32; PLACES]);
-        let mut all = [0u32; PLACES];
-        for (i, &k) in anchor.patches.of.iter().enumerate() {
+    /// Signature of the shape learned so far.
+    pub(crate) fn from_shape(anchor: &Anchor, shape: &HeadShape) -> Self {
+        let (mut sums, mut counts) = ([0.0f32; PATCHES], [0u32; PATCHES]);
+        let mut all = [0u32; PATCHES];
+        for (i, &k) in anchor.patches.patch_of_point.iter().enumerate() {
             let k = usize::from(k);
-            if k < PLACES {
+            if k < PATCHES {
                 all[k] += 1;
                 if let Some(offset) = shape.measured(i) {
                     sums[k] += offset;
@@ -85,7 +85,7 @@ impl Signature {
         }
     }
 
-    /// Writes a word for each number, each after a blank; `-` for what was not seen.
+    /// Writes the numbers as words, each after a space; `-` for unseen patches.
     ///
     /// # Errors
     /// If the writer fails.
@@ -94,24 +94,24 @@ impl Signature {
         (self.patches.iter()).try_for_each(|&patch| write_word(patch, text))
     }
 
-    /// Parses the words that [`Self::write`] wrote and no more; `None` if they are too few or implausible.
+    /// Reads exactly the words of [`Self::write`]; `None` if there are too few or one is implausible.
     pub fn read<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<Self> {
         let log_size: f64 = words.next()?.parse().ok()?;
-        let mut patches = [None; PLACES];
+        let mut patches = [None; PATCHES];
         for patch in &mut patches {
-            *patch = read_word(words.next()?, MOST_OFFSET_M)?;
+            *patch = read_word(words.next()?, MAX_OFFSET_M)?;
         }
-        (log_size.abs() < MOST_LOG_SIZE).then_some(Self { log_size, patches })
+        (log_size.abs() < MAX_LOG_SIZE).then_some(Self { log_size, patches })
     }
 
-    /// How this head differs from another one. `None` when too little of both was seen.
-    pub(crate) fn differ(&self, other: &Self, anchor: &Anchor) -> Option<Difference> {
+    /// Difference from another head; `None` with under [`MIN_COMMON_PATCHES`] common patches.
+    pub(crate) fn difference(&self, other: &Self, anchor: &Anchor) -> Option<Difference> {
         let rows = &anchor.patches.rows;
         let common = || {
-            (0..PLACES).filter_map(|k| Some((k, f64::from(self.patches[k]? - other.patches[k]?))))
+            (0..PATCHES).filter_map(|k| Some((k, f64::from(self.patches[k]? - other.patches[k]?))))
         };
         let count = common().count();
-        if count < MIN_COMMON {
+        if count < MIN_COMMON_PATCHES {
             return None;
         }
         let mut h = SMatrix::<f64, 7, 7>::zeros();
@@ -134,7 +134,7 @@ impl Signature {
             .sum();
         Some(Difference {
             surface: (squares / count as f64) as f32,
-            log_size: (self.log_size - other.log_size + motion[GROWTH]) as f32,
+            log_size: (self.log_size - other.log_size + motion[SCALE]) as f32,
         })
     }
 }
@@ -148,14 +148,14 @@ mod tests {
     fn twice_as_far_apart_is_four_times_the_square() {
         let anchor = Anchor::new(&half_egg()).expect("a head");
         let mut rng = fastrand::Rng::with_seed(2);
-        let pattern: [f32; PLACES] = core::array::from_fn(|_| 1e-3 * (rng.f32() - 0.5));
+        let pattern: [f32; PATCHES] = core::array::from_fn(|_| 1e-3 * (rng.f32() - 0.5));
         let head = |times: f32| Signature {
             log_size: 0.0,
             patches: pattern.map(|offset| Some(times * offset)),
         };
         let apart = |times: f32| {
             head(times)
-                .differ(&head(0.0), &anchor)
+                .difference(&head(0.0), &anchor)
                 .expect("enough")
                 .surface
         };

@@ -1,36 +1,35 @@
 //! Temporal smoothing of the head pose: removes the jitter caused by depth noise, with little delay.
 //!
-//! Two filters. `Window`: the weighted mean of the last poses (paper section 1.1, step 3) whose weights fall linearly towards
-//! the past so that their mean age is 0: the line through n poses at the newest, without delay at constant speed. `Adaptive`: a
-//! first-order low-pass whose cut-off rises with speed (the 1 € filter, Casiez, Roussel & Vogel 2012), so that a head at
-//! rest does not jitter and a moving one is tracked with little delay.
+//! Two filters. `Window`: a weighted mean of the last poses (paper section 1.1, step 3), with weights of the least-squares line
+//! evaluated at the newest pose, so without delay at constant speed. `Adaptive`: a first-order low-pass whose cut-off rises with
+//! speed (1 € filter, Casiez, Roussel & Vogel 2012), so that a head at rest does not jitter and a moving one has little delay.
 //!
 //! Rotations are averaged in the tangent space at the newest one (exponential map), translations as vectors; both in the
 //! sensor frame, metres and radians. Memory: [`MAX_WINDOW`] poses. Degenerate: after a gap of [`GAP_S`] or time running
-//! backwards the filter restarts. Limitation: constant delay models only; no prediction.
+//! backwards the filter restarts. Limitation: no prediction.
 
 use crate::base::geometry::{Rigid, Rotation, Vector};
 use crate::base::time::Timestamp;
 
-/// Poses a window can hold.
+/// Most poses of a window.
 pub const MAX_WINDOW: usize = 16;
 /// Without a pose for this long the filter restarts, seconds.
 const GAP_S: f64 = 0.35;
-/// Cut-off of the speed estimate inside the adaptive filter, hertz: its authors' default.
+/// Cut-off of the adaptive filter's speed estimate, hertz: its authors' default.
 const SPEED_CUTOFF_HZ: f32 = 1.0;
-/// Path of a point of the face per radian, metres: one cut-off law then serves rotation and translation.
+/// Lever that converts rotations to paths on the face, metres, so that one cut-off law serves rotation and translation.
 const LEVER_M: f32 = 0.1;
 
 /// The filter and its strength.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Smoothing {
-    /// Poses pass as they are.
+    /// No smoothing.
     Off,
-    /// The line through this many last poses (1 to [`MAX_WINDOW`]; up to 2 pass as they are).
+    /// Least-squares line through this many poses, 1 to [`MAX_WINDOW`]; up to 2 are not smoothed.
     Window(usize),
     /// Low-pass with speed-dependent cut-off.
     Adaptive {
-        /// Cut-off of a head at rest, hertz; less than a thousandth counts as that, so that the filter never stands still.
+        /// Cut-off at rest, hertz; clamped to at least 0.001, so that the filter never stops.
         rest_hz: f32,
         /// Rise of the cut-off, hertz per (m/s) of the face's surface.
         rise: f32,
@@ -38,7 +37,7 @@ pub enum Smoothing {
 }
 
 impl Smoothing {
-    /// What tracks a head best.
+    /// Best settings for tracking a head.
     pub const ADAPTIVE: Self = Self::Adaptive {
         rest_hz: 1.0,
         rise: 800.0,
@@ -81,7 +80,7 @@ impl PoseFilter {
         *self = Self::new(self.smoothing);
     }
 
-    /// The smoothed pose after one more measured one (`sensor_from_head`).
+    /// Adds a measured pose (`sensor_from_head`) and returns the smoothed one.
     pub fn smooth(&mut self, raw: Rigid, at: Timestamp) -> Rigid {
         let dt = self.last.map(|(_, before)| at.seconds_since(before));
         if !dt.is_some_and(|dt| dt > 0.0 && dt < GAP_S) {
@@ -240,9 +239,9 @@ mod tests {
     }
 
     #[test]
-    fn between_two_poses_lies_the_share_that_the_filters_say() {
+    fn filters_interpolate_by_their_gain() {
         let [one, other] = turned_and_nodding();
-        let at = |k: u64| Timestamp::from_us(k * 33_333);
+        let time = |k: u64| Timestamp::from_us(k * 33_333);
         // A line through one, one and other ends at 5/6. A low-pass at 5 Hz takes dt/(dt + 1/(2 pi 5)) of the way.
         let low_pass = Smoothing::Adaptive {
             rest_hz: 5.0,
@@ -250,9 +249,9 @@ mod tests {
         };
         for (smoothing, share) in [(Smoothing::Window(3), 5.0 / 6.0), (low_pass, 0.511_54)] {
             let mut filter = PoseFilter::new(smoothing);
-            filter.smooth(one, at(0));
-            filter.smooth(one, at(1));
-            let out = filter.smooth(other, at(2));
+            filter.smooth(one, time(0));
+            filter.smooth(one, time(1));
+            let out = filter.smooth(other, time(2));
             let expected = one.lerp_slerp(&other, share);
             let apart = out.rotation.angle_to(&expected.rotation);
             assert!(apart < 2e-4, "{smoothing:?}: {apart} rad");
@@ -262,25 +261,25 @@ mod tests {
     }
 
     #[test]
-    fn speed_opens_the_filter_by_its_law() {
+    fn the_cut_off_rises_with_speed() {
         // 0.01 m a frame are 0.3 m/s, of which the estimate takes 0.173 17 (1 Hz): 0.051 95 m/s. Cut-off 5 + 300 * that =
         // 20.585 Hz takes 0.811 73 of the way. Then the head rests: 0.042 95 m/s, 17.886 Hz, 0.789 29 of what is left.
         // A turn of 0.1 rad at a lever of 0.1 m is the same path.
-        let at = |k: u64| Timestamp::from_us(k * 33_333);
+        let time = |k: u64| Timestamp::from_us(k * 33_333);
         let mut filter = PoseFilter::new(Smoothing::Adaptive {
             rest_hz: 5.0,
             rise: 300.0,
         });
-        filter.smooth(pose(0.0, 0.0), at(0));
+        filter.smooth(pose(0.0, 0.0), time(0));
         for (k, share) in [(1, 0.811_73), (2, 0.960_33)] {
-            let out = filter.smooth(pose(0.1, 0.01), at(k));
+            let out = filter.smooth(pose(0.1, 0.01), time(k));
             assert!((out.translation.vector.x - 0.01 * share).abs() < 3e-6);
             assert!((out.rotation.angle() - 0.1 * share).abs() < 1e-4);
         }
     }
 
     #[test]
-    fn a_gap_of_a_third_of_a_second_is_bridged_and_a_longer_one_and_time_that_runs_back_are_not() {
+    fn restarts_after_a_gap_or_backward_time() {
         for (gap_ms, bridged) in [(340, true), (360, false)] {
             let mut filter = PoseFilter::new(Smoothing::Window(3));
             filter.smooth(pose(0.0, 0.0), Timestamp::from_us(967_000));
@@ -299,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_cut_off_it_is_a_millihertz() {
+    fn the_least_cut_off_is_a_millihertz() {
         // 0.2 s of a time constant of 1/(2 pi 0.001 Hz) = 159.155 s.
         let mut filter = PoseFilter::new(Smoothing::Adaptive {
             rest_hz: 0.0,

@@ -1,11 +1,12 @@
 //! The first pose: a search over rotated starts, for yaw within ±60° and pitch within ±40°.
 //!
 //! A closest-point alignment finds the nearest minimum only: from a frontal start, a head turned by 40° gets stuck at the
-//! cheek. So several starts are tried on a subsampled cloud and the best result is kept. Each start rotates the anchor and
-//! places the centre of its visible half on the centre of the cloud.
+//! cheek. So several starts are tried on a subsampled cloud and the best result is kept. Each start rotates the anchor and puts
+//! the centre of its visible half on the centre of the cloud.
 //!
-//! Sensor and head frame, metres, radians. Cost: 25 starts of four rounds on a fifth of the points, five more for the best
-//! twelve, eight on half of the points for the best six: about ten times a frame that is followed. Limitation: a head rolled by more than about 30° or seen from behind ends in a poor agreement, which the tracker refuses.
+//! Sensor and head frame, metres, radians. Cost: 25 starts of four iterations on a fifth of the points, five more for the best
+//! twelve, eight on half of the points for the best six: about ten times a tracked frame. Limitation: a head rolled by more than
+//! about 30° or seen from behind gives a poor agreement, which the tracker rejects.
 
 use super::anchor::Anchor;
 use super::shape::FACING;
@@ -15,13 +16,13 @@ use crate::base::geometry::{Point, Vector, mean, rotation_from_yaw_pitch_roll};
 const YAWS_DEG: [f32; 5] = [0.0, -25.0, 25.0, -52.0, 52.0];
 const PITCHES_DEG: [f32; 5] = [0.0, -22.0, 22.0, -40.0, 40.0];
 
-/// The starts, frontal first.
+/// Start poses for a cloud (sensor frame, metres), frontal first.
 pub(crate) fn starts<'a>(
     anchor: &'a Anchor,
     cloud: &[Point],
 ) -> impl Iterator<Item = HeadFromSensor> + use<'a> {
     let middle = mean(cloud.iter().copied());
-    // Of a cloud around the camera itself, closer than a micrometre, any ray is one: straight ahead.
+    // A cloud within a micrometre of the camera has no viewing direction: straight ahead.
     let ray = middle.coords.try_normalize(1e-6).unwrap_or(Vector::z());
     PITCHES_DEG.into_iter().flat_map(move |pitch| {
         YAWS_DEG.into_iter().map(move |yaw| {
@@ -46,7 +47,7 @@ mod tests {
     use crate::pose::anchor::tests::half_egg;
 
     #[test]
-    fn a_cloud_within_a_micrometre_of_the_camera_is_looked_at_straight_ahead() {
+    fn a_cloud_at_the_camera_is_straight_ahead() {
         let anchor = Anchor::new(&half_egg()).expect("a head");
         let first = |x: f32| {
             let start = starts(&anchor, &[Point::new(x, 0.0, 0.0)]).next();

@@ -138,7 +138,7 @@ fn a_correction_is_followed_at_once() {
         if corrected {
             tracker.update(Evidence::Face {
                 cloud: &HeadCloud::default(),
-                by_picture: None,
+                image_pose: None,
                 head_from_face: Some(HeadFromFace::from_parts(Vector::zeros(), turn)),
             });
         }
@@ -164,7 +164,7 @@ fn a_search_may_take_two_frames() {
     assert!(!tracker.is_searching());
     let error = found.angle_to(&truth.rotation).to_degrees();
     assert!(error < 1.5, "{error}");
-    // What was begun long ago is begun again.
+    // An old half-finished search restarts.
     tracker.reset();
     assert!(tracker.find(&cloud(&truth, 0.002, 3), at(2), 1).0.is_none());
     assert!(

@@ -1,9 +1,9 @@
-//! A head's pixels as points: of a head cut from the picture ([`gather`]), or of one whose position is known from earlier
-//! frames ([`around`]), where connected hair, hands and collars do not matter.
+//! Point cloud of a head: of one cut from the image ([`gather`]), or of one at a predicted pose ([`gather_at_pose`]), where
+//! connected hair, hands and collars do not matter.
 //!
-//! Pixels are averaged in square blocks, just big enough that the cloud holds them: the mean of b² readings has a b-th of a
-//! reading's noise and of its quantisation, so thinning loses little. Only pixels near their cell's depth count, so that no
-//! block mixes nose and cheek, and blocks less than half full are dropped, because readings are ragged at the outline.
+//! Pixels are averaged in square blocks just large enough for the cloud's capacity: the mean of b² readings has 1/b of their
+//! noise and quantisation, so thinning loses little. Only pixels near their cell's depth count, so that no block mixes nose and
+//! cheek; blocks less than half full are dropped, because readings are ragged at the outline.
 //!
 //! Sensor frame, metres. Memory: 12 kB of the stack. Cost: one pass over the head's pixels, two if the first overflows.
 
@@ -17,21 +17,21 @@ use crate::base::prelude::*;
 use crate::camera::Camera;
 use crate::frame::NO_DEPTH;
 
-/// Distance of a pixel from its cell, as a share of the distance, up to which it is the same surface.
+/// Largest depth difference on one surface, as a share of the distance.
 const SAME_SURFACE: f32 = 0.03;
-/// A cloud that fills less than this, steradians, is no head: a head at 2 m has six times as much.
-const LEAST: f32 = 1.2065e-3;
-/// Nothing is measured nearer than this, metres.
+/// Smallest solid angle of a head, steradians: a sixth of a head at 2 m.
+const MIN_SOLID_ANGLE_SR: f32 = 1.2065e-3;
+/// Nearest distance of the sensor, metres.
 const NEAREST_M: f32 = 0.3;
 
-/// Distance of a fractional raw value.
+/// Distance of a fractional raw value, metres.
 fn metres(camera: &Camera, raw: f32) -> f32 {
     let below = raw as u16;
     let (a, b) = (camera.depth_m(below), camera.depth_m(below + 1));
     a + (b - a) * (raw - f32::from(below))
 }
 
-/// Fills `cloud` with the head's points; `false` if there are too few.
+/// Fills `cloud` (sensor frame, metres) with the points of a cut head; `false` if there are too few.
 pub(crate) fn gather(
     depth: &[u16; PIXELS],
     camera: &Camera,
@@ -51,38 +51,39 @@ pub(crate) fn gather(
     while cells * CELL_PX * CELL_PX > HEAD_POINTS * block * block {
         block += 1;
     }
-    while !blocks(depth, camera, regions, head, block, cloud) {
+    while !gather_blocks(depth, camera, regions, head, block, cloud) {
         block += 1;
     }
-    finish(cloud, head.rect(), camera)
+    set_extent(cloud, head.rect(), camera)
 }
 
-/// What follows from the points and their rectangle; `false` if they are too few.
-fn finish(cloud: &mut HeadCloud, rect: PixelRect, camera: &Camera) -> bool {
+/// Sets rectangle and centre of the cloud; `false` if it has too few pixels.
+fn set_extent(cloud: &mut HeadCloud, rect: PixelRect, camera: &Camera) -> bool {
     cloud.rect = rect;
     cloud.whole = rect.is_within(camera.depth_size());
     cloud.centre = mean(cloud.points.iter().copied());
-    cloud.pixels >= camera.pixels_of(LEAST)
+    cloud.pixels >= camera.pixels_in_solid_angle(MIN_SOLID_ANGLE_SR)
 }
 
-/// The part of a head that a depth camera before it sees, hair included: least and largest x, y, z of the head frame, metres
-/// at the standard size.
-const HEAD_FROM: [f32; 3] = [-0.100, -0.140, -0.050];
-const HEAD_TO: [f32; 3] = [0.100, 0.120, 0.110];
-/// Front of the neck behind the chin, as height (metres) and slope: anything below it is neck and collar.
-const CHIN_Y: f32 = 0.115;
+/// Least x, y, z of the visible part of a head with hair, head frame, metres at the standard size.
+const HEAD_LOW_M: [f32; 3] = [-0.100, -0.140, -0.050];
+/// Largest x, y, z of the visible part of a head with hair, head frame, metres at the standard size.
+const HEAD_HIGH_M: [f32; 3] = [0.100, 0.120, 0.110];
+/// Height y of the lower end of the head at the chin, head frame, metres: neck and collar are below.
+const CHIN_Y_M: f32 = 0.115;
+/// Rise of that lower end per metre behind the chin, along the front of the neck.
 const NECK_SLOPE: f32 = 0.75;
-/// Share of the rectangle around a head that its pixels fill, about.
+/// Approximate share of a head's bounding rectangle covered by its pixels.
 const FILLED: f32 = 0.75;
 
 fn in_head(p: &Point) -> bool {
-    (0..3).all(|k| (HEAD_FROM[k]..HEAD_TO[k]).contains(&p[k]))
-        && p.y < CHIN_Y - NECK_SLOPE * (p.z + 0.012).max(0.0)
+    (0..3).all(|k| (HEAD_LOW_M[k]..HEAD_HIGH_M[k]).contains(&p[k]))
+        && p.y < CHIN_Y_M - NECK_SLOPE * (p.z + 0.012).max(0.0)
 }
 
-/// Fills `cloud` with what lies within a head of a size (1: the standard one) at `sensor_from_head`, whatever else hangs
-/// together with it; `false` if that is too little for a head.
-pub fn around(
+/// Fills `cloud` (sensor frame, metres) with the points inside the head's box at `sensor_from_head`, `scale` times the standard
+/// size; `false` if there are too few.
+pub fn gather_at_pose(
     depth: &[u16; PIXELS],
     camera: &Camera,
     sensor_from_head: &SensorFromHead,
@@ -111,7 +112,7 @@ pub fn around(
     let mut rect: Option<PixelRect> = None;
     for top in rows.step_by(block) {
         for left in columns.clone().step_by(block) {
-            let sum = block_at(depth, (left, top), block, near..end, same as u16);
+            let sum = block_sums(depth, (left, top), block, near..end, same as u16);
             let Some(point) = sum.point(camera, block) else {
                 continue;
             };
@@ -132,15 +133,15 @@ pub fn around(
             }
         }
     }
-    finish(cloud, rect.unwrap_or_default(), camera)
+    set_extent(cloud, rect.unwrap_or_default(), camera)
 }
 
-/// Least and largest column, row and distance (metres) of a head's corners; `None` if one is too near to be measured.
+/// Least and largest column, row and distance (metres) of the corners of a head's box; `None` if one is too near.
 fn extent(camera: &Camera, sensor_from_head: &SensorFromHead, scale: f32) -> Option<[[f32; 3]; 2]> {
     let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
     for corner in 0..8 {
-        let at = |k: usize| [HEAD_FROM, HEAD_TO][corner >> k & 1][k] * scale;
-        let seen = sensor_from_head * Point::new(at(0), at(1), at(2));
+        let corner_at = |k: usize| [HEAD_LOW_M, HEAD_HIGH_M][corner >> k & 1][k] * scale;
+        let seen = sensor_from_head * Point::new(corner_at(0), corner_at(1), corner_at(2));
         if seen.z < NEAREST_M {
             return None;
         }
@@ -153,8 +154,8 @@ fn extent(camera: &Camera, sensor_from_head: &SensorFromHead, scale: f32) -> Opt
     Some([low, high])
 }
 
-/// Sums over the readings of a square block within a range, of those that are of one surface with its middle.
-fn block_at(
+/// Sums over the readings of a square block that lie in `range` and within `same` raw steps of its middle one.
+fn block_sums(
     depth: &[u16; PIXELS],
     (left, top): (usize, usize),
     block: usize,
@@ -205,9 +206,9 @@ impl Block {
         self.count += 1;
     }
 
-    /// The mean point of a block of this size, if at least half of it was read.
+    /// Mean point of a block of `size`² pixels, if at least half of them count.
     fn point(&self, camera: &Camera, size: usize) -> Option<Point> {
-        let mean = |of: u32| of as f32 / self.count as f32;
+        let mean = |sum: u32| sum as f32 / self.count as f32;
         let half = self.count as usize * 2 >= size * size;
         half.then(|| {
             let metres = metres(camera, mean(self.raws));
@@ -216,8 +217,8 @@ impl Block {
     }
 }
 
-/// One pass with blocks of a size; `false` if the cloud overflows.
-fn blocks(
+/// One pass with blocks of `block`² pixels; `false` if the cloud overflows.
+fn gather_blocks(
     depth: &[u16; PIXELS],
     camera: &Camera,
     regions: &Regions,

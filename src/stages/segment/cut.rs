@@ -1,59 +1,64 @@
 //! Cuts heads from regions by size and shape.
 //!
-//! Seen from its crown downwards a head widens to 0.13 – 0.26 m (hair included), is rounded (its sides lie behind its
-//! middle), and ends where the outline narrows to the neck, widens to the shoulders, or has gone on for the height of a
-//! head. A hand and forearm are narrower and flat, a wall and the back of a chair are flat and wide. Every local top of a
-//! region is tried, so a raised hand does not hide the head beside it. The limits are wider for a head found in the last
-//! frame, since a hand may cover half of it.
+//! From the crown downwards a head widens to 0.13 – 0.26 m (hair included), is rounded (its sides are behind its middle), and
+//! ends where the outline narrows to the neck, widens to the shoulders, or reaches the height of a head. A hand and forearm are
+//! narrower and flat; a wall or a chair's back is flat and wide. Every local top of a region is tried, so a raised hand does not
+//! hide the head beside it. The limits are wider for a head found in the last frame, because a hand may cover half of it.
 //!
 //! Cells and metres. Memory: a profile of at most [`MAX_PROFILE`] rows. Cost: linear in the cells of the tops' columns.
-//! Limitation: the cut is level with the picture, so a head lying on its side is cut badly.
+//! Limitation: the cut is level with the image, so a head lying on its side is cut badly.
 
 use super::regions::{CELL_PX, COLUMNS, PixelRect, ROWS, Regions};
 use crate::base::capacity::HEADS;
 use crate::base::geometry::Point;
 
-/// Rows of cells a head can be high: 0.3 m at 0.4 m.
+/// Most rows of cells of a head: 0.3 m at 0.4 m.
 const MAX_PROFILE: usize = 110;
-/// Height of the highest head with hair, crown to chin, metres.
+/// Largest height of a head with hair, crown to chin, metres.
 const MAX_HEIGHT_M: f32 = 0.27;
-/// Above this height below the crown no neck is looked for, metres.
+/// Least distance from the crown to the neck, metres.
 const NECK_FROM_M: f32 = 0.17;
-/// Shoulders may come earlier: the chin is on the chest.
+/// Least distance from the crown to the shoulders, metres: less than to the neck, because the chin may be on the chest.
 const SHOULDERS_FROM_M: f32 = 0.12;
-/// Outline narrower than this share of the head's width: neck.
+/// Largest width of a neck, as a share of the head's.
 const NECK_SHARE: f32 = 0.80;
-/// A neck is narrower than what follows below it by this factor.
+/// Least ratio of the width below a neck to the neck's.
 const NECK_FLARE: f32 = 1.1;
-/// Outline wider than this share: shoulders.
+/// Least width of shoulders, as a share of the head's.
 const SHOULDER_SHARE: f32 = 1.35;
-/// Depth from the nearest tenth of a head to what still belongs to it, metres.
-const DEEP_M: f32 = 0.19;
-/// Points this far behind a head's own depth belong to another person, metres; its shoulders are closer.
+/// Depth of a head behind its nearest tenth, metres.
+const HEAD_DEPTH_M: f32 = 0.19;
+/// Points this far before or behind a head belong to another person, metres; its own shoulders are closer.
 const BEHIND_M: f32 = 0.08;
-/// Columns of cells without depth that do not end a row of the outline.
+/// Largest gap without depth within a row of the outline, cells.
 const ROW_GAP: usize = 3;
-/// Share of the last rectangle that must be covered to count as the same head.
-const SAME_SHARE: f32 = 0.4;
+/// Least share of the last rectangle covered by the same head.
+const SAME_HEAD_SHARE: f32 = 0.4;
 
-/// What a head must measure.
+/// Size limits of a head, metres.
 struct Limits {
+    /// Least and largest width.
     width_m: (f32, f32),
+    /// Least height.
     height_m: f32,
+    /// Least distance of the sides behind the middle.
     relief_m: f32,
 }
-const NEWCOMER: Limits = Limits {
+
+/// Limits of a head not seen in the last frame.
+const NEW_HEAD: Limits = Limits {
     width_m: (0.115, 0.28),
     height_m: 0.13,
     relief_m: 0.018,
 };
-const FOLLOWED: Limits = Limits {
+/// Limits of a head seen in the last frame.
+const TRACKED_HEAD: Limits = Limits {
     width_m: (0.08, 0.30),
     height_m: 0.08,
     relief_m: 0.006,
 };
 
-/// A head in cells: rows `top..bottom`, their first and one past their last column, and the depths that belong to it.
+/// A head in cells: its rows from `top`, each as first and one past the last column, its label and depth interval.
 pub(crate) struct Head {
     pub(crate) top: usize,
     pub(crate) rows: heapless::Vec<(u16, u16), MAX_PROFILE>,
@@ -76,22 +81,22 @@ impl Head {
     }
 }
 
-/// Share of `a` that `b` covers.
-fn covered(a: &PixelRect, b: &PixelRect) -> f32 {
-    let wide = f32::from(a.x1.min(b.x1)) - f32::from(a.x0.max(b.x0));
-    let high = f32::from(a.y1.min(b.y1)) - f32::from(a.y0.max(b.y0));
+/// Share of `a` covered by `b`.
+fn overlap_share(a: &PixelRect, b: &PixelRect) -> f32 {
+    let width = f32::from(a.x1.min(b.x1)) - f32::from(a.x0.max(b.x0));
+    let height = f32::from(a.y1.min(b.y1)) - f32::from(a.y0.max(b.y0));
     let area = f32::from(a.x1 - a.x0) * f32::from(a.y1 - a.y0);
-    wide.max(0.0) * high.max(0.0) / area.max(1.0)
+    width.max(0.0) * height.max(0.0) / area.max(1.0)
 }
 
-/// Finds heads from the top of the picture down. `last` is where they were in the last frame.
-/// When full, those further down in the picture are left out.
+/// Finds heads from the top of the image down, at most [`HEADS`]. `last`: the heads of the last frame.
 pub(crate) fn heads(regions: &Regions, last: &[(PixelRect, Point)]) -> heapless::Vec<Head, HEADS> {
     let mut found = heapless::Vec::new();
     for row in 0..ROWS {
         let mut col = 0;
         while col < COLUMNS {
-            let Some((begin, end)) = run(regions, row, col, regions.label[row * COLUMNS + col])
+            let Some((begin, end)) =
+                label_run(regions, row, col, regions.label[row * COLUMNS + col])
             else {
                 col += 1;
                 continue;
@@ -100,7 +105,7 @@ pub(crate) fn heads(regions: &Regions, last: &[(PixelRect, Point)]) -> heapless:
             col = end;
             if found.is_full()
                 || !is_top(regions, row, begin, end, label)
-                || inside(&found, regions, row, begin, end)
+                || is_below_head(&found, regions, row, begin, end)
             {
                 continue;
             }
@@ -110,8 +115,8 @@ pub(crate) fn heads(regions: &Regions, last: &[(PixelRect, Point)]) -> heapless:
             let rect = head.rect();
             let known = last
                 .iter()
-                .any(|(last, _)| covered(last, &rect) > SAME_SHARE);
-            let limits = if known { FOLLOWED } else { NEWCOMER };
+                .any(|(last, _)| overlap_share(last, &rect) > SAME_HEAD_SHARE);
+            let limits = if known { TRACKED_HEAD } else { NEW_HEAD };
             if fits(regions, &head, &limits) {
                 // Cannot be full: checked above.
                 let _ = found.push(head);
@@ -122,15 +127,15 @@ pub(crate) fn heads(regions: &Regions, last: &[(PixelRect, Point)]) -> heapless:
 }
 
 impl Regions {
-    /// Whether a cell within a head's outline is part of it.
+    /// Whether a cell within a head's outline has its label and depth.
     pub(crate) fn belongs(&self, head: &Head, row: usize, col: usize) -> bool {
         let at = row * COLUMNS + col;
         self.label[at] == head.label && (head.near_m..=head.far_m).contains(&self.depth_m[at])
     }
 }
 
-/// The stretch of one label that begins at `col` (which must carry it), small gaps bridged.
-fn run(regions: &Regions, row: usize, col: usize, label: u16) -> Option<(usize, usize)> {
+/// First and one past the last column of the label's run from `col` (which must have it), gaps up to [`ROW_GAP`] bridged.
+fn label_run(regions: &Regions, row: usize, col: usize, label: u16) -> Option<(usize, usize)> {
     if label == 0 {
         return None;
     }
@@ -144,7 +149,7 @@ fn run(regions: &Regions, row: usize, col: usize, label: u16) -> Option<(usize, 
     Some((col, end))
 }
 
-/// Whether no cell of the label is just above.
+/// Whether the two rows above have no cell of the label there.
 fn is_top(regions: &Regions, row: usize, begin: usize, end: usize, label: u16) -> bool {
     (row.saturating_sub(2)..row).all(|above| {
         regions.label
@@ -154,24 +159,23 @@ fn is_top(regions: &Regions, row: usize, begin: usize, end: usize, label: u16) -
     })
 }
 
-/// Whether a top lies within a head already found, or in its neck and chest. A person standing behind or in front of
-/// another does not: their depth differs.
-fn inside(found: &[Head], regions: &Regions, row: usize, begin: usize, end: usize) -> bool {
+/// Whether a top is in a head already found, or in its neck and chest; a person before or behind it has another depth.
+fn is_below_head(found: &[Head], regions: &Regions, row: usize, begin: usize, end: usize) -> bool {
     let middle = ((begin + end) / 2 * CELL_PX) as u16;
     let y = (row * CELL_PX) as u16;
     let z = regions.depth_m[row * COLUMNS + begin];
     found.iter().any(|head| {
         let rect = head.rect();
-        let wide = (rect.x1 - rect.x0) / 2;
+        let half_width = (rect.x1 - rect.x0) / 2;
         let apart = z > head.far_m + BEHIND_M || z < head.near_m - BEHIND_M;
         !apart
-            && (rect.x0.saturating_sub(wide)..rect.x1 + wide).contains(&middle)
+            && (rect.x0.saturating_sub(half_width)..rect.x1 + half_width).contains(&middle)
             && y < rect.y1 + (rect.y1 - rect.y0)
     })
 }
 
-/// All of a label in a row that touches the columns of the row above, as one stretch.
-fn touching(
+/// First and one past the last column of the label in a row where it touches the run above.
+fn connected_run(
     regions: &Regions,
     row: usize,
     (left, right): (usize, usize),
@@ -184,7 +188,7 @@ fn touching(
         if labels[col] == label {
             let before = labels[..col].iter().rev();
             let start = col - before.take_while(|&&other| other == label).count();
-            let (_, stop) = run(regions, row, start, label)?;
+            let (_, stop) = label_run(regions, row, start, label)?;
             found = Some((found.map_or(start, |(first, _)| first), stop));
             col = stop;
         }
@@ -193,7 +197,7 @@ fn touching(
     found
 }
 
-/// Walks down from a top and cuts at neck, shoulders or a head's height.
+/// Follows the outline down from a top and cuts at the neck, the shoulders or [`MAX_HEIGHT_M`].
 fn follow_down(
     regions: &Regions,
     top: usize,
@@ -206,7 +210,7 @@ fn follow_down(
     let mut neck = (f32::INFINITY, 0);
     let mut last_z = 0.0;
     for row in top..ROWS {
-        let Some((first, past)) = touching(regions, row, (left, right), label) else {
+        let Some((first, past)) = connected_run(regions, row, (left, right), label) else {
             // A row without depth is bridged once (hair, glasses), then the region has ended.
             let is_second = rows.last().is_none_or(|r| r.0 == r.1);
             if is_second || rows.push((left as u16, left as u16)).is_err() {
@@ -238,7 +242,7 @@ fn follow_down(
         height += z * regions.cell_at_1m;
         (left, right) = (first, past);
     }
-    // A chin narrows too; only what widens again below is a neck.
+    // A chin narrows too; a neck widens again below.
     if neck.0 < NECK_SHARE * widest && last_width > NECK_FLARE * neck.0 {
         rows.truncate(neck.1);
     }
@@ -250,12 +254,12 @@ fn follow_down(
         far_m: f32::INFINITY,
     };
     let near = nearest_tenth(regions, &head)?;
-    head.near_m = near - DEEP_M * 0.5;
-    head.far_m = near + DEEP_M;
+    head.near_m = near - HEAD_DEPTH_M * 0.5;
+    head.far_m = near + HEAD_DEPTH_M;
     Some(head)
 }
 
-/// Depth that a tenth of the head's cells are nearer than: the face's front, whatever stray cells there are.
+/// First decile of the head's depths, metres: the face's front, robust to stray cells.
 fn nearest_tenth(regions: &Regions, head: &Head) -> Option<f32> {
     // Centimetres from 0.3 m on, to 4.4 m.
     let mut bins = [0u32; 410];
@@ -280,7 +284,7 @@ fn nearest_tenth(regions: &Regions, head: &Head) -> Option<f32> {
     None
 }
 
-/// Width, height and roundness.
+/// Whether width, height and roundness are within the limits.
 fn fits(regions: &Regions, head: &Head, limits: &Limits) -> bool {
     let mut widths: heapless::Vec<f32, MAX_PROFILE> = heapless::Vec::new();
     let mut reliefs: heapless::Vec<f32, MAX_PROFILE> = heapless::Vec::new();

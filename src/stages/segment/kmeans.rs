@@ -1,13 +1,11 @@
-//! K-means of raw depth values: splits a depth picture into layers of distance.
+//! K-means of raw depth values: splits a depth image into layers of distance.
 //!
 //! Method: Lloyd's algorithm (Lloyd 1982; paper section 1.1, step 1) on the histogram of the 2,048 raw values. Pixels of
-//! one value always go to the same centre, so this gives exactly what Lloyd's algorithm on the pixels gives, at the
-//! price of a few comparisons per iteration: with running totals of count and sum, a cluster is an interval of values and
-//! its mean one division. Centres start from the last frame's; the first ones stand evenly over the range in use. Ties
-//! go to the nearer layer. Deterministic.
+//! one value share a centre, so the result equals Lloyd's algorithm on the pixels at a few comparisons per iteration: a cluster
+//! is an interval of values, and its mean one division of running totals. Centres start from the last frame's, the first ones
+//! evenly over the range in use. Ties go to the nearer layer. Deterministic.
 //!
-//! Units: raw depth values (linear in 1/z, finest near the sensor, which is where heads are). Memory: 32 kB of
-//! running totals. Cost: one pass over the histogram and K searches per iteration. Degenerate: a cluster without pixels
+//! Units: raw depth values (linear in 1/z, finest near the sensor). Memory: 32 kB of running totals. Cost: one pass over the histogram and K searches per iteration. Degenerate: a cluster without pixels
 //! keeps its centre, and with too few distinct values several stay empty; no pixels at all leave everything unchanged.
 //! Limitation: a local optimum, as always with Lloyd; restarting when a layer runs empty keeps it useful.
 
@@ -16,7 +14,7 @@ use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Layers of distance.
+/// Number of layers.
 pub const LAYERS: usize = 4;
 
 /// A cluster: the interval of raw values nearest to one centre.
@@ -46,8 +44,8 @@ impl DepthKMeans {
         self.warm = false;
     }
 
-    /// Clusters the values of `histogram` (the last bin, "no measurement", must be left empty by the caller), in at most
-    /// `iterations` rounds. Layers come nearest first; they are those of the last assignment.
+    /// Clusters the values of `histogram` (whose last bin, "no measurement", must be empty) in at most `iterations` rounds. Returns
+    /// the layers of the last assignment, nearest first.
     pub fn cluster(
         &mut self,
         histogram: &[u32; RAW_DEPTH_VALUES],
@@ -62,20 +60,20 @@ impl DepthKMeans {
             return &self.layers;
         }
         if !self.warm {
-            self.spread(total);
+            self.spread_centres(total);
         }
         self.lloyd(iterations);
-        // A layer that ran nearly empty is wasted: start anew, once.
+        // A layer of under 0.1 % of the pixels is wasted: restart once.
         if self.warm && self.layers.iter().any(|l| l.count * 1000 < total) {
-            self.spread(total);
+            self.spread_centres(total);
             self.lloyd(iterations);
         }
         self.warm = true;
         &self.layers
     }
 
-    /// Centres evenly over the values in use, a hundredth cut off at both ends.
-    fn spread(&mut self, total: u64) {
+    /// Spreads the centres evenly over the values in use, without 1 % at each end.
+    fn spread_centres(&mut self, total: u64) {
         let value_at = |rank: u64| {
             self.counts
                 .partition_point(|&c| c <= rank)
@@ -93,7 +91,7 @@ impl DepthKMeans {
             let mut begin = 0;
             let mut moved = false;
             for k in 0..LAYERS {
-                // Up to the middle between two centres; on the middle, to the nearer layer.
+                // Up to the midpoint of two centres, which itself belongs to the nearer layer.
                 let next = self.layers.get(k + 1).map(|next| next.centre);
                 let layer = &mut self.layers[k];
                 layer.end = next.map_or(RAW_DEPTH_VALUES, |next| {
@@ -153,8 +151,8 @@ mod tests {
                 .map(|_| (rng.u16(380..1000), rng.u16(2..60), rng.usize(100..4000)))
                 .collect();
             let mut pixels = Vec::new();
-            for (at, wide, n) in modes {
-                pixels.extend((0..n).map(|_| at + rng.u16(..wide)));
+            for (at, width, n) in modes {
+                pixels.extend((0..n).map(|_| at + rng.u16(..width)));
             }
             let mut histogram = [0u32; RAW_DEPTH_VALUES];
             pixels.iter().for_each(|&p| histogram[usize::from(p)] += 1);
@@ -170,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_are_told_apart_and_the_same_frame_gives_the_same() {
+    fn separates_layers_and_is_stable() {
         let mut histogram = [0u32; RAW_DEPTH_VALUES];
         for (at, n) in [(600, 8000u32), (640, 5000), (760, 900), (860, 60_000)] {
             for k in 0..10 {
@@ -187,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_one_value_do_no_harm() {
+    fn handles_no_pixels_and_one_value() {
         let mut kmeans = DepthKMeans::default();
         let mut histogram = [0u32; RAW_DEPTH_VALUES];
         kmeans.cluster(&histogram, 10);

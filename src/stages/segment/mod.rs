@@ -1,18 +1,17 @@
 //! Depth frame to head cloud: K-means foreground, head cut from body (paper section 1.1, step 1).
 //!
-//! 1. [`kmeans`] splits the raw depth of every second pixel into layers; layers that are not separated by a gap in the
-//!    histogram are joined, and the farthest group is background unless it is within reach (a wall further than
-//!    [`Settings::max_distance_m`] is not).
-//! 2. [`regions`]: what remains is labelled in cells of 4 × 4 pixels, neighbours of like depth together.
-//! 3. [`cut`]: searches for a head downwards from every local top of a region: as wide as a head, rounded, ending at a neck
-//!    or shoulders.
-//! 4. [`cloud`]: its pixels become points, averaged in blocks so that at most [`crate::base::capacity::HEAD_POINTS`] remain.
+//! 1. [`kmeans`] splits the raw depth of every second pixel into layers; layers not separated by a gap in the histogram are
+//!    joined, and the farthest layer is background, as is everything beyond [`Settings::max_distance_m`].
+//! 2. [`regions`] labels the foreground in cells of 4 × 4 pixels, joining neighbours of similar depth.
+//! 3. [`cut`] searches for a head downwards from every local top of a region: as wide as a head, rounded, ending at a neck or
+//!    shoulders.
+//! 4. [`cloud`] converts its pixels to at most [`crate::base::capacity::HEAD_POINTS`] points by averaging blocks.
 //!
-//! A tracked head needs no cut: its points are those around its predicted position ([`around`]).
+//! A tracked head needs no cut: its points are those around its predicted position ([`gather_at_pose`]).
 //!
 //! Sensor frame, metres. Memory: 0.3 MB, at construction. Cost: one pass over a quarter of the pixels, one over 19,200 cells,
 //! one over the head's pixels. Degenerate: no depth, or nothing like a head, gives no cloud. Limitations: a head touching
-//! a wall or the upper edge of the picture is found poorly; a ball the size of a head is taken for one.
+//! a wall or the upper edge of the image is found poorly; a ball the size of a head is taken for one.
 
 mod cloud;
 mod cut;
@@ -26,7 +25,7 @@ use crate::base::geometry::Point;
 use crate::base::prelude::*;
 use crate::camera::Camera;
 use crate::frame::Frame;
-pub use cloud::around;
+pub use cloud::gather_at_pose;
 use kmeans::DepthKMeans;
 use regions::Regions;
 pub use regions::{HeadCloud, PixelRect};
@@ -35,31 +34,31 @@ defaults! {
     /// Settings of the segment stage.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Settings {
-        /// Nobody is looked for beyond this, metres.
+        /// Farthest distance of a head, metres.
         pub max_distance_m: f32 = 1.8,
-        /// Rounds of K-means per frame, at most.
+        /// Most rounds of K-means per frame.
         pub iterations: u32 = 12,
     }
 }
 
-/// A head moves less than this between frames, metres.
+/// Largest motion of a head between frames, metres.
 const STEP_M: f32 = 0.25;
 
-/// Finds the heads of a depth picture.
+/// Finds the heads in a depth image.
 pub struct Segmenter {
     settings: Settings,
     kmeans: DepthKMeans,
     histogram: Box<[u32; RAW_DEPTH_VALUES]>,
     regions: Regions,
-    /// Clouds made at construction; the first `count` are this frame's.
+    /// Clouds allocated at construction; the first `count` are this frame's.
     heads: Vec<HeadCloud>,
     count: usize,
-    /// Where the last frame's heads were, in their order.
+    /// Rectangle and centre of each head of the last frame, in order.
     last: heapless::Vec<(PixelRect, Point), HEADS>,
 }
 
 impl Segmenter {
-    /// Makes all buffers.
+    /// Allocates all buffers.
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
@@ -72,7 +71,7 @@ impl Segmenter {
         }
     }
 
-    /// Other settings from the next frame on.
+    /// Replaces the settings from the next frame on.
     pub fn set(&mut self, settings: Settings) {
         self.settings = settings;
     }
@@ -84,7 +83,7 @@ impl Segmenter {
         self.last.clear();
     }
 
-    /// Finds the heads. Returned is the one that was first in the last frame, else the nearest; all are in [`Self::heads`].
+    /// Finds the heads and returns the first of [`Self::heads`]: the first one of the last frame, else the nearest.
     pub fn segment(&mut self, frame: &Frame, camera: &Camera) -> Option<&HeadCloud> {
         let farthest = self.foreground_end(frame, camera);
         self.regions.label(&frame.depth, camera, farthest);
@@ -95,7 +94,7 @@ impl Segmenter {
                 self.count += 1;
             }
         }
-        // Those of the last frame keep their order, newcomers stand behind them by distance.
+        // Heads of the last frame keep their order; new ones follow by distance.
         let rank = |head: &HeadCloud| {
             let apart = self
                 .last
@@ -113,7 +112,7 @@ impl Segmenter {
         heads.first()
     }
 
-    /// All heads of the last frame, those seen before first, in the same order.
+    /// Clouds of the last frame's heads (sensor frame, metres): heads seen before in their order, then new ones by distance.
     pub fn heads(&self) -> &[HeadCloud] {
         &self.heads[..self.count]
     }
@@ -127,14 +126,14 @@ impl Segmenter {
         let layers = self
             .kmeans
             .cluster(&self.histogram, self.settings.iterations);
-        // Nearest first; a border counts as one only where hardly any pixel is near it.
+        // Nearest first.
         let [nearer @ .., _] = layers;
         let filled = nearer.iter().filter(|layer| layer.count > 0);
         let foreground = filled.take_while(|layer| layer.centre <= reach as f64);
         let mut end = foreground.last().map_or(0, |layer| layer.end);
         let gap = usize::from(camera.raw_steps(GAP));
-        let stray = camera.pixels_of(GAP_PIXELS);
-        // A layer's border may run through a person: it moves on to the next gap of the histogram.
+        let stray = camera.pixels_in_solid_angle(GAP_PIXELS);
+        // A layer's border may cross a person: move it to the next gap of the histogram.
         while end < reach
             && self.histogram[end..(end + gap).min(RAW_DEPTH_VALUES)]
                 .iter()
@@ -147,9 +146,9 @@ impl Segmenter {
     }
 }
 
-/// What must be nearly empty for a gap between layers, in 1/z, 1/m: 17 mm at 1 m.
+/// Least width of a gap between layers, in 1/z, 1/m: 17 mm at 1 m.
 const GAP: f32 = 0.0175;
-/// Pixels (of the quarter counted) that a gap may hold, as a solid angle: the stray readings at edges.
+/// Most pixels (of the quarter counted) in a gap, as a solid angle, steradians: stray readings at edges.
 const GAP_PIXELS: f32 = 7.24e-5;
 
 #[cfg(test)]

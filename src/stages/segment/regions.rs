@@ -1,12 +1,12 @@
-//! Cells and regions: the depth picture at a quarter of its size, neighbours of like depth joined. What comes of them: heads as
-//! points and as rectangles of the picture.
+//! Cells and regions: the depth image at a quarter of its size, neighbours of similar depth joined; and the types of a head's
+//! cloud and rectangle.
 //!
-//! A cell is 4 × 4 pixels, read at four of them; its depth is the mean of those that agree with the nearest one. Cells
-//! whose depths differ by less than their distance explains are joined (two-pass labelling with union–find; Rosenfeld &
-//! Pfaltz 1966). A gap of one cell without depth (a shadow of the projector, an eye) does not part a region.
+//! A cell is 4 × 4 pixels, sampled at four; its depth is the mean of the samples that agree with the nearest one. Neighbours
+//! whose depths differ by less than [`STEP_SHARE`] are joined (two-pass labelling with union–find; Rosenfeld & Pfaltz 1966). A
+//! gap of one cell without depth (a projector shadow, an eye) does not split a region.
 //!
-//! Raw depth in, metres inside. Memory: 0.2 MB. Cost: linear in pixels read and cells. Degenerate: more regions than
-//! [`MAX_REGIONS`] in one picture: later ones stay unlabelled, which costs specks, not heads.
+//! Raw depth in, metres out. Memory: 0.2 MB. Cost: linear in pixels read and cells. Degenerate: regions beyond
+//! [`MAX_REGIONS`] stay unlabelled, which loses specks, not heads.
 
 use crate::base::capacity::{HEAD_POINTS, HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
 use crate::base::defaults;
@@ -22,16 +22,16 @@ pub(super) const CELL_PX: usize = 4;
 pub(super) const COLUMNS: usize = WIDTH / CELL_PX;
 /// Rows of cells.
 pub(super) const ROWS: usize = HEIGHT / CELL_PX;
-/// Provisional labels one picture may use.
+/// Most provisional labels of one image.
 const MAX_REGIONS: usize = 4096;
-/// Samples of one cell may differ by this in 1/z, 1/m: 35 mm at 1 m.
+/// Largest difference of a cell's samples in 1/z, 1/m: 35 mm at 1 m.
 const CELL_SPREAD: f32 = 0.035;
-/// Depth step of neighbouring cells that still hangs together, as a share of the distance: 28 mm at 0.7 m, where a cell
-/// is 5 mm wide, so surfaces tilted up to 80° hold together and a hand before the face does not.
+/// Largest depth step between joined cells, as a share of the distance: 28 mm at 0.7 m, where a cell is 5 mm wide, so surfaces
+/// tilted up to 80° stay joined and a hand before the face is separate.
 const STEP_SHARE: f32 = 0.04;
 
 defaults! {
-    /// Work space and outcome of the labelling.
+    /// Result and scratch of the labelling.
     pub(crate) struct Regions {
         /// Distance of each cell, metres; 0 = none or background.
         pub(crate) depth_m: Vec<f32> = vec![0.0; COLUMNS * ROWS],
@@ -43,10 +43,10 @@ defaults! {
     }
 }
 
-/// Counts the raw values of every second pixel of every second row. Neighbours are counted apart and added up at the end:
-/// most are of one value, and a processor waits for a number it has only just written.
+/// Counts the raw values of every second pixel of every second row. Neighbours, mostly of one value, are counted in four
+/// histograms, because incrementing one bin twice in a row stalls.
 pub(crate) fn count(depth: &[u16; PIXELS], histogram: &mut [u32; RAW_DEPTH_VALUES]) {
-    // A quarter of a quarter of the pixels is less than a u16 holds.
+    // A sixteenth of the pixels fits a u16.
     const { assert!(PIXELS / 16 <= u16::MAX as usize) };
     let mut apart = [[0u16; RAW_DEPTH_VALUES]; 4];
     for row in (1..HEIGHT).step_by(2) {
@@ -67,7 +67,7 @@ pub(crate) fn count(depth: &[u16; PIXELS], histogram: &mut [u32; RAW_DEPTH_VALUE
     histogram[usize::from(NO_DEPTH)] = 0;
 }
 
-/// Mean distance of the samples that agree with the nearest, metres; 0 if that is not before `end` or too few agree.
+/// Mean distance of the samples that agree with the nearest one, metres; 0 if it is not before `end` or under two agree.
 fn cell_depth(samples: [u16; 4], camera: &Camera, spread: u16, end: usize) -> f32 {
     let [a, b, c, d] = samples;
     let nearest = a.min(b).min(c.min(d));
@@ -84,7 +84,7 @@ fn cell_depth(samples: [u16; 4], camera: &Camera, spread: u16, end: usize) -> f3
     if n >= 2.0 { sum / n } else { 0.0 }
 }
 
-/// The label that stands for all that are joined with `label`.
+/// Root label of the set of `label`.
 fn root(parents: &mut [u16], mut label: u16) -> u16 {
     while parents[usize::from(label)] != label {
         let above = parents[usize::from(parents[usize::from(label)])];
@@ -95,7 +95,7 @@ fn root(parents: &mut [u16], mut label: u16) -> u16 {
 }
 
 impl Regions {
-    /// Fills cells from the raw depth below `end` and labels the regions.
+    /// Fills the cells from raw depths below `end` and labels the regions.
     pub(crate) fn label(&mut self, depth: &[u16; PIXELS], camera: &Camera, end: usize) {
         self.cell_at_1m = CELL_PX as f32 / camera.depth_focal_px();
         let spread = camera.raw_steps(CELL_SPREAD);
@@ -130,7 +130,7 @@ impl Regions {
                 }
                 let at = row * COLUMNS as i32 + col;
                 let is_inside = row >= 2 && (2..COLUMNS as i32 - 1).contains(&col);
-                // The root, and the label last joined with it: most neighbours have the same.
+                // The root, and the label last joined with it, which most neighbours share.
                 let (mut mine, mut joined) = (0u16, 0u16);
                 for (dx, dy) in BEFORE {
                     let (x, y) = (col + dx, row + dy);
@@ -161,7 +161,7 @@ impl Regions {
                 label[at as usize] = mine;
             }
         }
-        // Every parent is the lower label, so upwards one step from a root's child is enough. Nothing is 0's child.
+        // Parents are lower labels, so one step in ascending order reaches the root.
         for joined in 1..labels {
             parents[joined] = parents[usize::from(parents[joined])];
         }
@@ -171,7 +171,7 @@ impl Regions {
     }
 }
 
-/// A rectangle of pixels of the depth picture: columns `x0..x1`, rows `y0..y1`.
+/// A rectangle of pixels of the depth image: columns `x0..x1`, rows `y0..y1`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelRect {
     /// First column.
@@ -185,24 +185,24 @@ pub struct PixelRect {
 }
 
 impl PixelRect {
-    /// Whether it keeps more than a cell's distance to the edges of a picture of this size: what is in it is not cut off.
+    /// Whether it is more than a cell away from the edges of an image of `size` (columns, rows).
     pub fn is_within(&self, size: [usize; 2]) -> bool {
         let [right, bottom] = size.map(|pixels| (pixels - CELL_PX) as u16);
         self.x0 > CELL_PX as u16 && self.y0 > CELL_PX as u16 && self.x1 < right && self.y1 < bottom
     }
 }
 
-/// The depth points of one head, in the sensor frame. Thinned evenly when full.
+/// Depth points of one head, sensor frame, thinned evenly to capacity.
 #[derive(Clone, Debug, Default)]
 pub struct HeadCloud {
     /// Points, metres, sensor frame.
     pub points: heapless::Vec<Point, HEAD_POINTS>,
-    /// Where the head is in the depth picture.
+    /// Bounding rectangle in the depth image.
     pub rect: PixelRect,
-    /// Whether no edge of the picture cuts it off.
+    /// Whether the head is entirely inside the image.
     pub whole: bool,
-    /// Mean of the points.
+    /// Mean of the points, metres, sensor frame.
     pub centre: Point,
-    /// Depth pixels that belong to the head, before thinning.
+    /// Depth pixels of the head before thinning.
     pub pixels: u32,
 }

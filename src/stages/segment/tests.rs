@@ -1,4 +1,4 @@
-//! Synthetic pictures; heads of the simulated sensor are in `tests/it/tracks_a_head.rs`.
+//! Synthetic images; heads of the simulated sensor are in `tests/it/tracks_a_head.rs`.
 
 use super::regions::CELL_PX;
 use super::*;
@@ -58,7 +58,7 @@ fn person(x: f32, y: f32, z: f32) -> Vec<([f32; 3], [f32; 3])> {
 const WALL: [f32; 5] = [-3.0, -3.0, 3.0, 3.0, 2.2];
 
 #[test]
-fn what_a_side_of_the_picture_cuts_off_is_not_whole() {
+fn a_head_cut_off_at_the_edge_is_not_whole() {
     let rect = |x0: u16, y0: u16, x1: u16, y1: u16| PixelRect { x0, y0, x1, y1 };
     let (cell, size) = (CELL_PX as u16, [512, 424]);
     let [right, bottom] = size.map(|pixels| pixels as u16 - cell);
@@ -74,7 +74,7 @@ fn what_a_side_of_the_picture_cuts_off_is_not_whole() {
 }
 
 #[test]
-fn a_person_gives_one_head_of_the_right_place_and_size() {
+fn a_person_gives_one_head_of_the_right_position_and_size() {
     let camera = Camera::default();
     let mut segmenter = Segmenter::new(Settings::default());
     for z in [0.6, 0.8, 1.0, 1.3] {
@@ -116,7 +116,7 @@ fn two_people_give_two_heads_and_the_one_followed_stays_first() {
 }
 
 #[test]
-fn what_is_no_head_gives_none() {
+fn objects_give_no_head() {
     let camera = Camera::default();
     let hand_flat = ([0.0, 0.0, 0.7], [0.05, 0.09, 0.012]);
     let forearm = ([0.02, 0.2, 0.72], [0.04, 0.16, 0.04]);
@@ -191,7 +191,7 @@ fn what_is_no_head_gives_none() {
 }
 
 #[test]
-fn a_hand_before_the_face_and_a_raised_one_do_not_take_the_head_away() {
+fn hands_do_not_hide_the_head() {
     let camera = Camera::default();
     let mut segmenter = Segmenter::new(Settings::default());
     let mut world = World {
@@ -233,7 +233,7 @@ fn a_hand_before_the_face_and_a_raised_one_do_not_take_the_head_away() {
 }
 
 #[test]
-fn nothing_is_left_from_before() {
+fn an_empty_frame_has_no_heads() {
     let camera = Camera::default();
     let mut segmenter = Segmenter::new(Settings::default());
     let world = World {

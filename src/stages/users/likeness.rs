@@ -1,11 +1,11 @@
-//! The features by which a returning person is recognised: the surface and size of the head, and some lengths of the face.
+//! Features for re-identification: surface and size of the head, and lengths of the face.
 //!
 //! Computes the distance between two people from three independent measurements: the head's surface and size from depth
 //! ([`crate::pose::signature`]), and [`LENGTHS`] lengths between eyes, brows, nose and jaw from the landmarks, each a mean
 //! over the frames in which the face was seen. Each difference is divided by its usual spread between two sessions of the same
 //! person, measured after ten frames on rendered heads of people used in no other table; the mean square is weighted by the
-//! independent information that each adds. The distance is about 0.8 for the same person and 2.3 for another one. A face
-//! cannot be reconstructed from these numbers.
+//! independent information of each. The distance is about 0.8 for the same person and 2.3 for another one. A face cannot be
+//! reconstructed from these numbers.
 //!
 //! Metres. Memory: 48 bytes beside the signature. Cost: a few distances a frame. Degenerate: heads of which too little was seen
 //! cannot be compared; without a face the head alone decides. Limitation: hats, glasses and thick hair change it; siblings
@@ -17,20 +17,20 @@ use crate::base::geometry::Point;
 use crate::base::prelude::*;
 use crate::pose::signature::{Difference, Signature, read_word, write_word};
 
-/// Lengths of a face.
+/// Number of lengths of a face.
 pub const LENGTHS: usize = 11;
-/// Their spread within one person, metres.
+/// Standard deviation of each length within one person, metres.
 const SIGMA_M: [f32; LENGTHS] = [
     0.0009, 0.0017, 0.0007, 0.0005, 0.0006, 0.0007, 0.0007, 0.0009, 0.0014, 0.0007, 0.0027,
 ];
-/// Weights of the mean square over the surface, of the size and of each of the lengths.
+/// Weights in the mean square: of the surface, of the size, and of each length.
 const WEIGHTS: [f32; 3] = [8.0, 2.0, 0.5];
-/// Spread of the logarithm of the size within one person.
+/// Standard deviation of ln(size) within one person.
 const SIZE_SIGMA: f32 = 0.02;
-/// After this many frames a length is a running mean of that many.
+/// Length of a running mean, frames.
 const MEMORY_FRAMES: f32 = 150.0;
 /// Largest plausible length, metres.
-const MOST_M: f32 = 0.5;
+const MAX_LENGTH_M: f32 = 0.5;
 
 /// Mean lengths of one face; none before the first frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,8 +40,8 @@ pub struct FaceLengths {
 }
 
 impl FaceLengths {
-    /// Adds the landmarks of one frame, in the head frame.
-    pub fn see(&mut self, head: &[Point; LANDMARKS]) {
+    /// Adds the landmarks of one frame, head frame, metres.
+    pub fn add(&mut self, head: &[Point; LANDMARKS]) {
         self.frames = (self.frames + 1.0).min(MEMORY_FRAMES);
         for (mean, length) in self.mean.iter_mut().zip(lengths(head)) {
             *mean += (length - *mean) / self.frames;
@@ -49,8 +49,8 @@ impl FaceLengths {
     }
 }
 
-/// Width over both eyes, width of one eye, distance between them, depth of the outer corners; length of the nose, length of
-/// its ridge, position of its base; depth of its root; height of the brows; width of the jaw.
+/// Lengths, metres: between the inner and between the outer eye corners, mean width of an eye, depth of the outer eye corners; length
+/// of the nose and of its ridge, height and depth of its base, depth of its root; height of the brows; width of the jaw.
 fn lengths(head: &[Point; LANDMARKS]) -> [f32; LENGTHS] {
     let apart = |a: usize, b: usize| (head[a] - head[b]).norm();
     let between = |a: usize, b: usize| nalgebra::center(&head[a], &head[b]);
@@ -72,18 +72,18 @@ fn lengths(head: &[Point; LANDMARKS]) -> [f32; LENGTHS] {
     ]
 }
 
-/// One person's numbers.
+/// Re-identification features of one person.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Likeness {
     /// Surface and size of the head.
     pub head: Signature,
-    /// Lengths of the face.
+    /// Mean lengths of the face.
     pub face: FaceLengths,
 }
 
 impl Likeness {
-    /// Distance between two people whose heads differ by `heads`; see the module.
-    pub fn apart(&self, other: &Self, heads: Difference) -> f32 {
+    /// Distance of two people, in standard deviations within one person; `heads`: difference of their heads.
+    pub fn distance(&self, other: &Self, heads: Difference) -> f32 {
         let [surface, size, length] = WEIGHTS;
         let mut sum = surface * heads.surface + size * (heads.log_size / SIZE_SIGMA).powi(2);
         let mut weight = surface + size;
@@ -97,7 +97,7 @@ impl Likeness {
         (sum / weight).sqrt()
     }
 
-    /// Writes a word for each number, each after a blank; `-` for what was not seen.
+    /// Writes the numbers as words, each after a space; `-` for unseen ones.
     ///
     /// # Errors
     /// If the writer fails.
@@ -107,13 +107,13 @@ impl Likeness {
         (self.face.mean.iter()).try_for_each(|mean| write_word(seen(mean), text))
     }
 
-    /// Parses the words that [`Self::write`] wrote; `None` if there are too few or too many, or one is implausible.
+    /// Reads exactly the words of [`Self::write`]; `None` if there are too few or too many, or one is implausible.
     pub fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
         let head = Signature::read(&mut words)?;
         let mut face = FaceLengths::default();
         for mean in &mut face.mean {
-            if let Some(length) = read_word(words.next()?, MOST_M)? {
-                // It stands for a whole memory.
+            if let Some(length) = read_word(words.next()?, MAX_LENGTH_M)? {
+                // A saved mean counts as a full one.
                 (*mean, face.frames) = (length, MEMORY_FRAMES);
             }
         }
@@ -129,7 +129,7 @@ mod tests {
     fn face(size: f32) -> FaceLengths {
         let mean = FaceModel::shipped().shape.mean;
         let mut face = FaceLengths::default();
-        face.see(&core::array::from_fn(|i| mean[i] * size));
+        face.add(&core::array::from_fn(|i| mean[i] * size));
         face
     }
 
@@ -148,18 +148,18 @@ mod tests {
             head: nothing_seen(),
             face: face(size),
         };
-        let same = person(1.0).apart(&person(1.0), alike);
-        let other = person(1.0).apart(&person(1.06), alike);
+        let same = person(1.0).distance(&person(1.0), alike);
+        let other = person(1.0).distance(&person(1.06), alike);
         assert!(same < 0.6 && other > 1.2 * same, "{same} {other}");
         let unlike = Difference {
             surface: 9.0,
             log_size: 0.03,
         };
-        assert!(person(1.0).apart(&person(1.0), unlike) > 2.0);
+        assert!(person(1.0).distance(&person(1.0), unlike) > 2.0);
     }
 
     #[test]
-    fn what_is_written_is_read_and_nothing_else() {
+    fn reads_exactly_the_written_words() {
         let person = Likeness {
             head: nothing_seen(),
             face: face(1.1),
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_are_those_of_the_face_and_differences_weigh_as_they_say() {
+    fn lengths_and_distances_are_as_specified() {
         let mut head = [Point::origin(); LANDMARKS];
         for (i, x, y, z) in [
             (36, -0.05, 0.0, 0.02),
@@ -205,11 +205,11 @@ mod tests {
         }
         // A mean of two frames, then of many.
         let mut face = FaceLengths::default();
-        face.see(&head);
-        face.see(&head.map(|p| p * 1.5));
+        face.add(&head);
+        face.add(&head.map(|p| p * 1.5));
         assert!((face.mean[1] - 0.125).abs() < 1e-6 && face.frames == 2.0);
         for _ in 0..400 {
-            face.see(&head);
+            face.add(&head);
         }
         assert!(face.frames == 150.0 && (face.mean[1] - 0.1).abs() < 2e-3);
         // One spread of the size, one of the first length, and a surface of one: the root of the weighted mean.
@@ -225,12 +225,12 @@ mod tests {
             surface: 1.0,
             log_size: -0.02,
         };
-        let found = person(0.0).apart(&person(SIGMA_M[0]), heads);
+        let found = person(0.0).distance(&person(SIGMA_M[0]), heads);
         assert!((found - f32::sqrt((8.0 + 2.0 + 0.5) / (10.0 + 5.5))).abs() < 1e-4);
         let unseen = Likeness {
             head: nothing_seen(),
             face: FaceLengths::default(),
         };
-        assert!((person(0.0).apart(&unseen, heads) - 1.0).abs() < 1e-6);
+        assert!((person(0.0).distance(&unseen, heads) - 1.0).abs() < 1e-6);
     }
 }

@@ -1,8 +1,7 @@
-//! People who left, remembered in memory for a while so that they can be recognised: the features of their head and face, and
-//! their learned ranges.
+//! People who left, kept for re-identification: the features of their head and face, and their learned ranges.
 //!
 //! At most [`capacity::REMEMBERED`](crate::base::capacity::REMEMBERED) people; when full, the one gone longest is dropped.
-//! Neither pictures nor clouds are kept; [`super::saved`] keeps them across a restart.
+//! Neither images nor clouds are kept. [`super::saved`] stores the people across restarts.
 
 use crate::base::capacity::{REMEMBERED, USERS};
 use crate::base::prelude::*;
@@ -13,20 +12,20 @@ use crate::users::likeness::Likeness;
 /// A person who left.
 #[derive(Clone, Debug)]
 pub struct Gone {
-    /// The slot they had.
+    /// Their former slot.
     pub slot: usize,
-    /// Their head and face.
+    /// Features of head and face.
     pub likeness: Likeness,
-    /// Their ranges.
+    /// Learned ranges.
     pub learned: Learned,
-    /// When they were seen last, or the start of this run.
+    /// Time they were last seen, or the start of this run.
     pub last_seen: Timestamp,
-    /// How long they had been gone before this run, seconds; 0 for people seen in it.
+    /// Absence before this run, seconds; 0 for people seen in it.
     pub before_s: f64,
 }
 
 impl Gone {
-    /// How long they have been gone, seconds.
+    /// Absence, seconds.
     pub fn away_s(&self, now: Timestamp) -> f64 {
         now.seconds_since(self.last_seen).max(0.0) + self.before_s
     }
@@ -35,7 +34,7 @@ impl Gone {
 /// People who left, longest gone first.
 #[derive(Debug)]
 pub struct Memory {
-    /// On the heap, with room for all from the start: a copy by value would enlarge the stack for good.
+    /// Heap-allocated with full capacity: a copy by value would enlarge the stack for good.
     gone: Vec<Gone>,
 }
 
@@ -47,7 +46,7 @@ impl Default for Memory {
 }
 
 impl Memory {
-    /// Remembers a person who left; only the last one of each slot.
+    /// Remembers a person who left, replacing an earlier one of the slot.
     pub fn keep(&mut self, gone: Gone) {
         self.forget_slot(gone.slot);
         if self.gone.len() == REMEMBERED {
@@ -62,30 +61,30 @@ impl Memory {
             .retain(|gone| now >= gone.last_seen && gone.away_s(now) <= most_s);
     }
 
-    /// Everybody has been gone for so much longer, seconds.
+    /// Adds to everybody's absence, seconds.
     pub fn age(&mut self, seconds: f64) {
         self.gone
             .iter_mut()
             .for_each(|gone| gone.before_s += seconds);
     }
 
-    /// Forgets the last person of a slot.
+    /// Forgets the person of a slot.
     pub fn forget_slot(&mut self, slot: usize) {
         self.gone.retain(|gone| gone.slot != slot);
     }
 
-    /// All, longest gone first.
+    /// Everybody remembered, longest gone first.
     pub fn gone(&self) -> &[Gone] {
         &self.gone
     }
 
-    /// Takes out the one that was recognised.
+    /// Removes and returns the person of a slot.
     pub fn take(&mut self, slot: usize) -> Option<Gone> {
         let at = self.gone.iter().position(|gone| gone.slot == slot)?;
         Some(self.gone.remove(at))
     }
 
-    /// The free slot for a new person: one that belongs to nobody remembered, else that of the person gone longest.
+    /// The free slot for a new person: one of nobody remembered, else of the person gone longest; `None` if none is free.
     pub fn slot_for_newcomer(&self, free: &[bool; USERS]) -> Option<usize> {
         let owner = |slot: usize| self.gone.iter().position(|gone| gone.slot == slot);
         (0..USERS)
@@ -126,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_slot_the_last_is_remembered_and_who_is_gone_too_long_is_forgotten() {
+    fn remembers_the_last_person_of_a_slot_for_a_limited_time() {
         let now = |s: u64| Timestamp::from_us(s * 1_000_000);
         let mut memory = Memory::default();
         for (slot, left) in [(0, 10), (1, 20), (0, 30)] {
@@ -137,7 +136,7 @@ mod tests {
         assert_eq!(slots(&memory), [1, 0]);
         memory.forget_older(now(81), 60.0);
         assert_eq!(slots(&memory), [0]);
-        // A clock that went back tells nothing.
+        // Backward time forgets the person.
         memory.forget_older(now(29), 60.0);
         assert!(slots(&memory).is_empty());
         memory.keep(gone(3, 30));
@@ -154,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_recognised_is_taken_out_and_a_newcomer_has_the_slot_least_missed() {
+    fn takes_the_recognised_and_gives_newcomers_the_oldest_slot() {
         let mut memory = Memory::default();
         assert_eq!(memory.slot_for_newcomer(&[false; USERS]), None);
         assert_eq!(
@@ -182,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn when_full_the_one_gone_longest_makes_room() {
+    fn when_full_the_one_gone_longest_is_dropped() {
         let mut memory = Memory::default();
         for slot in 0..=REMEMBERED {
             memory.keep(gone(slot, slot as u64));
@@ -191,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn who_leaves_in_this_very_moment_is_remembered_and_who_left_after_it_is_not() {
+    fn people_last_seen_in_the_future_are_forgotten() {
         let mut memory = Memory::default();
         memory.keep(gone(0, 5));
         memory.keep(gone(1, 6));

@@ -1,5 +1,5 @@
-//! Identity of users: their states, matching heads to users from frame to frame ([`matching`]), recognising people who return
-//! ([`memory`]) and by which features ([`likeness`]), and which user a single-person output shows ([`choice`]).
+//! Identity of users: their states, matching heads to users from frame to frame ([`matching`]), recognising returning people
+//! ([`memory`], by the features of [`likeness`]), and the user of single-person outputs ([`choice`]).
 //!
 //! A user has a slot, 0 to 3, and keeps it until forgotten. The state depends on whether the face is seen in this frame:
 //!
@@ -17,9 +17,9 @@
 //! | nothing for up to `hold_s` | held |
 //! | nothing for longer | lost, and after `forget_s` more absent |
 //!
-//! Depth detects heads ([`crate::pose`]), with a lower threshold if there was one in the previous frame; likewise, the colour
-//! picture detects faces ([`crate::landmarks`]). A head becomes a user once its face is seen. Without colour, or while a known
-//! person's face is hidden, depth alone decides, with a higher threshold.
+//! Depth detects heads ([`crate::pose`]), with a lower threshold for a tracked one; likewise the colour image detects faces
+//! ([`crate::landmarks`]). A head becomes a user once its face is seen. Without colour, or while a known person's face is hidden,
+//! depth alone decides, with a higher threshold.
 
 pub mod choice;
 pub mod likeness;
@@ -40,7 +40,7 @@ pub enum TrackingState {
     /// Nobody.
     #[default]
     Absent,
-    /// Tracked; ranges still mostly the population's.
+    /// Tracked; most ranges are still the population's.
     Warming,
     /// Tracked.
     Tracking,
@@ -53,7 +53,7 @@ pub enum TrackingState {
 }
 
 impl TrackingState {
-    /// All of them, in the order of their codes.
+    /// All states, in the order of their codes.
     pub const ALL: [Self; 6] = [
         Self::Absent,
         Self::Warming,
@@ -84,25 +84,25 @@ impl TrackingState {
     }
 }
 
-/// A face on a tracked head may be unseen for this long and still count as seen, seconds: a missing picture or hair swinging
-/// by for a frame or two is not a loss.
+/// Time for which an unseen face on a tracked head still counts as seen, seconds: bridges a missing image or hair before the face
+/// for two frames.
 const BLINK_S: f64 = 0.075;
 
-/// Tracks the presence of one person.
+/// Tracks the state of one person.
 #[derive(Clone, Debug, Default)]
 pub struct Presence {
     hold_s: f64,
     forget_s: f64,
-    /// When the head was last tracked, with its face or by depth alone,
+    /// Time the head was last tracked, with its face or by depth alone.
     last_seen: Option<Timestamp>,
-    /// and when its face was last seen.
+    /// Time the face was last seen.
     face_seen: Option<Timestamp>,
-    /// Whether its ranges were learned then.
+    /// Whether the ranges were learned then.
     ready: bool,
 }
 
 impl Presence {
-    /// `hold_s`: how long values are held without being seen; `forget_s`: how long the slot is then kept.
+    /// State of an unseen person. `hold_s`: time for which the last values are kept; `forget_s`: time for which the slot is then kept.
     pub fn new(hold_s: f32, forget_s: f32) -> Self {
         Self {
             hold_s: hold_s.into(),
@@ -111,18 +111,18 @@ impl Presence {
         }
     }
 
-    /// Takes over another one's state, but keeps the times of this one.
+    /// Takes over another person's state, but keeps `hold_s` and `forget_s`.
     pub fn adopt(&mut self, other: &Self) {
         (self.last_seen, self.face_seen) = (other.last_seen, other.face_seen);
         self.ready = other.ready;
     }
 
-    /// Nobody was seen yet.
+    /// Forgets that anybody was seen.
     pub fn reset(&mut self) {
         (self.last_seen, self.face_seen) = (None, None);
     }
 
-    /// The face was seen, and its ranges are learned or not yet.
+    /// The face was seen in a frame; `ready`: whether its ranges are learned.
     pub fn seen(&mut self, at: Timestamp, ready: bool) -> TrackingState {
         (self.last_seen, self.face_seen) = (Some(at), Some(at));
         self.ready = ready;
@@ -137,12 +137,12 @@ impl Presence {
         }
     }
 
-    /// The head was tracked in a frame that cannot show a face: what was last seen of it is kept for a while.
+    /// The head was tracked in a frame without a face; the face's last values are kept for some time.
     pub fn posed(&mut self, at: Timestamp) -> TrackingState {
         self.last_seen = Some(at);
         let face = self.face_seen.map(|seen| at.seconds_since(seen));
         if face.is_some_and(|gone| gone <= BLINK_S) {
-            // A face that moves with its head for so short a time is still the one that was seen.
+            // For so short a time the face's points move with the head.
             self.with_face()
         } else if face.is_some_and(|gone| gone <= self.hold_s) {
             TrackingState::Held
@@ -151,7 +151,7 @@ impl Presence {
         }
     }
 
-    /// The face was not seen. On the change to [`TrackingState::Absent`] the person must be forgotten.
+    /// Neither head nor face was seen in a frame. On [`TrackingState::Absent`] the person must be forgotten.
     pub fn unseen(&mut self, at: Timestamp) -> TrackingState {
         let Some(last) = self.last_seen else {
             return TrackingState::Absent;
@@ -221,14 +221,14 @@ mod tests {
     }
 
     #[test]
-    fn codes_and_names_are_those_of_the_wires() {
+    fn codes_and_names_are_fixed() {
         let told = TrackingState::ALL.map(|state| (state.code(), state.name()));
         let names = ["absent", "warming", "tracking", "held", "lost", "posed"];
         assert_eq!(told, core::array::from_fn(|code| (code as u8, names[code])));
     }
 
     #[test]
-    fn the_times_of_a_loss_belong_to_what_comes_before() {
+    fn adopting_keeps_its_own_times() {
         let at = |ms: u64| Timestamp::from_us(ms * 1000);
         let mut presence = Presence::new(0.5, 2.0);
         presence.seen(at(1000), true);
@@ -242,7 +242,7 @@ mod tests {
         assert_eq!(presence.posed(at(4080)), TrackingState::Held);
         assert_eq!(presence.posed(at(4500)), TrackingState::Held);
         assert_eq!(presence.posed(at(4501)), TrackingState::Posed);
-        // Another pipeline's presence goes on with what was seen, and with its own times.
+        // Another pipeline's presence adopts the observations but keeps its own times.
         let mut other = Presence::new(0.1, 2.0);
         other.adopt(&presence);
         assert_eq!(other.unseen(at(4600)), TrackingState::Held);

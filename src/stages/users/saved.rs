@@ -1,8 +1,8 @@
-//! Saves remembered people to disk and loads them, so that a restart forgets nobody too early.
+//! Saves remembered people to disk and loads them after a restart.
 //!
-//! One text file; its last line has the CRC-32 of all before it. Per person the slot, when they were seen last (seconds
-//! since 1970), their recognition features ([`Likeness`]) and what was learned ([`Learned`]); no picture, and nothing a face
-//! could be drawn from:
+//! One text file; its last line has the CRC-32 of everything before it. Per person: the slot, the time last seen (seconds since
+//! 1970), the recognition features ([`Likeness`]) and the learned ranges ([`Learned`]); no image, and nothing from which a face
+//! could be reconstructed:
 //! ```text
 //! mien-people 2
 //! person 0 1763720000 0.012 0.00041 - -0.00112 …
@@ -11,10 +11,10 @@
 //! …
 //! checksum 1a2b3c4d
 //! ```
-//! Written by rename, at most once a minute and at the end, and only from a live sensor: replaying a recording
-//! must not change its next replay. A damaged file is moved aside, logged, and deleted a day after it was written. Memory:
-//! fixed after [`People::at`]. Ages are by the wall clock, over restarts and without a sensor. Degenerate: who was seen in the
-//! future, because the clock was set back, counts as seen now; people gone too long are dropped by
+//! Written by rename, at most once a minute and at the end, and only with a live sensor, because replaying a recording must not
+//! change its next replay. A damaged file is moved aside, logged, and deleted a day after it was written. Memory:
+//! fixed after [`People::new`]. Ages are by the wall clock, across restarts. Degenerate: a person last seen in the future,
+//! because the clock was set back, counts as seen now; people gone too long are dropped by
 //! [`Memory::forget_older`](super::memory::Memory::forget_older).
 
 use std::fmt::Write as _;
@@ -34,14 +34,14 @@ use crate::expression::saved::Learned;
 const HEADER: &str = "mien-people 2";
 /// Interval between writes.
 const PERIOD: Duration = Duration::from_secs(60);
-/// How long a damaged file is kept after it was written.
+/// Time for which a damaged file is kept after it was written.
 const DAMAGED_KEPT: Duration = Duration::from_secs(86_400);
-/// Of one person: a line of up to 40 bytes for each range, and the likeness.
+/// Largest text of one person, bytes: a line of up to 40 for each range, and the likeness.
 const PERSON: usize = (LEARNT_MEASURES + FEATURES + UNITS) * 40 + 1024;
-/// Size of the longest file written, bytes: likeness and ranges of everybody.
+/// Longest file written, bytes.
 const TEXT: usize = (REMEMBERED + USERS) * PERSON;
 
-/// Largest file accepted, bytes.
+/// Longest file accepted, bytes.
 const MOST: usize = 4 * TEXT;
 
 fn seconds(at: SystemTime) -> u64 {
@@ -49,7 +49,7 @@ fn seconds(at: SystemTime) -> u64 {
     since.unwrap_or_default().as_secs()
 }
 
-/// Writes people; `now` is the time of the last frame, and the wall-clock time.
+/// Writes people to `text`; `now`: time of the last frame, and wall-clock time.
 ///
 /// # Errors
 /// If the writer fails.
@@ -71,10 +71,10 @@ pub fn write(
     writeln!(text, "checksum {checksum:08x}")
 }
 
-/// Reads what [`write()`] wrote.
+/// Reads the text of [`write()`]; `now`: wall-clock time.
 ///
 /// # Errors
-/// If anything is damaged, what; then nobody is remembered.
+/// A description of the damage.
 pub fn read(text: &str, now: SystemTime) -> Result<Vec<Gone>, String> {
     let body = text.strip_prefix(HEADER);
     let body = body.ok_or_else(|| format!("expected a first line {HEADER:?}"))?;
@@ -86,7 +86,7 @@ pub fn read(text: &str, now: SystemTime) -> Result<Vec<Gone>, String> {
     }
     let mut people = Vec::new();
     let blocks = body[..end - HEADER.len()].split("\nperson ").skip(1);
-    // The latest stand last.
+    // Longest gone first: beyond the capacity the first are dropped.
     for (number, block) in blocks.enumerate() {
         let number = number + 1;
         let person =
@@ -112,24 +112,25 @@ pub fn read(text: &str, now: SystemTime) -> Result<Vec<Gone>, String> {
     Ok(people)
 }
 
-/// The file.
+/// The file of remembered people.
 pub struct People {
     file: AtomicFile,
-    /// Where a damaged one goes.
+    /// Path for a damaged file.
     aside: PathBuf,
+    /// Time of the last write.
     written: Instant,
     text: String,
-    /// Whether it was logged that it cannot be written.
+    /// Whether a failure to write was logged.
     warned: bool,
 }
 
 impl People {
-    /// At a path; nothing is read or written yet.
-    pub fn at(path: &Path) -> Self {
+    /// A file at `path`; nothing is read or written yet.
+    pub fn new(path: &Path) -> Self {
         let mut aside = path.as_os_str().to_owned();
         aside.push(".damaged");
         Self {
-            file: AtomicFile::at(path, Some(0o600), true),
+            file: AtomicFile::new(path, Some(0o600), true),
             aside: aside.into(),
             written: Instant::now(),
             text: String::with_capacity(TEXT),
@@ -137,12 +138,12 @@ impl People {
         }
     }
 
-    /// The people remembered; nobody if there is no file, or a damaged one, which is moved aside.
+    /// Loads the people; nobody if there is no file or it is damaged, in which case it is moved aside.
     pub fn load(&self) -> Vec<Gone> {
         let path = self.file.path().display();
-        let bytes = match bounded_read::regular(self.file.path(), MOST) {
+        let bytes = match bounded_read::read_regular(self.file.path(), MOST) {
             Ok(bytes) => bytes,
-            // More than was ever written here: set aside below, as what is damaged.
+            // Longer than any file written here: damaged, moved aside below.
             Err(error) if error.kind() == ErrorKind::FileTooLarge => Vec::new(),
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 return Vec::new();
@@ -155,7 +156,7 @@ impl People {
         };
         let text = String::from_utf8_lossy(&bytes);
         read(&text, SystemTime::now()).unwrap_or_else(|problem| {
-            // If it cannot be renamed it is overwritten in a minute: nothing in it is of use.
+            // If it cannot be renamed, the next write replaces it.
             let _ = std::fs::rename(self.file.path(), &self.aside);
             tracing::warn!(
                 "{path}: {problem}; the file was moved to {}, and nobody is remembered",
@@ -170,16 +171,16 @@ impl People {
         self.written.elapsed() >= PERIOD
     }
 
-    /// Writes the file; failure is logged once. `at` is the time of the last frame.
+    /// Writes the file; a failure is logged once. `at`: time of the last frame.
     pub fn save(&mut self, people: impl Iterator<Item = Gone>, at: Timestamp) {
         self.written = Instant::now();
         let damaged = std::fs::symlink_metadata(&self.aside).and_then(|about| about.modified());
-        // One from the future is as good as old.
+        // A time in the future counts as old.
         let is_recent = |at: SystemTime| at.elapsed().is_ok_and(|age| age < DAMAGED_KEPT);
         if damaged.is_ok_and(|at| !is_recent(at)) {
             let _ = std::fs::remove_file(&self.aside);
         }
-        // A string takes everything.
+        // Writing to a string cannot fail.
         let _ = write(people, (at, SystemTime::now()), &mut self.text);
         let written = self.file.write(self.text.as_bytes());
         if let Err(error) = &written
@@ -200,13 +201,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_file_of_people_s_size_is_not_read() {
+    fn oversized_files_are_not_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("people.ranges");
-        // Nothing ever comes out of it.
+        // A pipe without a writer.
         let made = std::process::Command::new("mkfifo").arg(&path).status();
         assert!(made.unwrap().success());
-        assert!(People::at(&path).load().is_empty());
+        assert!(People::new(&path).load().is_empty());
         std::fs::remove_file(&path).unwrap();
 
         let mut text = String::new();
@@ -217,9 +218,9 @@ mod tests {
         )
         .unwrap();
         std::fs::write(&path, text + &"\n".repeat(1 << 20)).unwrap();
-        assert!(People::at(&path).load().is_empty());
+        assert!(People::new(&path).load().is_empty());
         let damaged = folder.path().join("people.ranges.damaged");
-        let mut people = People::at(&path);
+        let mut people = People::new(&path);
         people.save(std::iter::empty(), Timestamp::default());
         assert!(damaged.exists());
         let yesterday = SystemTime::now() - DAMAGED_KEPT - Duration::from_secs(9);
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_written_is_read_again_and_who_is_damaged_is_counted() {
+    fn written_people_are_read_and_damage_is_reported() {
         let words = core::iter::once("0.125").chain(core::iter::repeat("-"));
         let all = (0..512).map(|count| Likeness::read(words.clone().take(count)));
         let likeness = all

@@ -1,10 +1,10 @@
-//! Which node of a glTF file turns with the head, and its rotations for a recorded run.
+//! The nodes of a glTF file that turn with the head, and their rotations for a recorded run.
 //!
-//! A head bone (of a VRM, or a joint whose name ends in "head") is turned where it is, so that a neck stays. A file without
-//! one has the nodes of the animated meshes turned about the middle of their mesh. Nodes with a matrix cannot be animated
-//! and stay.
+//! A head bone (of a VRM, or a joint whose name ends in "head") is rotated in place, so that a neck stays. Without
+//! one, the nodes of the animated meshes rotate about the middle of their mesh. Nodes with a matrix cannot be
+//! animated and stay.
 //!
-//! Frames: the sensor's head frame (y down, z in) becomes glTF's (y up, z out); VRM 0 looks the other way.
+//! Frames: the sensor's head frame (y down, z in) becomes glTF's (y up, z out); VRM 0 faces the other way.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -13,17 +13,18 @@ use mien_baking::bake::glb::{Glb, list};
 use mien_baking::bake::patch::position;
 use mien_baking::bake::scene::{self, Parents};
 
-/// A node and how it turns.
+/// An animated node.
 pub(super) struct Turned {
-    /// Number of the node.
+    /// Index of the node.
     pub(super) node: usize,
     /// Rotation of its parent in the scene.
     parent: UnitQuaternion<f32>,
-    /// Its own, at rest.
+    /// Its own rotation at rest.
     rest: UnitQuaternion<f32>,
-    /// For a node that turns about a point other than its origin: that point in the parent, and from there to the origin.
+    /// For a node that rotates about a point other than its origin: that point in the parent's frame, and the origin
+    /// relative to it.
     about: Option<[Vector3<f32>; 2]>,
-    /// Whether the file looks along −z.
+    /// Whether the model faces −z.
     backwards: bool,
 }
 
@@ -37,10 +38,10 @@ fn rotation(node: &Value) -> UnitQuaternion<f32> {
     UnitQuaternion::try_new(q, 1e-6).unwrap_or_default()
 }
 
-/// Rotation of a node's parents, one after the other.
+/// Combined rotation of a node's ancestors.
 fn above(json: &Value, node: usize) -> UnitQuaternion<f32> {
     let nodes = list(&json["nodes"]);
-    let parents = Parents::of(nodes);
+    let parents = Parents::new(nodes);
     let above = parents.chain(node).skip(1);
     above.fold(UnitQuaternion::identity(), |below, up| {
         rotation(&nodes[up]) * below
@@ -65,7 +66,7 @@ fn bone(json: &Value) -> Option<usize> {
 }
 
 impl Turned {
-    /// What of a file turns with the head; `meshes` are those that are animated.
+    /// The nodes of a file that turn with the head; `meshes` are the animated ones.
     pub(super) fn find(glb: &Glb, meshes: &[usize]) -> Vec<Self> {
         let json = &glb.json;
         let nodes = list(&json["nodes"]);
@@ -84,7 +85,7 @@ impl Turned {
         let carried = |k: usize| {
             let node = &nodes[k];
             let mesh = node["mesh"].as_u64().map(|m| m as usize);
-            // A skeleton, not its node, says where a skinned mesh stands.
+            // A skinned mesh is placed by its skeleton, not its node.
             mesh.filter(|m| meshes.contains(m) && node["skin"].is_null() && movable(k))
         };
         let own = (0..nodes.len()).filter_map(|k| Some((k, carried(k)?)));
@@ -98,13 +99,14 @@ impl Turned {
         .collect()
     }
 
-    /// Rotation of the node for a pose (x, y, z, w in the sensor's head frame), and its translation if that changes too.
+    /// Rotation of the node for a pose (x, y, z, w in the sensor's head frame), and its translation if that changes
+    /// too.
     pub(super) fn posed(&self, pose: [f32; 4]) -> ([f32; 4], Option<[f32; 3]>) {
         let [x, y, z, w] = pose;
         let side = if self.backwards { -1.0 } else { 1.0 };
         let q = Quaternion::new(w, side * x, -y, -side * z);
         let turn = UnitQuaternion::try_new(q, 1e-6).unwrap_or_default();
-        // In the parent's axes.
+        // In the parent's frame.
         let turn = self.parent.inverse() * turn * self.parent;
         let now = turn * self.rest;
         let moved = self.about.map(|[point, back]| (point + turn * back).into());
@@ -112,7 +114,7 @@ impl Turned {
     }
 }
 
-/// Middle of a mesh, from the bounds that its file gives.
+/// Middle of a mesh, from the bounds in its file.
 fn middle(json: &Value, mesh: usize) -> Vector3<f32> {
     let bounds = list(&json["meshes"][mesh]["primitives"]).iter();
     let bounds = bounds.filter_map(|primitive| {

@@ -1,11 +1,10 @@
 //! `mien-studio animate`: the weights of a recorded run become an animation of a head's morph targets.
 //!
-//! A target is driven by the CSV column `w_<unit>` of the unit that baking wrote beside it, by `w_<name>` of its own name, or,
-//! in files from elsewhere, by the unit the shipped recipe gives to its name. Of several units (`AU34L|AU34R`) the largest
-//! weight counts. The corrective of two targets has the product of
-//! their weights. Rows without weights (nobody there, lost)
-//! are neutral. The head turns as the pose says ([`head_turn`]) and stays as it was while there is none. Times count
-//! from the first row of the chosen user.
+//! A target is driven by the CSV column `w_<unit>` of the unit that baking wrote beside it, by `w_<name>` of its own
+//! name, or, in files from elsewhere, by the unit that the shipped recipe gives to its name. Of several units
+//! (`AU34L|AU34R`) the largest weight counts; the corrective of two targets has the product of their weights. Rows
+//! without weights (absent, lost) are neutral. The head turns with the pose ([`head_turn`]) and keeps its last one
+//! without. Times count from the first row of the chosen user.
 
 mod head_turn;
 
@@ -15,7 +14,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use head_turn::Turned;
-use mien_baking::bake::command::written;
+use mien_baking::bake::command::output_name;
 use mien_baking::bake::files::{read, read_bytes, write};
 use mien_baking::bake::glb::{Glb, list, push};
 use mien_baking::bake::recipe::{Recipe, SHIPPED};
@@ -33,7 +32,7 @@ pub struct Args {
     #[arg(long)]
     pub csv: PathBuf,
     /// Animated head to write, .glb or .vrm
-    #[arg(long, value_parser = written)]
+    #[arg(long, value_parser = output_name)]
     pub out: PathBuf,
     /// Slot of the person to animate [default: the first that appears]
     #[arg(long)]
@@ -43,20 +42,20 @@ pub struct Args {
 /// A rotation of the head: x, y, z, w.
 type Turn = [f32; 4];
 
-/// The two targets that one is the corrective of, if it is one.
+/// The two targets whose corrective this one is.
 type Pair = Option<[usize; 2]>;
 
 /// Times in seconds, weights and rotations of the head, one row per frame.
 #[derive(Default)]
 struct Track {
     times: Vec<[f32; 1]>,
-    /// Those of a frame's targets follow each other.
+    /// Frame by frame, the weights of all targets.
     weights: Vec<[f32; 1]>,
-    /// As the sensor gives them, each on the side of the one before; empty if the table has none.
+    /// As from the sensor, each in the hemisphere of the one before; empty if the table has none.
     poses: Vec<Turn>,
 }
 
-/// The slots that a table has, for people to read.
+/// The slots in a table, for messages.
 fn slots(table: &csv::Table, slot: usize) -> String {
     let all = table.rows().filter_map(|row| row.cells.get(slot).copied());
     let all: BTreeSet<&str> = all.filter(|cell| !cell.is_empty()).collect();
@@ -68,22 +67,22 @@ fn slots(table: &csv::Table, slot: usize) -> String {
     }
 }
 
-/// Where what moves a head stands in a table.
+/// Columns of a table that drive a head.
 struct Columns {
     time: usize,
     slot: usize,
-    /// Of each target, of which the largest counts; none if nothing drives it.
+    /// Per target, columns of which the largest counts; empty if nothing drives it.
     weights: Vec<Vec<usize>>,
     pose: Option<[usize; 4]>,
 }
 
-/// A number of a row's cell.
+/// A finite number in a cell.
 fn finite(cell: &str) -> Option<f32> {
     cell.parse().ok().filter(|v: &f32| v.is_finite())
 }
 
 impl Columns {
-    /// Of a table, `targets` the units that may drive each target; `None` without time and user.
+    /// Finds the columns; `targets` lists the units that may drive each target. `None` without time and user.
     fn find(table: &csv::Table, targets: &[Vec<String>]) -> Option<Self> {
         let columns = |units: &String| -> Vec<usize> {
             let units = units.split('|');
@@ -104,8 +103,8 @@ impl Columns {
         })
     }
 
-    /// Weights of a row's targets, 0 where nothing stands, those of correctives the product of their `pairs`'; the first
-    /// cell that is no number instead.
+    /// Weights of a row's targets, 0 for empty cells, for correctives the product of their `pairs`; the error is the
+    /// first cell that is no number.
     fn weights<'a>(&self, cells: &[&'a str], pairs: &[Pair]) -> Result<Vec<[f32; 1]>, &'a str> {
         let cell = |at: &usize| match cells[*at] {
             "" => Ok(0.0),
@@ -125,7 +124,7 @@ impl Columns {
         Ok(weights)
     }
 
-    /// The rotation of a row's head, that of the row before if there is none now; the first cell that is no number instead.
+    /// The rotation in a row, or that of the row before; the error is the first cell that is no number.
     fn pose<'a>(&self, cells: &[&'a str], before: Option<&Turn>) -> Result<Option<Turn>, &'a str> {
         let Some(columns) = self.pose else {
             return Ok(None);
@@ -139,13 +138,13 @@ impl Columns {
         for (slot, word) in now.iter_mut().zip(words) {
             *slot = finite(word).ok_or(word)?;
         }
-        // The same rotation has two quaternions; between neighbours the shorter way is meant.
+        // A rotation has two quaternions; interpolation between neighbours must take the shorter way.
         let same = before.iter().zip(now).map(|(a, b)| a * b).sum::<f32>() >= 0.0;
         Ok(Some(if same { now } else { now.map(|v| -v) }))
     }
 }
 
-/// Reads the rows of one user, and how many targets they drive.
+/// Reads the rows of one user, with the number of driven targets.
 fn track(
     text: &str,
     path: &Path,
@@ -202,24 +201,24 @@ fn track(
 
 /// The morph targets of a mesh.
 struct Targets {
-    /// The units that may drive each, the best first.
+    /// Units that may drive each target, the best first.
     units: Vec<Vec<String>>,
-    /// The two targets that one is the corrective of: it counts as much as both.
+    /// The two targets whose corrective this one is, driven by the product of both weights.
     pairs: Vec<Pair>,
 }
 
 impl Targets {
-    /// Of a mesh, `recipe` the units of shapes by name; `None` if its targets have no names.
+    /// Targets of a mesh; `recipe` maps names of shapes to units. `None` if its targets have no names.
     fn read(mesh: &Value, recipe: &[(String, String)]) -> Option<Self> {
         let names = mesh["extras"]["targetNames"]
             .as_array()
             .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array())?;
         let names: Vec<&str> = names.iter().map(Value::as_str).collect::<Option<_>>()?;
         let units = names.iter().enumerate().map(|(k, name)| {
-            let written = mesh["extras"]["mien"]["units"][k].as_str();
+            let output_name = mesh["extras"]["mien"]["units"][k].as_str();
             let mut shipped = recipe.iter().filter(|(n, _)| n.eq_ignore_ascii_case(name));
             let shipped = shipped.next().map(|(_, unit)| unit.as_str());
-            let units = [written, Some(*name), shipped].into_iter().flatten();
+            let units = [output_name, Some(*name), shipped].into_iter().flatten();
             units.map(str::to_owned).collect()
         });
         let place = |name: &str| names.iter().position(|n| *n == name);
@@ -234,7 +233,7 @@ impl Targets {
     }
 }
 
-/// Adds values at the times of the accessor `input` to an animation; the number of their sampler.
+/// Adds a sampler of values at the times in accessor `input` to an animation; returns its index.
 fn sampler<const N: usize>(
     animation: &mut Value,
     glb: &mut Glb,
@@ -246,7 +245,7 @@ fn sampler<const N: usize>(
     push(&mut animation["samplers"], sampler)
 }
 
-/// Lets a sampler move a node.
+/// Adds a channel from a sampler to a node.
 fn channel(animation: &mut Value, sampler: usize, node: usize, path: &str) {
     let channel = json!({"sampler": sampler, "target": {"node": node, "path": path}});
     push(&mut animation["channels"], channel);
@@ -276,7 +275,7 @@ fn animated(
         }
         (frames, most) = (track.times.len(), most + driven);
         driven_meshes.push(m);
-        let input = glb.push_bounded(&track.times, 0);
+        let input = glb.push_rows_with_bounds(&track.times, 0);
         turning.get_or_insert((input, track.poses));
         let sampler = sampler(&mut animation, glb, input, &track.weights);
         for (node, value) in nodes.iter().enumerate() {
@@ -395,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn somebody_who_is_not_there_is_refused_with_those_who_are() {
+    fn an_absent_slot_is_refused_with_the_present_ones() {
         let refused = |csv: &str, user| {
             let done = animated(&mut head(), csv, Path::new("run.csv"), user);
             done.unwrap_err().to_string()

@@ -1,10 +1,10 @@
-//! The result of an inspection: of it a page ([`super::page`]) or a PNG contact sheet is made.
+//! The result of an inspection, output as a page ([`super::page`]) or a PNG contact sheet.
 
 use image::RgbImage;
 
 use crate::chart::{self, Plot};
 
-/// All of it.
+/// The contents of an inspection.
 #[derive(Default)]
 pub struct Album {
     /// Heading of the page.
@@ -17,28 +17,28 @@ pub struct Album {
     pub pictures: Vec<(String, RgbImage)>,
     /// Curves.
     pub plots: Vec<Plot>,
-    /// What the page plays, in order of time.
+    /// Frames of the player, in order of time.
     pub frames: Vec<Shown>,
-    /// Depths at which the colours of depth are 0, 1/4, 2/4, 3/4, 1 of the way from far to near, metres.
+    /// Depths at which the depth colours are 0, 1/4, 2/4, 3/4, 1 of the way from far to near, metres.
     pub depth_key: Option<[f32; 5]>,
-    /// Seconds, user and points x, y, x, y, … of faces that are drawn where there are no pictures.
+    /// Seconds, user and points x, y, x, y, … of faces that the player draws where there are no pictures.
     pub faces: Vec<(f64, usize, Vec<i32>)>,
 }
 
 /// A frame of the player: JPEGs.
 pub struct Shown {
-    /// When it was taken.
+    /// Capture time, seconds.
     pub seconds: f64,
     /// Its number in the recording.
     pub number: u64,
-    /// Picture with landmarks, if there is one.
+    /// Picture with landmarks, if available.
     pub colour: Option<Vec<u8>>,
     /// Depth with heads.
     pub depth: Vec<u8>,
 }
 
 impl Album {
-    /// With a heading, and nothing else yet.
+    /// An album with only a heading.
     pub fn new(title: impl Into<String>) -> Self {
         Self {
             title: title.into(),
@@ -51,12 +51,12 @@ impl Album {
         self.facts.push((name.into(), value.into()));
     }
 
-    /// Begins the table with the names of its columns.
+    /// Starts the table with the names of its columns.
     pub fn header<const N: usize>(&mut self, columns: [&str; N]) {
         self.table.push(columns.map(str::to_owned).to_vec());
     }
 
-    /// The contact sheet: pictures side by side as long as they fit, each under its caption, then the plots.
+    /// The contact sheet: pictures side by side, wrapped, each under its caption, then the plots.
     pub fn sheet(&self) -> RgbImage {
         const WIDTH: u32 = 1312;
         const GAP: u32 = 8;

@@ -1,8 +1,9 @@
-//! Colours of depth, fitted to the depth that is there: as many colours go to a depth as there is surface at it, seen from near.
+//! Depth colours by histogram equalisation: a depth range gets colours in proportion to its surface, weighted towards
+//! the sensor.
 //!
-//! A histogram over 1/z, in which the sensor's steps are about even, each pixel weighted by 1/z², so that a person in front of a
-//! wall takes more of the colours than the wall; its cumulative share is the colour. A fifth of each colour is linear in 1/z, so
-//! that a gap in depth stays a step. Memory: [`BINS`] numbers.
+//! The histogram is over 1/z, in which the sensor's steps are about even, each pixel weighted by 1/z², so that a
+//! person in front of a wall gets more colours than the wall; its cumulative share is the colour. A fifth of each
+//! colour is linear in 1/z, so that a gap in depth stays a step. Memory: [`BINS`] numbers.
 
 use image::RgbImage;
 
@@ -15,10 +16,10 @@ use mien_workbench::canvas;
 const BINS: usize = 1024;
 const NEAR_M: f32 = 0.3;
 const FAR_M: f32 = 8.0;
-/// Part of a colour that follows 1/z alone.
+/// Part of a colour that is linear in 1/z.
 const LINEAR: f64 = 0.2;
 
-/// What was measured, and which colour it gets.
+/// Histogram of depth, and the colour of each bin.
 pub(crate) struct DepthColours {
     seen: Vec<f64>,
     share: Vec<f32>,
@@ -44,14 +45,14 @@ fn depth_m(raw: u16, camera: &Camera) -> Option<f32> {
 }
 
 impl DepthColours {
-    /// Takes a frame into account.
+    /// Adds a frame to the histogram.
     pub(crate) fn add(&mut self, depth: &[u16; PIXELS], camera: &Camera) {
         for z in depth.iter().filter_map(|&raw| depth_m(raw, camera)) {
             self.seen[bin(z)] += f64::from(1.0 / (z * z));
         }
     }
 
-    /// With the colours of what was added.
+    /// Computes the colours from the added frames.
     pub(crate) fn fitted(mut self) -> Self {
         let all: f64 = self.seen.iter().sum();
         let is_seen = |seen: &f64| *seen > 0.0;
@@ -67,7 +68,7 @@ impl DepthColours {
         self
     }
 
-    /// Depth in these colours: near is light, far is dark, no measurement is black.
+    /// Renders depth in these colours: near is light, far is dark, no measurement is black.
     pub(crate) fn picture(&self, depth: &[u16; PIXELS], camera: &Camera) -> RgbImage {
         RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |x, y| {
             let z = depth_m(depth[y as usize * WIDTH + x as usize], camera);

@@ -1,26 +1,27 @@
-//! A mesh as pictures: shaded from the front, at an angle and from the side; of a GLB also each morph target at weight 1.
+//! Renderings of a mesh: shaded from the front, at an angle and from the side; of a GLB also each morph target at
+//! weight 1.
 //!
-//! The mesh is scaled to the picture and taken as y up, z towards the viewer, as OBJ and glTF heads are. A GLB is
-//! read as `bake` reads it.
+//! The mesh is scaled to the image, with y up and z towards the viewer, as in OBJ and glTF heads. A GLB is read as
+//! `bake` reads it.
 
 use image::RgbImage;
 use nalgebra::Rotation3;
 
 use super::album::Album;
 use mien_baking::bake::glb::{Glb, unexpected};
-use mien_baking::bake::mesh::{Mesh, Vec3, extent_of};
+use mien_baking::bake::mesh::{Mesh, Vec3, bounding_box};
 use mien_baking::bake::obj;
-use mien_baking::bake::patch::{Foreign, position};
+use mien_baking::bake::patch::{ImportedGltf, position};
 use mien_baking::bake::render::paint;
 use mien_workbench::fault::Fault;
 
 const SIZE: u32 = 420;
-/// Grey of what faces the lamp.
+/// Grey of a surface that faces the lamp.
 const GREY: [f64; 3] = [235.0, 235.0, 223.0];
 
-/// The mesh turned, or in another form of it: `moved` has as many vertices. The neutral one sets the scale.
+/// Renders the mesh with its vertices at `moved`, rotated by `yaw`, radians. The neutral mesh sets the scale.
 fn draw(mesh: &Mesh, moved: &[Vec3], yaw: f64) -> RgbImage {
-    let (low, high) = extent_of(&mesh.positions);
+    let (low, high) = bounding_box(&mesh.positions);
     let turn = Rotation3::from_axis_angle(&Vec3::y_axis(), yaw);
     let middle = turn * ((low + high) * 0.5);
     let height = (high - low).max().max(f64::MIN_POSITIVE) / 0.94;
@@ -45,20 +46,20 @@ fn views(name: &str, mesh: &Mesh) -> Album {
     album
 }
 
-/// A morph target: what it is called, what drives it, and how far it moves each vertex.
+/// A morph target: name, driving unit, and displacement of each vertex.
 struct Target {
     name: String,
     unit: String,
     moves: Vec<Vec3>,
 }
 
-/// Bytes that the moves of all targets may take: those of 67 of a mesh of a million vertices.
-const LARGEST: usize = (67 * 12) << 20;
+/// Most bytes of all displacements together: 67 of a mesh of a million vertices.
+const MAX_TARGET_BYTES: usize = (67 * 12) << 20;
 
-/// The morph targets that a file has, those of the same name as one.
-fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, Fault> {
-    let glb = &foreign.glb;
-    // Many targets may say they are of the same data.
+/// The morph targets of a file, merged by name.
+fn targets(imported: &ImportedGltf, vertices: usize) -> Result<Vec<Target>, Fault> {
+    let glb = &imported.glb;
+    // Several targets may share data.
     let mut left = glb.budget();
     let too_much = |found: String| unexpected("targets that fit into the file's size", found);
     let mut targets: Vec<Target> = Vec::new();
@@ -69,8 +70,8 @@ fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, Fault> {
             let Some(position) = position(primitive) else {
                 continue;
             };
-            let rows = foreign.rows_of(position);
-            // Materials may share their vertices.
+            let rows = imported.position_rows(position);
+            // Materials may share vertices.
             let Some(rows) = rows.filter(|_| !seen.contains(&position)) else {
                 continue;
             };
@@ -82,7 +83,7 @@ fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, Fault> {
                 let known = targets.iter().position(|known| known.name == name);
                 let at = known.unwrap_or(targets.len());
                 if known.is_none() {
-                    if (at + 1) * 12 * vertices > LARGEST {
+                    if (at + 1) * 12 * vertices > MAX_TARGET_BYTES {
                         return Err(too_much(format!("more than {at}")));
                     }
                     let unit = extras["mien"]["units"][k].as_str().unwrap_or_default();
@@ -110,10 +111,10 @@ fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, Fault> {
     Ok(targets)
 }
 
-/// Reads a GLB and draws it, and each of its morph targets.
+/// Reads a GLB and draws it with each of its morph targets.
 pub(super) fn inspect_glb(name: &str, bytes: &[u8]) -> Result<Album, Fault> {
-    let (mesh, foreign) = Foreign::read(Glb::parse(bytes)?)?;
-    let targets = targets(&foreign, mesh.positions.len())?;
+    let (mesh, imported) = ImportedGltf::read(Glb::parse(bytes)?)?;
+    let targets = targets(&imported, mesh.positions.len())?;
     let mut album = views(name, &mesh);
     album.fact("morph targets", targets.len().to_string());
     if !targets.is_empty() {
@@ -154,7 +155,7 @@ mod tests {
         let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1 4/1\n";
         let album = inspect("s.obj", square).unwrap();
         let front = &album.pictures[0].1;
-        // Facing the viewer, a little off the lamp; and nothing at the corner.
+        // Facing the viewer, slightly off the lamp; nothing at the corner.
         assert_eq!(front.get_pixel(SIZE / 2 + 3, SIZE / 2 - 5).0[0], 209);
         assert_eq!(front.get_pixel(2, 2).0, [38, 40, 44]);
         for broken in [
@@ -181,13 +182,13 @@ mod tests {
                 }),
                 bin: places.flat_map(f32::to_le_bytes).collect(),
             };
-            let read = Foreign::read(glb);
+            let read = ImportedGltf::read(glb);
             let all =
-                read.and_then(|(mesh, foreign)| super::targets(&foreign, mesh.positions.len()));
+                read.and_then(|(mesh, imported)| super::targets(&imported, mesh.positions.len()));
             all.err().map(|problem| problem.to_string())
         };
         assert_eq!(refused(3, 1024), None);
-        // Three hundred large ones, all of the same data; and more than anybody draws.
+        // Three hundred large ones sharing data, and more than the limit.
         let large = refused(120_000, 300).expect("refused");
         assert!(large.contains("fit into the file's size"), "{large}");
         let many = refused(3, 1025).expect("refused");

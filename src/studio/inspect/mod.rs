@@ -2,12 +2,12 @@
 //! page or one PNG sheet.
 //!
 //! ```text
-//! what the path is:  recording
-//!                    run, model, mesh, ranges
+//! path:  recording
+//!        run, model, mesh, ranges
 //! each draws on a canvas and fills an album ─► HTML page (page) or PNG sheet
 //! ```
-//! A directory is a recording; a file that starts like a model or like saved people is one; `.csv` is a run, `.obj` and `.glb` a
-//! mesh. The page needs only a browser. Nothing is written unless everything succeeded.
+//! A directory is a recording; a file that begins like a model or like saved people is one; `.csv` is a run, `.obj`
+//! and `.glb` a mesh. The page needs only a browser. Nothing is written unless all succeeded.
 
 pub mod album;
 mod depth_colours;
@@ -29,39 +29,39 @@ use mien_stages::face_model::{FaceModel, file::MAGIC};
 use mien_workbench::atomic_write::{write_beside, write_out};
 use mien_workbench::fault::Fault;
 use mien_workbench::picture_files::png;
-use mien_workbench::text_files::{MOST, decoded, name_of};
+use mien_workbench::text_files::{MAX_BYTES, decoded, display_name};
 
 /// Largest table, bytes: an hour of a run, which takes five times as much memory.
-const CSV_MOST: usize = 256 << 20;
+const MAX_CSV_BYTES: usize = 256 << 20;
 
-/// What can be shown.
-const SHOWN: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh or saved people";
+/// Accepted kinds, for messages.
+const EXPECTED: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh or saved people";
 
-/// Looks at `path` and shows it. `model` and `settings` are for recordings.
+/// Inspects `path`. `model` and `settings` are for recordings.
 ///
 /// # Errors
-/// If it is of an unknown kind, or broken; the text says where and what to do.
+/// If it is of an unknown kind or malformed; the text says where and what to do.
 pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Album, Fault> {
-    let advice = format!("; {SHOWN}");
+    let advice = format!("; {EXPECTED}");
     let unreadable = Fault::cannot("read", path, &advice);
-    let name = name_of(path);
+    let name = display_name(path);
     if std::fs::metadata(path).map_err(&unreadable)?.is_dir() {
         return recording::inspect(&name, path, model, settings);
     }
-    let bytes = mien_stages::base::bounded_read::read(path, MOST).map_err(&unreadable)?;
+    let bytes = mien_stages::base::bounded_read::read(path, MAX_BYTES).map_err(&unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-    of_file(&name, ending.to_str(), &bytes).map_err(Fault::within(path))
+    file_album(&name, ending.to_str(), &bytes).map_err(Fault::within(path))
 }
 
-fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Fault> {
+fn file_album(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Fault> {
     if bytes.starts_with(&MAGIC) || ending == Some("model") {
         return Ok(model::inspect(name, &FaceModel::read(bytes)?, bytes.len()));
     }
     if bytes.starts_with(b"glTF") {
         return mesh::inspect_glb(name, bytes);
     }
-    if ending == Some("csv") && bytes.len() > CSV_MOST {
-        let (most, found) = (CSV_MOST >> 20, bytes.len() >> 20);
+    if ending == Some("csv") && bytes.len() > MAX_CSV_BYTES {
+        let (most, found) = (MAX_CSV_BYTES >> 20, bytes.len() >> 20);
         let expected = format!("expected a table of at most {most} MiB, found {found}; cut it");
         return Err(Fault::new(expected));
     }
@@ -70,14 +70,15 @@ fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Faul
         Some("csv") => run::inspect(name, &text),
         Some("obj") => mesh::inspect(name, &text),
         _ if text.starts_with("mien-people") => ranges::people(name, &text),
-        _ => Err(Fault::new(format!("cannot show this; {SHOWN}"))),
+        _ => Err(Fault::new(format!("cannot show this; {EXPECTED}"))),
     }
 }
 
-/// Shows `path` in `out`, by default a page beside where one works, named after it. Returns what was written.
+/// Writes the inspection of `path` to `out`, by default a page named after it in the working directory. Returns the
+/// path written.
 ///
 /// # Errors
-/// As [`album()`], or if the output has another ending than `.html` or `.png` or cannot be written.
+/// As [`album()`], or if the output does not end in `.html` or `.png` or cannot be written.
 pub fn inspect(
     path: &Path,
     out: Option<&Path>,
@@ -85,7 +86,7 @@ pub fn inspect(
     settings: &Settings,
 ) -> Result<PathBuf, Fault> {
     let named = out;
-    let beside = || PathBuf::from(format!("{}.html", name_of(path)));
+    let beside = || PathBuf::from(format!("{}.html", display_name(path)));
     let out = out.map_or_else(beside, PathBuf::from);
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
     if ending != "html" && ending != "png" {
@@ -109,9 +110,9 @@ mod tests {
     use std::fmt::Write as _;
 
     use super::*;
-    use crate::golden::{coloured, hold_every};
+    use crate::golden::{coloured, equals_golden};
     use crate::record::record;
-    use mien_appliance::source::Source;
+    use mien_appliance::source;
 
     #[test]
     fn a_bad_path_is_one_sentence() {
@@ -141,7 +142,7 @@ mod tests {
 
     /// Weights of two users, a face model, a recording of two people.
     #[test]
-    fn what_is_shown_looks_as_it_did() {
+    fn albums_equal_the_golden_ones() {
         let folder = tempfile::tempdir().unwrap();
         let run = folder.path().join("run.csv");
         let mut text =
@@ -170,8 +171,8 @@ mod tests {
         }
         std::fs::write(&run, text).unwrap();
         let recording = folder.path().join("recording");
-        let mut simulated = Source::simulated(Some("two")).unwrap();
-        record(&mut simulated, &recording, 0.5, 0.0, &false.into()).unwrap();
+        let mut simulated = source::simulated(Some("two")).unwrap();
+        record(&mut *simulated, &recording, 0.5, 0.0, &false.into()).unwrap();
         let model = FaceModel::shipped();
         let of_model: &Path = "config/face.model".as_ref();
         for (name, path) in [
@@ -180,7 +181,7 @@ mod tests {
             ("recording", &recording),
         ] {
             let album = album(path, &model, &Settings::default()).unwrap();
-            hold_every(
+            equals_golden(
                 &format!("inspect/{name}"),
                 &coloured::<40, 60>(&album.sheet()),
             );

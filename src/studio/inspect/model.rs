@@ -1,4 +1,4 @@
-//! A face model as pictures: mean face with its numbers, every mode at ± 2 standard deviations, and the standard head.
+//! Images of a face model: numbered mean face, every mode at ± 2 standard deviations, and the standard head.
 
 use image::RgbImage;
 
@@ -15,10 +15,10 @@ const SIDE: fn(&Point) -> [f32; 2] = |p| [p.z, p.y];
 
 /// Most modes drawn.
 const SHOWN_MODES: usize = 12;
-/// Metres from the middle of a picture of a face to its edge.
+/// Metres from the middle of an image of a face to its edge.
 const REACH_M: f32 = 0.11;
 
-/// Pixel of a flat position in a square picture; the face's middle is a bit below the eyes.
+/// Pixel of a 2D position in a square image; the face's middle is slightly below the eyes.
 fn pixel(size: u32, [x, y]: [f32; 2]) -> [f32; 2] {
     let scale = size as f32 / (2.0 * REACH_M);
     [(x + REACH_M) * scale, (y + REACH_M - 0.03) * scale]
@@ -46,7 +46,7 @@ fn white(wide: u32, high: u32) -> RgbImage {
     RgbImage::from_pixel(wide, high, image::Rgb([255; 3]))
 }
 
-/// The mean face with its numbers.
+/// The mean face with its landmark numbers.
 fn numbered(mean: &[Point; LANDMARKS]) -> RgbImage {
     let mut numbered = white(640, 640);
     face(&mut numbered, mean, FRONT, [180, 180, 180]);
@@ -62,7 +62,7 @@ fn numbered(mean: &[Point; LANDMARKS]) -> RgbImage {
     numbered
 }
 
-/// The mean face before the standard head, from the side.
+/// The mean face in front of the standard head, from the side.
 fn side(model: &FaceModel, mean: &[Point; LANDMARKS]) -> RgbImage {
     let mut side = white(640, 640);
     let points = model.standard_head.iter().map(|(point, _)| point);
@@ -74,7 +74,7 @@ fn side(model: &FaceModel, mean: &[Point; LANDMARKS]) -> RgbImage {
     side
 }
 
-/// What a mode does at 2 standard deviations to either side, from the front and from the side.
+/// A mode at 2 standard deviations to either side, from the front and from the side.
 fn mode(model: &FaceModel, mean: &[Point; LANDMARKS], k: usize) -> RgbImage {
     let mut tile = white(420, 210);
     for (half, flat) in [FRONT, SIDE].into_iter().enumerate() {
@@ -92,7 +92,7 @@ fn mode(model: &FaceModel, mean: &[Point; LANDMARKS], k: usize) -> RgbImage {
     tile
 }
 
-/// Draws a model.
+/// The album of a model.
 pub(super) fn inspect(name: &str, model: &FaceModel, bytes: usize) -> Album {
     let mut album = Album::new(format!("Face model {name}"));
     let (cold, warm) = (model.cold.len(), model.warm.len());

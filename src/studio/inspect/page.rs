@@ -1,11 +1,11 @@
 //! The page of an inspection, one self-contained file: pictures are embedded as base64 (RFC 4648), nothing is fetched.
 //!
-//! What has a time line (a recording, a run) becomes a player: picture and depth in one column, curves in the other, all at one
-//! time that is played and scrubbed. Its look, curves and names of units are the live page's
-//! ([`preview::LOOK`], [`preview::UNITS`], [`preview::DRAWING`]). Anything else is pictures, figures and plots.
+//! Albums with a time line (recordings, runs) become a player: picture and depth in one column, curves in the other,
+//! with a common time that is played and scrubbed. Style, curves and names of units are the live page's
+//! ([`preview::LOOK`], [`preview::UNITS`], [`preview::DRAWING`]). Others become pictures, figures and plots.
 //!
-//! Limits: of more than [`MOST_PLACES`] places on a time line, each of as many runs of places shows its value farthest from the
-//! curve's mean, so that a blink is seen in an hour's curve; the page says so.
+//! Limits: curves longer than [`MAX_POINTS`] are thinned; each point shows the value of its interval farthest from
+//! the curve's mean, so that a blink remains visible in an hour's curve. The page states this.
 
 use std::fmt::Write as _;
 
@@ -18,15 +18,15 @@ use crate::preview;
 use mien_stages::expression::unit_words;
 use mien_workbench::picture_files::png;
 
-/// Places on the time axis of a curve in the page.
-const MOST_PLACES: usize = 4000;
+/// Most points of a curve in the page.
+const MAX_POINTS: usize = 4000;
 const STYLE: &str = include_str!("page/player.css");
 const SCRIPT: &str = include_str!("page/player.js");
 const BODY: &str = include_str!("page/player.html");
-/// Name of the axis of what can be played.
+/// Name of the axis of playable plots.
 const SECONDS: &str = "s";
 
-/// Text safe between tags and in attributes.
+/// Escapes text for use between tags and in attributes.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
@@ -44,7 +44,7 @@ fn data_uri(kind: &str, bytes: &[u8]) -> String {
     format!("data:image/{kind};base64,{}", STANDARD.encode(bytes))
 }
 
-/// A number as the page needs it: four digits behind the point.
+/// A number with four decimals.
 fn rounded(value: f64) -> Value {
     match value.is_finite() {
         true => json!((value * 1e4).round() / 1e4),
@@ -52,7 +52,7 @@ fn rounded(value: f64) -> Value {
     }
 }
 
-/// Values of a curve, thinned to every `every`th place.
+/// A curve thinned to every `every`th point.
 fn thinned(values: &[Option<f64>], every: usize) -> Vec<Value> {
     let known: Vec<f64> = values.iter().flatten().copied().collect();
     let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
@@ -66,7 +66,7 @@ fn thinned(values: &[Option<f64>], every: usize) -> Vec<Value> {
 }
 
 fn plot_json(plot: &Plot) -> Value {
-    let every = plot.x.len().div_ceil(MOST_PLACES).max(1);
+    let every = plot.x.len().div_ceil(MAX_POINTS).max(1);
     let curves = plot.curves.iter().map(|curve| {
         let unit = curve.name.strip_prefix("w_");
         let named = unit.and_then(unit_words::plain);
@@ -87,7 +87,7 @@ fn plot_json(plot: &Plot) -> Value {
 }
 
 impl Album {
-    /// The page.
+    /// The page as HTML.
     pub fn html(&self) -> String {
         let title = escaped(&self.title);
         let mut html = format!(
@@ -101,7 +101,7 @@ impl Album {
         match plays {
             true => {
                 html += &BODY.replace("<!-- figures -->", &figures);
-                // No text in it can end the element.
+                // Escaped so that no text ends the element.
                 let data = self.timeline().to_string().replace("</", "<\\/");
                 let _ = write!(
                     html,
@@ -164,7 +164,7 @@ impl Album {
         )
     }
 
-    /// All that is played, as JSON.
+    /// The contents of the player, as JSON.
     fn timeline(&self) -> Value {
         let frames = self.frames.iter().map(|frame| {
             json!({
@@ -226,11 +226,11 @@ mod tests {
 
     #[test]
     fn a_blink_of_one_frame_is_seen_in_a_long_curve() {
-        let told = plot_json(&album("s").plots[0]);
-        let curve = &told["curves"][0];
+        let plot = plot_json(&album("s").plots[0]);
+        let curve = &plot["curves"][0];
         let values = curve["values"].as_array().unwrap();
-        assert_eq!((values.len(), &told["every"]), (3334, &json!(3)));
-        assert_eq!(told["x"].as_array().unwrap().len(), values.len());
+        assert_eq!((values.len(), &plot["every"]), (3334, &json!(3)));
+        assert_eq!(plot["x"].as_array().unwrap().len(), values.len());
         let ones = values.iter().filter(|value| value.as_f64() == Some(1.0));
         assert_eq!(ones.count(), 1);
         assert_eq!(

@@ -1,8 +1,8 @@
-//! Learned ranges of people, from the file of remembered people ([`mien_stages::users::saved`]), as a picture of each range next to
-//! the population's, and as a table.
+//! Learned ranges of people, from the file of remembered people ([`mien_stages::users::saved`]): each range next to
+//! the population's, as an image and a table.
 //!
-//! Units: inner-eye-corner distances. A picture has one row per measure: the population's range in grey, the person's in blue, a
-//! mark at each rest; each row has its own scale.
+//! Units: inner-eye-corner distances. The image has one row per measure, with its own scale: the population's range
+//! in grey, the person's in blue, a mark at each rest.
 
 use std::time::SystemTime;
 
@@ -16,17 +16,19 @@ use mien_stages::users::saved;
 use mien_workbench::canvas;
 use mien_workbench::fault::Fault;
 
-/// Picture of ranges: a row's height, left margin for names, width of the scale, pixels.
+/// Height of a row, pixels.
 const ROW: u32 = 22;
+/// Left margin for names, pixels.
 const LEFT: u32 = 160;
+/// Width of the scale, pixels.
 const WIDE: u32 = 620;
 const POPULATION: [u8; 3] = [200, 200, 200];
 const PERSON: [u8; 3] = [40, 110, 200];
 
-/// Low, rest, high.
+/// Low end, rest, high end.
 type Bounds = [f64; 3];
 
-/// What is shown of a measure.
+/// Ranges of one measure.
 struct Row {
     name: &'static str,
     population: Bounds,
@@ -58,7 +60,7 @@ fn picture(rows: &[Row]) -> RgbImage {
     picture
 }
 
-/// Remembered people as they were saved.
+/// The album of saved people.
 pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
     let advice = "; mien renames such a file and starts over";
     let people = saved::read(text, SystemTime::now())
@@ -114,7 +116,7 @@ mod tests {
             let [low, rest, high] = prior(&units.rows[m].prior);
             Range { low, rest, high }
         });
-        // A head of which no place was seen, whatever the number of places.
+        // A head of which no cell was seen, for any number of cells.
         let unseen = |n| Likeness::read(std::iter::once("0").chain(std::iter::repeat_n("-", n)));
         let gone = Gone {
             slot: 2,
@@ -133,7 +135,7 @@ mod tests {
         saved::write([gone.clone(), gone].into_iter(), now, &mut text).unwrap();
         let album = people("people", &text).unwrap();
         assert_eq!(album.table.len(), 1 + 2 * units.rows.len());
-        // The same as the population, to the digits of the file.
+        // Equal to the population, to the precision of the file.
         assert!(album.table[1..].iter().all(|row| row[1..4] == row[4..7]));
         let person = |p: &&Rgb<u8>| p.0 == PERSON;
         assert!(album.pictures[1].1.pixels().filter(person).count() > 5000);

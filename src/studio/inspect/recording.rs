@@ -1,7 +1,7 @@
-//! A recording as pictures: depth, in colours fitted to the depth of the recording, with every head found and its user's state;
-//! the colour picture, if there is one, with landmarks and head axes; and pose, confidence, states and weights over time. All
-//! frames run through the stages, as in a run; some are drawn. Curves of pose and weights are those of the user that
-//! single-person outputs show.
+//! A recording as images: depth in colours fitted to it, with every found head and its user's state; the colour
+//! picture, if recorded, with landmarks and head axes; and pose, confidence, states and weights over time. All frames
+//! go through the stages as in a run; some are drawn. Pose and weights are of the user whom single-person outputs
+//! show.
 
 use std::ops::Range;
 use std::path::Path;
@@ -14,7 +14,7 @@ use super::run::{plot, weight_groups};
 use crate::chart::{self, Plot};
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_sensors::kinect::colour;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
@@ -27,10 +27,11 @@ use mien_workbench::canvas;
 use mien_workbench::fault::Fault;
 use mien_workbench::picture_files::jpeg;
 
-/// Frames of a recording on the sheet, and in the page at most: some 17 MB.
+/// Frames on the sheet.
 const ON_SHEET: usize = 6;
+/// Most frames in the page: some 17 MB.
 const PLAYED: usize = 120;
-/// Frames that the colours of depth are fitted to.
+/// Number of frames from which depth colours are fitted.
 const FITTED: usize = 12;
 const JPEG_QUALITY: u8 = 72;
 
@@ -54,7 +55,7 @@ pub(crate) fn colour_picture(bayer: &[u8; PIXELS]) -> RgbImage {
     RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, rgb).expect("three bytes a pixel")
 }
 
-/// Red x, green y, blue outwards (−z), 5 cm each.
+/// Draws axes of 5 cm: red x, green y, blue outwards (−z).
 pub(crate) fn draw_axes(
     picture: &mut RgbImage,
     sensor_from_head: &Rigid,
@@ -76,17 +77,17 @@ pub(crate) fn draw_axes(
 }
 
 const CURVES: [&str; 8] = ["x", "y", "z", "yaw", "pitch", "roll", "confidence", "heads"];
-/// Behind them are the states of the users.
+/// Index of the first user's state among the curves.
 const STATES: usize = CURVES.len();
 
-/// Behind the states are the weights of the units.
+/// Index of the first unit's weight among the curves.
 const WEIGHTS: usize = STATES + USERS;
 
 /// Values of the curves at a frame.
 type Values = Vec<Option<f64>>;
 
 /// The colour a head is drawn in.
-fn colour_of(state: TrackingState) -> [u8; 3] {
+fn state_colour(state: TrackingState) -> [u8; 3] {
     match state {
         TrackingState::Absent => [255; 3],
         TrackingState::Warming => [255, 220, 0],
@@ -97,7 +98,7 @@ fn colour_of(state: TrackingState) -> [u8; 3] {
     }
 }
 
-/// Words on black, above a head's box or, at the picture's edge, in it.
+/// Text on black, above a head's box or, at the image's edge, inside it.
 fn label(picture: &mut RgbImage, rect: &PixelRect, words: &str, colour: [u8; 3]) {
     const SIZE: u32 = 13;
     let high = SIZE + 3;
@@ -109,7 +110,7 @@ fn label(picture: &mut RgbImage, rect: &PixelRect, words: &str, colour: [u8; 3])
     chart::text(picture, [x, y], SIZE, words, colour);
 }
 
-/// Depth with every head that was cut out, and what became of it.
+/// Depth with every segmented head and its state.
 fn draw_depth(
     frame: &KinectFrame,
     colours: &DepthColours,
@@ -131,7 +132,7 @@ fn draw_depth(
             Some(user) => format!("person {} {}", user + 1, state.name()),
             None => "nobody".to_owned(),
         };
-        (cloud, words, colour_of(state))
+        (cloud, words, state_colour(state))
     });
     let heads: Vec<_> = heads.collect();
     for (cloud, _, colour) in &heads {
@@ -142,14 +143,14 @@ fn draw_depth(
             draw_axes(&mut picture, pose, |point| camera.depth_pixel(point));
         }
     }
-    // Words last, so that no other head covers them.
+    // Labels last, so that no other head covers them.
     for (cloud, words, colour) in &heads {
         label(&mut picture, &cloud.rect, words, *colour);
     }
     picture
 }
 
-/// What is counted of a recording, frames.
+/// Frame counts of a recording.
 #[derive(Default)]
 struct Counts {
     frames: usize,
@@ -157,7 +158,7 @@ struct Counts {
     heads: usize,
     posed: usize,
     faces: usize,
-    /// Of every user, by the code of the state.
+    /// For every user, by the code of the state.
     in_state: [usize; TrackingState::ALL.len()],
 }
 
@@ -206,9 +207,9 @@ fn values(pipeline: &Pipeline, heads: &[HeadCloud]) -> Values {
         let t = pose.translation.vector;
         let (yaw, pitch, roll) = yaw_pitch_roll(&pose.rotation);
         let turn = [yaw, pitch, roll].map(f32::to_degrees);
-        let told = t.iter().chain(&turn).chain([&report.confidence]);
-        for (value, told) in values.iter_mut().zip(told) {
-            *value = Some(f64::from(*told));
+        let pose_values = t.iter().chain(&turn).chain([&report.confidence]);
+        for (value, pose_value) in values.iter_mut().zip(pose_values) {
+            *value = Some(f64::from(*pose_value));
         }
     }
     values[STATES - 1] = Some(heads.len() as f64);
@@ -220,7 +221,7 @@ fn values(pipeline: &Pipeline, heads: &[HeadCloud]) -> Values {
     values
 }
 
-/// Colour with the landmarks and axes of everybody.
+/// Colour with the landmarks and axes of all users.
 fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let mut picture = colour_picture(&frame.original.bayer);
     for report in pipeline.reports() {
@@ -235,13 +236,13 @@ fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     picture
 }
 
-/// Colours for the depth of a recording.
+/// Fits the depth colours of a recording.
 fn fitted(path: &Path, camera: &Camera) -> Result<DepthColours, Fault> {
-    let (mut recording, mut colours) = (Source::recording(path)?, DepthColours::default());
+    let (mut recording, mut colours) = (source::recording(path)?, DepthColours::default());
     let mut frame = KinectFrame::default();
-    let frames = recording.frames();
+    let frames = recording.state().frames;
     for number in (0..frames).step_by(frames.div_ceil(FITTED).max(1)) {
-        recording.go_to(number);
+        recording.seek(number);
         if recording.next_frame(&mut frame)? {
             colours.add(&frame.depth, camera);
         }
@@ -249,11 +250,11 @@ fn fitted(path: &Path, camera: &Camera) -> Result<DepthColours, Fault> {
     Ok(colours.fitted())
 }
 
-/// The album of a recording, and which frames it gets.
+/// The album of a recording, and the frames selected for it.
 struct Drawn {
     album: Album,
     colours: DepthColours,
-    /// Of the page and of the sheet: every which frame, and the next.
+    /// For the page and for the sheet: period, and next frame.
     page: (usize, usize),
     sheet: (usize, usize),
 }
@@ -271,7 +272,7 @@ impl Drawn {
         }
     }
 
-    /// Takes frame `k` of those that are whole, if it is its turn.
+    /// Adds the `k`th undamaged frame if it is selected.
     fn add(&mut self, k: usize, frame: &KinectFrame, pipeline: &Pipeline, heads: &[HeadCloud]) {
         let is_next = |(every, next): &mut (usize, usize)| {
             let is_next = k >= *next;
@@ -306,19 +307,19 @@ impl Drawn {
     }
 }
 
-/// Plays the recording through the stages and draws it.
+/// Plays the recording through the stages and fills the album.
 pub(super) fn inspect(
     name: &str,
     path: &Path,
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<Album, Fault> {
-    let mut recording = Source::recording(path)?;
+    let mut recording = source::recording(path)?;
     let mut pipeline = Pipeline::new(&settings.stages, recording.camera(), model)?;
-    // Of its own: the pipeline does not look at every frame.
+    // Separate, as the pipeline skips frames.
     let mut segmenter = Segmenter::new(settings.stages.segment);
     let colours = fitted(path, pipeline.camera())?;
-    let mut drawn = Drawn::new(name, colours, recording.frames());
+    let mut drawn = Drawn::new(name, colours, recording.state().frames);
     let mut all: Vec<(f64, Values)> = Vec::new();
     let mut frame = KinectFrame::default();
     let mut counts = Counts::default();
@@ -334,14 +335,14 @@ pub(super) fn inspect(
     let mut album = drawn.album;
     let ends = all.first().zip(all.last());
     let duration = ends.map_or(0.0, |(first, last)| last.0 - first.0);
-    counts.add_facts(&mut album, recording.skipped(), duration);
+    counts.add_facts(&mut album, recording.state().skipped, duration);
     let played = format!("{} of {}", album.frames.len(), counts.frames);
     album.fact("frames in this page", played);
     album.plots = plots(&all, &pipeline.unit_names());
     Ok(album)
 }
 
-/// Plots of those curves that have any value.
+/// Plots of the curves that have any value.
 fn plots(all: &[(f64, Values)], units: &[&str]) -> Vec<Plot> {
     let mut names = CURVES.map(str::to_owned).to_vec();
     names.extend((1..=USERS).map(|user| format!("person {user}")));
@@ -362,11 +363,11 @@ fn plots(all: &[(f64, Values)], units: &[&str]) -> Vec<Plot> {
 }
 
 /// Title, curves and least span of a plot.
-type PlotOf = (&'static str, Range<usize>, Option<(f64, f64)>);
+type PlotSpec = (&'static str, Range<usize>, Option<(f64, f64)>);
 
 const POSITION: &str = "Position of the head, metres in the sensor frame";
 const CONFIDENCE: &str = "Confidence of the face, or of the pose without one";
-const PLOTS: [PlotOf; 5] = [
+const PLOTS: [PlotSpec; 5] = [
     (POSITION, 0..3, None),
     ("Rotation of the head, degrees", 3..6, Some((-10.0, 10.0))),
     (CONFIDENCE, 6..7, Some((0.0, 1.0))),

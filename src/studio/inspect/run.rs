@@ -73,7 +73,7 @@ impl<'a> Table<'a> {
         Ok(Self { csv: run, rows })
     }
 
-    /// The faces of rows that have all points: seconds, user, points.
+    /// The faces of rows with all points: seconds, user, points.
     fn faces(&self) -> Vec<(f64, usize, Vec<i32>)> {
         let Some(columns) = self.csv.find_points() else {
             return Vec::new();
@@ -88,7 +88,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// Faces in the page at most.
+/// Most faces in the page.
 const FACES: usize = 2000;
 /// Least span of a plot.
 type Least = Option<(f64, f64)>;
@@ -108,7 +108,7 @@ const PLOTS: [(&str, &str, Least); 3] = [
         Some((-0.3, 0.3)),
     ),
 ];
-/// Weights that share a plot, from above. Left and right, and both directions of one measure, belong together.
+/// Weights that share a plot, from the top. Left and right, and both directions of one measure, belong together.
 const WEIGHTS: [(&str, &str); 8] = [
     ("brows", "AU1L AU1R AU2L AU2R AU4L AU4R"),
     ("lids", "AU5L AU5R AU43L AU43R"),
@@ -126,7 +126,7 @@ const WEIGHTS: [(&str, &str); 8] = [
 /// Heading, columns, least span.
 pub(super) type Group = (String, Vec<usize>, Least);
 
-/// The plots of the units' weights, which are the columns whose names begin with `w_`.
+/// Plots of the units' weights, the columns whose names begin with `w_`.
 pub(super) fn weight_groups(columns: &[impl AsRef<str>]) -> Vec<Group> {
     let unit = |k: usize| columns[k].as_ref().strip_prefix("w_");
     let mut left: Vec<usize> = (0..columns.len()).filter(|&k| unit(k).is_some()).collect();
@@ -162,7 +162,7 @@ fn groups(csv: &csv::Table) -> Vec<Group> {
     groups
 }
 
-/// A plot over time: `places` are seconds with the values of all columns, none where there is a gap.
+/// A plot over time; `places` are seconds with the values of all columns.
 pub(super) fn plot(
     names: &[impl AsRef<str>],
     places: &[(f64, &[Option<f64>])],
@@ -181,12 +181,12 @@ pub(super) fn plot(
     }
 }
 
-/// Rows of one user further apart than this are not joined, seconds.
+/// Gap between a user's rows above which they are not connected, seconds.
 const AWAY_S: f64 = 0.25;
 
-/// Plots of one user's rows, whose headings end with `suffix`.
+/// Plots of one user's rows; headings end with `suffix`.
 fn plots(csv: &csv::Table, rows: &[&Row], suffix: &str) -> Vec<Plot> {
-    // Where the person was away the curves have a gap: a place without values.
+    // A point without values interrupts the curves while the person was away.
     let mut places: Vec<(f64, &[Option<f64>])> = Vec::new();
     for &row in rows {
         let before = places.last().map_or(row.seconds, |last| last.0);
@@ -202,7 +202,7 @@ fn plots(csv: &csv::Table, rows: &[&Row], suffix: &str) -> Vec<Plot> {
         .collect()
 }
 
-/// What a column's values of one user cover; `None` without any.
+/// Range of a column's values of one user; `None` without any.
 fn covered(rows: &[&Row], k: usize) -> Option<[String; 5]> {
     let values = rows.iter().filter_map(|row| row.cells[k]);
     let mut values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
@@ -212,7 +212,7 @@ fn covered(rows: &[&Row], k: usize) -> Option<[String; 5]> {
     Some([0.0, 0.05, 0.5, 0.95, 1.0].map(|share| format!("{:.3}", at(share))))
 }
 
-/// Reads the CSV and draws it.
+/// The album of a run's CSV.
 pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Fault> {
     let table = Table::read(text)?;
     let mut album = Album::new(format!("Run {name}"));
@@ -231,7 +231,7 @@ pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Fault> {
     album.fact("states", states.collect::<Vec<_>>().join(", "));
     let mut users: BTreeSet<Option<usize>> = table.rows.iter().map(|row| row.user).collect();
     if users.len() > 1 {
-        // Frames without anybody; a CSV of one person may do without the column.
+        // Frames without anybody; a CSV of one person may lack the column.
         users.remove(&None);
     }
     let named = users.iter().flatten().map(ToString::to_string);
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_run_is_said_in_one_sentence() {
+    fn a_table_of_another_kind_is_refused_in_one_sentence() {
         let message = |text: &str| inspect("x.csv", text).err().unwrap().to_string();
         assert!(message("a,b\n1,2\n").contains("column frame"));
         assert!(message("frame,time_us\n").contains("no rows"));

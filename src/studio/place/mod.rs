@@ -3,9 +3,9 @@
 //! ```text
 //! page (drags, undoes) ─► move: a ray to the vertex there (surface) ─► bake ─► the head with one shape ─► save
 //! ```
-//! The page holds the points and sends all of them with whatever it asks; here are the mesh, what was baked last, and the file.
-//! Server, viewer and reader of glTF are those of [`super::preview`]. Served on the loopback interface only, since it
-//! writes a file. Units and frame: the mesh's.
+//! The page holds the points and sends all of them with every request; the server holds the mesh, the last bake, and
+//! the file. Server, viewer and glTF reader are those of [`super::preview`]. Served on the loopback interface only,
+//! since it writes a file. Units and frame: the mesh's.
 
 pub mod surface;
 
@@ -17,9 +17,9 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::preview;
-use super::preview::http::{self, Answer, Request as Asked, Site};
-use mien_baking::bake::head::{Head, apart, miscounted};
-use mien_baking::bake::locate::LOW;
+use super::preview::http::{self, Answer, Request, Site};
+use mien_baking::bake::head::{Head, not_on_one_part, wrong_landmark_count};
+use mien_baking::bake::locate::LOW_CONFIDENCE;
 use mien_baking::bake::mesh::{Mesh, Vec3};
 use mien_baking::bake::names::{LANDMARKS, NAMES, mirrored};
 use mien_baking::bake::order::Ordered;
@@ -29,7 +29,7 @@ use mien_baking::bake::{files, morphs};
 use mien_baking::heads::default_head;
 use mien_workbench::atomic_write;
 use mien_workbench::fault::Fault;
-use mien_workbench::text_files::name_of;
+use mien_workbench::text_files::display_name;
 use surface::{Ray, Surface};
 
 /// Port of the page.
@@ -52,14 +52,14 @@ pub struct Args {
     port: u16,
 }
 
-/// The files of the page that are not the preview's.
+/// The page's own files: path and text.
 const PAGE: [(&str, &str); 3] = [
     ("/", include_str!("page/index.html")),
     ("/place.css", include_str!("page/place.css")),
     ("/place.js", include_str!("page/place.js")),
 ];
-/// Those that are.
-const SHARED: [&str; 5] = [
+/// Paths of the files shared with the preview.
+const SHARED_FILES: [&str; 5] = [
     "/look.css",
     "/style.css",
     "/head.js",
@@ -67,28 +67,28 @@ const SHARED: [&str; 5] = [
     "/matrix.js",
 ];
 
-/// A head and its points, served.
-pub struct Place {
+/// A head and its landmarks, with the page that edits them.
+pub struct LandmarkEditor {
     source: Source,
-    /// The mesh again, its skin apart from eyes and teeth by colour.
+    /// The mesh for display, with skin, and eyes and teeth, in two colours.
     drawn: Mesh,
     ordered: Ordered,
     surface: Surface,
-    /// The points to begin with.
+    /// The initial points.
     points: Vec<u64>,
-    /// Of each point, if they were found.
+    /// Confidence of each point, if they were found automatically.
     confidence: Option<Vec<f32>>,
     name: String,
     out: PathBuf,
     /// The shapes of the last bake.
     baked: Mutex<Vec<Shape>>,
-    /// The file asked for last, and of which shape: everybody who asks for the same gets the same bytes.
+    /// The last file with its shape, kept so that repeated requests get the same bytes.
     made: Mutex<Option<(String, Arc<[u8]>)>>,
-    /// Held while shapes are baked: one at a time.
+    /// Held during a bake, so that there is one at a time.
     baking: Mutex<()>,
 }
 
-/// Where points are saved beside a mesh: not over a file that is there, unless it is the one that they came from.
+/// Default path for saved points, beside a mesh; never an existing file other than their source.
 fn beside(mesh: &Path, landmarks: &Path) -> PathBuf {
     let name = mesh.with_extension("landmarks.txt");
     if name == landmarks {
@@ -97,35 +97,35 @@ fn beside(mesh: &Path, landmarks: &Path) -> PathBuf {
     atomic_write::unused(&name)
 }
 
-impl Place {
-    /// Reads a head and the points to begin with; `landmarks` is their file, or `auto`.
+impl LandmarkEditor {
+    /// Reads a head and its initial points; `landmarks` is their file, or `auto`.
     ///
     /// # Errors
-    /// If one cannot be read or the points are not on the head.
+    /// If a file cannot be read or the points are not on the head.
     pub fn new(mesh: &Path, landmarks: &Path, out: Option<PathBuf>) -> Result<Self, Fault> {
         let source = Source::read(mesh)?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
             let found = source.guess(mesh)?;
-            (found.vertices, Some(found.of_points.to_vec()))
+            (found.vertices, Some(found.point_confidence.to_vec()))
         } else {
-            (source.told(landmarks)?, None)
+            (source.landmarks_from_file(landmarks)?, None)
         };
         let ordered = Ordered::new(&source.mesh);
-        // Said as bake would say it.
+        // Checked for the same error as in `bake`.
         ordered.landmarks(&points)?;
         if points.len() != LANDMARKS {
-            return Err(miscounted(points.len()));
+            return Err(wrong_landmark_count(points.len()));
         }
         let surface = Surface::new(&source.mesh, &ordered, points[8]);
         if let Some(landmark) = points.iter().position(|&v| !surface.is_skin(v)) {
-            return Err(apart(landmark));
+            return Err(not_on_one_part(landmark));
         }
         Ok(Self {
             drawn: match source.looks.is_empty() {
                 true => in_two_colours(&source.mesh, &surface),
                 false => source.mesh.clone(),
             },
-            name: name_of(mesh),
+            name: display_name(mesh),
             out: out.unwrap_or_else(|| beside(mesh, landmarks)),
             source,
             ordered,
@@ -138,7 +138,7 @@ impl Place {
         })
     }
 
-    /// Vertices of the mesh, their places and normals, as the page takes them.
+    /// Vertices with positions and normals, as JSON for the page.
     fn points_json(&self, points: &[u64]) -> Value {
         let all = points.iter().map(|&v| self.surface.position_and_normal(v));
         let rows = all.map(|(p, n)| (<[f64; 3]>::from(p), <[f64; 3]>::from(n)));
@@ -146,7 +146,7 @@ impl Place {
         json!({"points": points, "places": places, "normals": normals})
     }
 
-    /// What the page knows at its start.
+    /// The page's initial data, as JSON.
     fn start(&self) -> Value {
         let mut start = self.points_json(&self.points);
         let partners: Vec<usize> = (0..LANDMARKS).map(mirrored).collect();
@@ -154,25 +154,29 @@ impl Place {
         start["names"] = json!(&NAMES[..LANDMARKS]);
         start["partners"] = json!(partners);
         start["confidence"] = json!(self.confidence);
-        start["low"] = json!(LOW);
+        start["low"] = json!(LOW_CONFIDENCE);
         start["out"] = json!(self.out.display().to_string());
         start["exists"] = json!(self.out.exists());
         start["symmetric"] = json!(self.surface.is_symmetric());
         start
     }
 
-    /// How many points are where they were found with little confidence, and not set by hand.
+    /// Number of points found with low confidence and not set manually.
     fn guessed(&self, points: &[u64], set: &[usize]) -> usize {
-        let is_low = |k: usize| self.confidence.as_ref().is_some_and(|sure| sure[k] < LOW);
+        let is_low = |k: usize| {
+            self.confidence
+                .as_ref()
+                .is_some_and(|sure| sure[k] < LOW_CONFIDENCE)
+        };
         let is_guessed =
             |k: &usize| is_low(*k) && points[*k] == self.points[*k] && !set.contains(k);
         (0..LANDMARKS).filter(is_guessed).count()
     }
 
-    /// Bakes all shapes with these points; how long it took, seconds.
+    /// Bakes all shapes with these points; returns the duration, seconds.
     ///
     /// # Errors
-    /// If the points describe no face.
+    /// If the points do not describe a face.
     pub fn bake(&self, points: &[u64]) -> Result<f64, Fault> {
         let _one = self.baking.lock().unwrap_or_else(PoisonError::into_inner);
         let start = Instant::now();
@@ -185,9 +189,9 @@ impl Place {
         Ok(start.elapsed().as_secs_f64())
     }
 
-    /// The head in the mesh's unit, with a shape of the last bake if there is one of that name.
+    /// The head in the mesh's unit, with a shape of the last bake, if it exists.
     fn glb(&self, shape: &str) -> Arc<[u8]> {
-        // Held while it is made: who asks at the same time waits for it.
+        // Held meanwhile: simultaneous requests wait.
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, bytes)) = &*made
             && of == shape
@@ -202,7 +206,7 @@ impl Place {
         drop(baked);
         let mut glb = morphs::build(&self.drawn, found.as_slice(), 1.0, false, None);
         if self.source.looks.is_empty() {
-            // Eyes and teeth lighter than skin, where there are any.
+            // Eyes and teeth are lighter than skin.
             if let Some(other) = glb.json["materials"].get_mut(1) {
                 other["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.9, 0.92, 0.95, 1.0]);
             }
@@ -213,17 +217,18 @@ impl Place {
         bytes
     }
 
-    /// Something the page lets be done.
-    fn change(&self, asked: &Asked) -> Result<Value, String> {
-        let word = |name| asked.word(name);
-        let points = numbers::<u64>(word("points"));
+    /// Executes a POST of the page.
+    fn change(&self, request: &Request) -> Result<Value, String> {
+        let parameter = |name| request.parameter(name);
+        let points = numbers::<u64>(parameter("points"));
         let points = points
             .filter(|p| p.len() == LANDMARKS && p.iter().all(|&v| self.surface.is_skin(v)))
             .ok_or("expected 68 skin vertices; reload the page")?;
-        match &*asked.path {
+        match &*request.path {
             "/move" => {
-                let (k, mirror) = point(asked)?;
-                let [from, along] = vectors(word("ray")).ok_or("expected a ray of six numbers")?;
+                let (k, mirror) = point(request)?;
+                let [from, along] =
+                    vectors(parameter("ray")).ok_or("expected a ray of six numbers")?;
                 if along.norm() == 0.0 {
                     return Err("expected a ray with a direction".into());
                 }
@@ -231,14 +236,14 @@ impl Place {
                 Ok(self.points_json(&self.surface.moved(&points, k, &ray, mirror)))
             }
             "/step" => {
-                let (k, mirror) = point(asked)?;
-                let both = format!("{},{}", word("sight"), word("towards"));
+                let (k, mirror) = point(request)?;
+                let both = format!("{},{}", parameter("sight"), parameter("towards"));
                 let both = vectors(&both).filter(|both| both.iter().all(|v| v.norm() > 0.0));
                 let both = both.ok_or("expected the lines of sight and of the step")?;
                 Ok(self.points_json(&self.surface.stepped(&points, k, both, mirror)))
             }
             "/bake" => {
-                let set = numbers::<usize>(word("hand")).unwrap_or_default();
+                let set = numbers::<usize>(parameter("hand")).unwrap_or_default();
                 let guessed = self.guessed(&points, &set);
                 if guessed > 0 {
                     return Err(waits_for(guessed));
@@ -250,7 +255,7 @@ impl Place {
                 Ok(json!({"said": said, "shapes": names}))
             }
             "/save" => {
-                let text = landmark_text(&points, self.source.foreign.as_ref());
+                let text = landmark_text(&points, self.source.imported.as_ref());
                 files::write(&self.out, text.as_bytes()).map_err(|error| error.to_string())?;
                 Ok(json!({"said": format!("saved {}", self.out.display())}))
             }
@@ -259,7 +264,7 @@ impl Place {
     }
 }
 
-/// Why nothing is baked while points are unsure.
+/// The message while points are unconfirmed.
 fn waits_for(guessed: usize) -> String {
     match guessed {
         1 => "not baked: 1 point was found with low confidence; move it, or press Confirm if it is right".into(),
@@ -267,11 +272,15 @@ fn waits_for(guessed: usize) -> String {
     }
 }
 
-/// The landmark that is meant, and whether its partner follows.
-fn point(asked: &Asked) -> Result<(usize, bool), String> {
-    let k = asked.word("point").parse().ok().filter(|&k| k < LANDMARKS);
+/// The landmark of a request, and whether its mirror partner follows.
+fn point(request: &Request) -> Result<(usize, bool), String> {
+    let k = request
+        .parameter("point")
+        .parse()
+        .ok()
+        .filter(|&k| k < LANDMARKS);
     let k = k.ok_or("expected a point from 0 to 67")?;
-    Ok((k, asked.word("mirror") == "1"))
+    Ok((k, request.parameter("mirror") == "1"))
 }
 
 /// Two vectors of finite numbers.
@@ -283,13 +292,13 @@ fn vectors(text: &str) -> Option<[Vec3; 2]> {
     Some([Vec3::new(x, y, z), Vec3::new(a, b, c)])
 }
 
-/// Numbers between commas, which may be escaped.
+/// Comma-separated numbers; commas may be percent-encoded.
 fn numbers<T: std::str::FromStr>(text: &str) -> Option<Vec<T>> {
     let text = text.replace("%2C", ",");
     text.split(',').map(|word| word.parse().ok()).collect()
 }
 
-/// The mesh with what is not skin as a material of its own.
+/// The mesh with a second material for parts other than skin.
 fn in_two_colours(mesh: &Mesh, surface: &Surface) -> Mesh {
     let mut drawn = mesh.clone();
     drawn.materials = vec!["skin".into(), "other".into()];
@@ -301,10 +310,10 @@ fn in_two_colours(mesh: &Mesh, surface: &Surface) -> Mesh {
     drawn
 }
 
-impl Site for Place {
-    fn answer(&self, asked: &Asked) -> Answer {
-        if asked.post {
-            return Answer::json(&match self.change(asked) {
+impl Site for LandmarkEditor {
+    fn answer(&self, request: &Request) -> Answer {
+        if request.post {
+            return Answer::json(&match self.change(request) {
                 Ok(mut done) => {
                     done["ok"] = json!(true);
                     done
@@ -312,13 +321,15 @@ impl Site for Place {
                 Err(said) => json!({"ok": false, "said": said}),
             });
         }
-        let shared = preview::PAGE.iter().filter(|file| SHARED.contains(&file.0));
-        if let Some(file) = Answer::page_file(PAGE.iter().chain(shared), &asked.path) {
+        let shared = preview::PAGE
+            .iter()
+            .filter(|file| SHARED_FILES.contains(&file.0));
+        if let Some(file) = Answer::page_file(PAGE.iter().chain(shared), &request.path) {
             return file;
         }
-        match &*asked.path {
+        match &*request.path {
             "/start.json" => Answer::json(&self.start()),
-            "/head.glb" => Answer::File("model/gltf-binary", self.glb(asked.word("shape"))),
+            "/head.glb" => Answer::File("model/gltf-binary", self.glb(request.parameter("shape"))),
             _ => Answer::Missing("no such file; the page is at /\n"),
         }
     }
@@ -329,7 +340,7 @@ impl Site for Place {
 /// # Errors
 /// If the head or its points cannot be read, or the port is taken.
 pub fn run(args: Args, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
-    let place = Arc::new(Place::new(&args.mesh, &args.landmarks, args.out)?);
+    let place = Arc::new(LandmarkEditor::new(&args.mesh, &args.landmarks, args.out)?);
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, args.port));
     let (listener, page) = http::listen(address)?;
     let (name, out) = (&place.name, place.out.display());

@@ -1,38 +1,38 @@
-//! The skin of a head to put points on: what a ray from the viewer hits, the vertex there, and its twin on the other side.
+//! The skin of a head for placing points: intersection with the viewer's ray, nearest vertex, and mirrored vertex.
 //!
-//! A landmark is a vertex, so a point always snaps to the nearest eligible vertex: on the skin, not facing away from
-//! the viewer, not used by another landmark and, where closed lids or lips meet, on the edge that faces the right way.
+//! A landmark is a vertex, so a point snaps to the nearest eligible one: on the skin, facing the viewer, not used by
+//! another landmark and, where closed lids or lips meet, on the edge that faces the right way.
 //!
-//! Units and frame: the mesh's. Cost: linear in the mesh per point, milliseconds. Limits: a head that is not its own mirror
-//! image is mirrored about the middle of its present points.
+//! Units and frame: the mesh's. Cost: linear in the mesh per point, milliseconds. Limits: an asymmetric head is
+//! mirrored about the middle of its present points.
 
-use mien_baking::bake::mesh::{Mesh, Nearest, Vec3, extent_of};
+use mien_baking::bake::mesh::{Mesh, Nearest, Vec3, bounding_box};
 use mien_baking::bake::names::{LANDMARKS, mirrored};
 use mien_baking::bake::order::Ordered;
 
-/// Cosine between a normal and the line of sight from which a vertex looks away.
-const AWAY: f64 = 0.5;
+/// Cosine between a normal and the line of sight above which a vertex faces away.
+const MAX_FACING_AWAY: f64 = 0.5;
 /// Distance penalty for the wrong edge of lids or lips, as a fraction of the skin's size.
 const WRONG_EDGE: f64 = 0.01;
-/// A mirrored vertex has its twin this near, in sizes of the skin.
+/// Largest distance of a mirrored vertex from its twin, in sizes of the skin.
 const TWIN: f64 = 0.005;
-/// How much farther a vertex counts for its distance from the middle of the head, for points that stay in it.
+/// Distance penalty for leaving the middle of the head, for points in it.
 const OFF_MIDDLE: f64 = 20.0;
-/// Share of the vertices looked at that have a twin in a mirrored head.
-const MOST: f64 = 0.95;
-/// Vertices looked at.
-const SOME: usize = 500;
+/// Least share of sampled vertices with a twin in a symmetric head.
+const MIN_TWIN_SHARE: f64 = 0.95;
+/// Number of sampled vertices.
+const SAMPLED_VERTICES: usize = 500;
 
 /// A line of sight.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
-    /// Where the viewer is.
+    /// Position of the viewer.
     pub from: Vec3,
-    /// Where they look; of any length.
+    /// Direction, of any length.
     pub along: Vec3,
 }
 
-/// What mirrors a head: its points are `p` with `p · across = at`.
+/// A mirror plane: `p · across = at`.
 #[derive(Clone, Copy, Debug)]
 pub struct Plane {
     /// Unit vector to one side.
@@ -45,7 +45,7 @@ impl Plane {
         p.dot(&self.across) - self.at
     }
 
-    /// The point on the other side.
+    /// The mirrored point.
     pub fn mirrored(&self, p: &Vec3) -> Vec3 {
         p - self.across * (2.0 * self.off(p))
     }
@@ -58,12 +58,12 @@ pub struct Surface {
     triangles: Vec<[u32; 3]>,
     skin: Vec<bool>,
     size: f64,
-    /// Of a head that mirrors itself.
+    /// The mirror plane of a symmetric head.
     plane: Option<Plane>,
 }
 
 impl Surface {
-    /// Of a mesh and the same in the one order; the skin is what carries the chin's vertex.
+    /// The surface of a mesh and its canonical form; the skin is the part with the chin's vertex.
     pub fn new(mesh: &Mesh, ordered: &Ordered, chin: u64) -> Self {
         let rings = ordered.mesh.rings();
         let (component, _) = ordered.mesh.components(&rings);
@@ -83,12 +83,12 @@ impl Surface {
         surface
     }
 
-    /// Whether a vertex is of the skin.
+    /// Whether a vertex is on the skin.
     pub fn is_skin(&self, vertex: u64) -> bool {
         usize::try_from(vertex).is_ok_and(|v| self.skin.get(v) == Some(&true))
     }
 
-    /// Whether the head mirrors itself.
+    /// Whether the head is symmetric.
     pub fn is_symmetric(&self) -> bool {
         self.plane.is_some()
     }
@@ -102,25 +102,25 @@ impl Surface {
     fn find_plane(&mut self) -> Option<Plane> {
         let all = 0..self.positions.len() as u32;
         let skin: Vec<u32> = all.filter(|&v| self.skin[v as usize]).collect();
-        let (low, high) = extent_of(skin.iter().map(|&v| &self.positions[v as usize]));
+        let (low, high) = bounding_box(skin.iter().map(|&v| &self.positions[v as usize]));
         self.size = (high - low).max();
         let nearest = Nearest::new(&self.positions, &skin);
-        let looked = || skin.iter().step_by((skin.len() / SOME).max(1));
+        let looked = || skin.iter().step_by((skin.len() / SAMPLED_VERTICES).max(1));
         // The face looks along z or x.
         [Vec3::x(), Vec3::z()].into_iter().find_map(|across| {
             let at = 0.5 * (low + high).dot(&across);
             let plane = Plane { across, at };
             let has_twin = |&&v: &&u32| {
                 let there = plane.mirrored(&self.positions[v as usize]);
-                let twin = nearest.of(&there);
+                let twin = nearest.closest(&there);
                 twin.is_some_and(|t| (self.positions[t as usize] - there).norm() < TWIN * self.size)
             };
             let twins = looked().filter(has_twin).count();
-            (twins as f64 > MOST * looked().count() as f64).then_some(plane)
+            (twins as f64 > MIN_TWIN_SHARE * looked().count() as f64).then_some(plane)
         })
     }
 
-    /// What the head is mirrored about while these are its points.
+    /// The mirror plane for these points.
     fn plane(&self, points: &[u64]) -> Plane {
         self.plane.unwrap_or_else(|| {
             let at = |k: usize| self.positions[points[k] as usize];
@@ -134,14 +134,14 @@ impl Surface {
         })
     }
 
-    /// Where a ray first meets the mesh.
+    /// The first intersection of a ray with the mesh.
     pub fn hit(&self, ray: &Ray) -> Option<Vec3> {
         let met = self.triangles.iter().filter_map(|t| {
             let [a, b, c] = t.map(|v| self.positions[v as usize]);
             let (ab, ac) = (b - a, c - a);
             let h = ray.along.cross(&ac);
             let det = ab.dot(&h);
-            // Edge on, or no triangle.
+            // Parallel to the triangle, or degenerate.
             if det == 0.0 {
                 return None;
             }
@@ -156,7 +156,7 @@ impl Surface {
         Some(ray.from + ray.along * far)
     }
 
-    /// The vertex that landmark `k` comes to lie on at `place`, seen along `sight`; not one that is `taken`.
+    /// The vertex for landmark `k` at `place`, seen along `sight`, excluding those `taken`.
     fn snapped(
         &self,
         k: usize,
@@ -174,14 +174,14 @@ impl Surface {
             far(&self.positions[v]) + if wrong { WRONG_EDGE * self.size } else { 0.0 }
         };
         (0..self.positions.len())
-            .filter(|&v| self.skin[v] && self.normals[v].dot(sight) < AWAY)
+            .filter(|&v| self.skin[v] && self.normals[v].dot(sight) < MAX_FACING_AWAY)
             .filter(|&v| !taken.contains(&(v as u64)))
             .min_by(|&a, &b| cost(a).total_cmp(&cost(b)))
             .map(|v| v as u64)
     }
 
-    /// The points after landmark `k` was dragged to where `ray` meets the head, or passes nearest by; with `mirror` its
-    /// partner on the other side follows, and a point of the middle stays in it.
+    /// The points after dragging landmark `k` to the intersection of `ray` with the head, or its nearest approach;
+    /// with `mirror` its partner on the other side follows, and a point of the middle stays in it.
     pub fn moved(&self, points: &[u64], k: usize, ray: &Ray, mirror: bool) -> Vec<u64> {
         let partner = mirrored(k);
         let sight = ray.along.normalize();
@@ -196,8 +196,8 @@ impl Surface {
         })
     }
 
-    /// The points after landmark `k` was moved to the nearest vertex towards a direction in the view along `sight`, within 45° of
-    /// it; `mirror` as for [`Self::moved`].
+    /// The points after moving landmark `k` to the nearest vertex within 45° of a direction in the view along
+    /// `sight`; `mirror` as for [`Self::moved`].
     pub fn stepped(
         &self,
         points: &[u64],
@@ -216,13 +216,13 @@ impl Surface {
             if along <= std::f64::consts::FRAC_1_SQRT_2 * seen || seen < 1e-6 * self.size {
                 return f64::INFINITY;
             }
-            // In the middle of the head, along it.
+            // Along the middle of the head.
             far + middle.map_or(0.0, |plane| OFF_MIDDLE * plane.off(p).abs())
         })
     }
 
-    /// The points with landmark `k` on the vertex for which `far` is least, and its twin opposite if there is a plane; all as they
-    /// were if there is none.
+    /// The points with landmark `k` on the eligible vertex of least `far`, and its twin opposite if there is a plane;
+    /// unchanged if no vertex is eligible.
     fn placed(
         &self,
         points: &[u64],
@@ -233,7 +233,7 @@ impl Surface {
     ) -> Vec<u64> {
         let partner = mirrored(k);
         let mut now = points.to_vec();
-        // What moves leaves its place free.
+        // The moving point does not block its own vertex.
         now[k] = u64::MAX;
         if plane.is_some() {
             now[partner] = u64::MAX;

@@ -1,5 +1,5 @@
-//! The page's commands forget, neutral and freeze: executed here if this process does the tracking, otherwise sent to the box
-//! whose stream is shown, in the format of [`mien_outputs::osc::commands`].
+//! The page's commands forget, neutral and freeze: executed here if this process does the tracking, otherwise sent to
+//! the box that streams, in the format of [`mien_outputs::osc::commands`].
 
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::mpsc::SyncSender;
@@ -9,22 +9,22 @@ use std::time::Duration;
 use mien_outputs::Command;
 use mien_outputs::osc::packet::{Argument, Packet};
 
-/// Where a box listens for commands, as shipped.
+/// Default port for commands of a box.
 pub const PORT: u16 = 9131;
-/// How long a refusal of the box's system is waited for.
+/// How long the system's refusal of a datagram is awaited.
 const REFUSAL: Duration = Duration::from_millis(150);
 
-/// Who obeys.
-pub enum Obeys {
+/// Recipient of commands.
+pub enum CommandTarget {
     /// The pipeline of this process.
     Here(Mutex<SyncSender<Command>>),
-    /// A box: where it was said to be, else the host that sends, at [`PORT`].
+    /// A box: at a given address, else the streaming host at [`PORT`].
     Box(Option<SocketAddr>),
-    /// Nobody: what is shown was recorded, or comes over a line that hears nothing.
+    /// Nobody: the source is recorded, or a one-way line.
     Nobody,
 }
 
-/// The command that a page names: `what` is `forget`, `neutral` or `freeze`, `on` is for the last.
+/// Parses a page's command: `what` is `forget`, `neutral` or `freeze`, which `on` belongs to.
 pub fn read(what: &str, user: &str, on: &str) -> Option<Command> {
     let on = match on {
         "" => None,
@@ -35,12 +35,12 @@ pub fn read(what: &str, user: &str, on: &str) -> Option<Command> {
     Command::named(what, user.parse().ok()?, on)
 }
 
-impl Obeys {
-    /// Does it; the sentence says what was done, or why it was not. `sender` is where the stream comes from.
+impl CommandTarget {
+    /// Executes a command; the text says what was done, or why not. `sender` is the streaming host.
     ///
     /// # Errors
-    /// If nobody obeys.
-    pub fn obey(
+    /// If there is no recipient.
+    pub fn execute(
         &self,
         command: Command,
         sender: Option<std::net::IpAddr>,
@@ -89,7 +89,7 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
         format_args!("{name}"),
         numbers.map(Argument::Int),
     );
-    // The message alone: without the bundle's header and its length there.
+    // The message alone, without the bundle's header and its length field.
     let datagram = &packet.bytes()[20..];
     let cannot = |error: std::io::Error| format!("cannot send the command to {to}: {error}");
     let here = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
@@ -97,7 +97,7 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
     socket.connect(to).map_err(cannot)?;
     socket.set_read_timeout(Some(REFUSAL)).map_err(cannot)?;
     socket.send(datagram).map_err(cannot)?;
-    // Commands are not answered; where nobody listens, the system says so.
+    // Commands are not answered; a closed port is reported by the system.
     match socket.recv(&mut [0]) {
         Err(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => Err(format!(
             "nothing accepts commands at {to}: is mien running there? On another machine it needs listen = \"0.0.0.0:{}\" under [osc]",
@@ -118,7 +118,7 @@ mod tests {
         listener
             .set_read_timeout(Some(Duration::from_secs(30)))
             .unwrap();
-        let boxed = Obeys::Box(listener.local_addr().ok());
+        let boxed = CommandTarget::Box(listener.local_addr().ok());
         for (words, wanted) in [
             (["forget", "2", ""], Command::Forget(2)),
             (["neutral", "0", ""], Command::Neutral(0)),
@@ -126,7 +126,7 @@ mod tests {
             (["freeze", "1", "0"], Command::Freeze(1, false)),
         ] {
             let command = read(words[0], words[1], words[2]).unwrap();
-            assert!(boxed.obey(command, None).is_ok());
+            assert!(boxed.execute(command, None).is_ok());
             let mut bytes = [0; 1024];
             let length = listener.recv(&mut bytes).unwrap();
             let mut found = None;
@@ -147,21 +147,25 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_there_is_said_to_be_so() {
+    fn an_absent_box_is_reported() {
         let gone = UdpSocket::bind("127.0.0.1:0")
             .unwrap()
             .local_addr()
             .unwrap();
-        let said = Obeys::Box(Some(gone))
-            .obey(Command::Forget(0), None)
+        let said = CommandTarget::Box(Some(gone))
+            .execute(Command::Forget(0), None)
             .unwrap_err();
         assert!(said.contains("is mien running there?"), "{said}");
         assert!(
-            Obeys::Box(None)
-                .obey(Command::Forget(0), None)
+            CommandTarget::Box(None)
+                .execute(Command::Forget(0), None)
                 .unwrap_err()
                 .contains("--box")
         );
-        assert!(Obeys::Nobody.obey(Command::Forget(0), None).is_err());
+        assert!(
+            CommandTarget::Nobody
+                .execute(Command::Forget(0), None)
+                .is_err()
+        );
     }
 }

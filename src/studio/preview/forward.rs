@@ -1,8 +1,8 @@
-//! Forwards what a live page shows to other receivers, with the outputs of `mien run`, and sends a test face.
+//! Forwards the data of a live page to other receivers, with the outputs of `mien run`, and sends a test face.
 //!
-//! One thread handles all receivers. A received stream has no landmarks, so receivers that need them are not in the table. The
-//! page names a host and a port, which are turned into a configuration and validated like one.
-//! Times in seconds; at most one receiver of each name in [`RECEIVERS`].
+//! One thread handles all receivers. A received stream has no landmarks, so receivers that need them are not in the
+//! table. The page names a host and a port, which are turned into a configuration and validated like one. Times in
+//! seconds; at most one receiver of each name in [`RECEIVERS`].
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,33 +13,33 @@ use std::time::{Duration, Instant};
 use super::hub::{Hub, Passed};
 use super::sample::Sample;
 use mien_appliance::settings::Settings;
-use mien_appliance::wires;
+use mien_outputs::table;
 use mien_outputs::{Output, Report, TrackingState};
 use mien_stages::base::geometry::Rigid;
 use mien_stages::base::time::Timestamp;
 use mien_stages::expression::units::Units;
 
-/// A receiver that can be connected by name, as the page gets it.
+/// A receiver that can be connected by name, as sent to the page.
 #[derive(serde::Serialize, serde::Deserialize)]
-pub struct Known {
-    /// Word in addresses.
+pub struct ReceiverInfo {
+    /// Identifier in URLs.
     pub id: String,
-    /// Its name.
+    /// Display name.
     pub name: String,
     /// Section of the configuration.
     pub section: String,
-    /// Lines of the section, beside `enabled` and `target`.
+    /// Further lines of the section, beside `enabled` and `target`.
     pub more: String,
-    /// Where it usually listens.
+    /// Its usual port.
     pub port: u16,
-    /// What to do there, in one sentence.
+    /// Instructions for it, one sentence.
     pub hint: String,
 }
 
 /// Every receiver the page offers.
-pub static RECEIVERS: LazyLock<Vec<Known>> = LazyLock::new(|| {
+pub static RECEIVERS: LazyLock<Vec<ReceiverInfo>> = LazyLock::new(|| {
     let known = serde_json::from_str(include_str!("receivers.json"));
-    let mut known: Vec<Known> = known.expect("a test reads it");
+    let mut known: Vec<ReceiverInfo> = known.expect("a test reads it");
     let missing = known.iter_mut().filter(|one| one.section == "live_link");
     for one in missing.filter(|_| !cfg!(feature = "wires")) {
         one.hint = "This needs a build with the feature wires (cargo build --release --features studio,wires) or the Debian package.".into();
@@ -47,34 +47,34 @@ pub static RECEIVERS: LazyLock<Vec<Known>> = LazyLock::new(|| {
     known
 });
 
-/// What the page asks of a receiver.
+/// An action of the page on a receiver.
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
-pub enum Wish {
-    /// Send what is shown.
+pub enum ForwardAction {
+    /// Forward the live data.
     Connect,
     /// Send a jaw that opens, a smile and a blink.
     Test,
-    /// Send nothing any more.
+    /// Stop forwarding.
     Stop,
 }
 
 struct Order {
-    known: &'static Known,
+    known: &'static ReceiverInfo,
     target: String,
-    wish: Wish,
+    action: ForwardAction,
     settings: Settings,
 }
 
-/// Frames that wait for the thread.
-const WAITING: usize = 64;
-/// Between two looks for orders, and two frames of a test.
+/// Most frames queued for the thread.
+const QUEUE_LENGTH: usize = 64;
+/// Interval of polling for orders, and of frames of a test.
 const FRAME: Duration = Duration::from_millis(33);
-/// Units of a test, a second each.
+/// Units of a test, for a second each.
 const TESTED: [&[&str]; 3] = [&["AU26"], &["AU12L", "AU12R"], &["AU43L", "AU43R"]];
-/// Time without the person shown after which single-person receivers get another.
-const GONE: Duration = Duration::from_secs(1);
+/// Absence of the person shown after which single-person receivers get another.
+const ABSENCE: Duration = Duration::from_secs(1);
 
-/// The thread's other end.
+/// Handle of the thread.
 pub struct Forwarder {
     orders: SyncSender<Order>,
 }
@@ -82,21 +82,27 @@ pub struct Forwarder {
 impl Forwarder {
     /// Starts the thread.
     pub fn start(hub: Arc<Hub>) -> Self {
-        let (onward, passed) = sync_channel(WAITING);
-        let (orders, waiting) = sync_channel(WAITING);
+        let (onward, passed) = sync_channel(QUEUE_LENGTH);
+        let (orders, waiting) = sync_channel(QUEUE_LENGTH);
         hub.pass_on_to(onward);
-        // Without a thread orders are refused.
+        // If the thread cannot start, orders are refused.
         let _ = std::thread::Builder::new()
             .name("forward".into())
             .spawn(move || Thread::new(hub).run(&passed, &waiting));
         Self { orders }
     }
 
-    /// Passes an order on; the sentence says what happens now, or why nothing does.
+    /// Passes an action to the thread; the text says what happens, or why nothing does.
     ///
     /// # Errors
-    /// If no such receiver is known or the address is none.
-    pub fn ask(&self, id: &str, host: &str, port: &str, wish: Wish) -> Result<String, String> {
+    /// If the receiver is unknown or the address invalid.
+    pub fn ask(
+        &self,
+        id: &str,
+        host: &str,
+        port: &str,
+        action: ForwardAction,
+    ) -> Result<String, String> {
         let known = RECEIVERS.iter().find(|known| known.id == id);
         let known = known.ok_or("unknown receiver")?;
         let target = target(host, port)?;
@@ -104,21 +110,21 @@ impl Forwarder {
         let order = Order {
             known,
             target: target.clone(),
-            wish,
+            action,
             settings,
         };
         let busy = |_| "too many requests at the same time; try again".to_owned();
         self.orders.try_send(order).map_err(busy)?;
         let name = &known.name;
-        Ok(match wish {
-            Wish::Connect => format!("sending to {name} at {target}"),
-            Wish::Test => format!("testing {name} at {target}: jaw, smile, blink"),
-            Wish::Stop => format!("stopped sending to {name}"),
+        Ok(match action {
+            ForwardAction::Connect => format!("sending to {name} at {target}"),
+            ForwardAction::Test => format!("testing {name} at {target}: jaw, smile, blink"),
+            ForwardAction::Stop => format!("stopped sending to {name}"),
         })
     }
 }
 
-/// `host:port`, if they are such.
+/// `host:port`, validated.
 fn target(host: &str, port: &str) -> Result<String, String> {
     let letters = |byte: u8| byte.is_ascii_alphanumeric() || b".-_:".contains(&byte);
     if host.is_empty() || host.len() > 253 || !host.bytes().all(letters) {
@@ -134,9 +140,9 @@ fn target(host: &str, port: &str) -> Result<String, String> {
     })
 }
 
-/// The configuration with which only this receiver is sent to.
-fn settings(known: &Known, target: &str) -> Result<Settings, String> {
-    let Known { section, more, .. } = known;
+/// The configuration with this receiver as only output.
+fn settings(known: &ReceiverInfo, target: &str) -> Result<Settings, String> {
+    let ReceiverInfo { section, more, .. } = known;
     let only = match &**section {
         "osc" => "",
         _ => "[osc]\nenabled = false\n",
@@ -148,10 +154,10 @@ fn settings(known: &Known, target: &str) -> Result<Settings, String> {
 struct Line {
     target: String,
     settings: Settings,
-    wires: Vec<Box<dyn Output>>,
-    /// Start of a test.
+    outputs: Vec<Box<dyn Output>>,
+    /// Start time of a test.
     tested: Option<Instant>,
-    /// Whether what is shown is sent.
+    /// Whether live data are forwarded.
     connected: bool,
 }
 
@@ -159,7 +165,7 @@ struct Thread {
     hub: Arc<Hub>,
     units: Vec<String>,
     lines: BTreeMap<&'static str, Line>,
-    /// The person sent to single-person receivers, and when they were last seen.
+    /// The person for single-person receivers, and when last seen.
     main: Option<(usize, Instant)>,
     start: Instant,
     tests: u64,
@@ -180,10 +186,10 @@ impl Thread {
     }
 
     fn run(mut self, passed: &Receiver<Passed>, orders: &Receiver<Order>) {
-        let mut told = Instant::now();
+        let mut states_sent = Instant::now();
         loop {
             while let Ok(order) = orders.try_recv() {
-                self.obey(order);
+                self.handle_order(order);
                 self.send_states();
             }
             match passed.recv_timeout(FRAME) {
@@ -192,17 +198,17 @@ impl Thread {
                     if units != self.units {
                         self.units = units;
                         for line in self.lines.values_mut() {
-                            line.wires = Self::open(&self.units, &line.settings);
+                            line.outputs = Self::open(&self.units, &line.settings);
                         }
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
-                // A session is not passed on, but receivers can be tested.
+                // A session is not forwarded, but receivers can be tested.
                 Err(RecvTimeoutError::Disconnected) => std::thread::sleep(FRAME),
             }
             self.test();
-            if told.elapsed() > Duration::from_secs(1) {
-                told = Instant::now();
+            if states_sent.elapsed() > Duration::from_secs(1) {
+                states_sent = Instant::now();
                 self.send_states();
             }
         }
@@ -211,18 +217,18 @@ impl Thread {
     fn open(units: &[String], settings: &Settings) -> Vec<Box<dyn Output>> {
         let units: Vec<&str> = units.iter().map(String::as_str).collect();
         // The settings were checked; without a socket nothing is sent, and the page shows that.
-        wires::open(settings, &units).unwrap_or_default()
+        table::open(&settings.outputs, &units).unwrap_or_default()
     }
 
-    fn obey(&mut self, order: Order) {
-        if order.wish == Wish::Stop {
+    fn handle_order(&mut self, order: Order) {
+        if order.action == ForwardAction::Stop {
             self.lines.remove(&*order.known.id);
             return;
         }
         let units = &self.units;
         let fresh = || Line {
             target: order.target.clone(),
-            wires: Self::open(units, &order.settings),
+            outputs: Self::open(units, &order.settings),
             settings: order.settings.clone(),
             tested: None,
             connected: false,
@@ -231,15 +237,15 @@ impl Thread {
         if line.target != order.target {
             *line = fresh();
         }
-        match order.wish {
-            Wish::Test => line.tested = Some(Instant::now()),
+        match order.action {
+            ForwardAction::Test => line.tested = Some(Instant::now()),
             _ => line.connected = true,
         }
     }
 
-    /// Whether this is the person for single-person receivers.
+    /// Whether this slot is the person for single-person receivers.
     fn is_main(&mut self, slot: usize) -> bool {
-        let is_free = |(main, seen): (usize, Instant)| main == slot || seen.elapsed() > GONE;
+        let is_free = |(main, seen): (usize, Instant)| main == slot || seen.elapsed() > ABSENCE;
         let free = self.main.is_none_or(is_free);
         if free {
             self.main = Some((slot, Instant::now()));
@@ -258,7 +264,7 @@ impl Thread {
             at: Timestamp::from_us((sample.seconds.max(0.0) * 1e6) as u64),
             user: sample.user,
             state: state.unwrap_or(TrackingState::Absent),
-            alone: sample.user.is_none(),
+            none_left: sample.user.is_none(),
             other_is_shown,
             confidence: sample.confidence,
             frozen: sample.frozen,
@@ -301,13 +307,13 @@ impl Thread {
         }
     }
 
-    /// Tells pages how the receivers are.
+    /// Sends the receivers' states to all pages.
     fn send_states(&self) {
         let line = |(id, line): (&&'static str, &Line)| {
-            let tallies = || line.wires.iter().map(|wire| wire.tally());
+            let tallies = || line.outputs.iter().map(|output| output.tally());
             let sent: u64 = tallies().map(|tally| tally.sent).sum();
             let dropped: u64 = tallies().map(|tally| tally.dropped).sum();
-            let why = if line.wires.is_empty() {
+            let why = if line.outputs.is_empty() {
                 "cannot open a socket, or this build does not support it"
             } else if sent == 0 && dropped > 0 {
                 "the host name does not resolve yet, or the host is unreachable"
@@ -325,11 +331,11 @@ impl Thread {
 }
 
 fn send(line: &mut Line, report: &Report) {
-    // An output that can never work again sends nothing more.
-    line.wires.retain_mut(|wire| {
-        let sent = wire.send(report).is_ok();
-        // What a receiver asks for is for whoever tracks.
-        while wire.next_command().is_some() {}
+    // An output that failed for good is removed.
+    line.outputs.retain_mut(|output| {
+        let sent = output.send(report).is_ok();
+        // Commands of a receiver are for the tracking process.
+        while output.next_command().is_some() {}
         sent
     });
 }
@@ -375,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_shown_reaches_a_receiver_and_so_does_a_test() {
+    fn live_data_and_a_test_reach_a_receiver() {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         socket
             .set_read_timeout(Some(Duration::from_secs(30)))
@@ -393,12 +399,20 @@ mod tests {
                     .any(|part| part == wanted)
             })
         };
-        assert!(forwarder.ask("max", "127.0.0.1", &port, Wish::Test).is_ok());
-        assert!(has(b"/face/0/au/AU26"));
-        assert!(forwarder.ask("max", "127.0.0.1", &port, Wish::Stop).is_ok());
         assert!(
             forwarder
-                .ask("max", "127.0.0.1", &port, Wish::Connect)
+                .ask("max", "127.0.0.1", &port, ForwardAction::Test)
+                .is_ok()
+        );
+        assert!(has(b"/face/0/au/AU26"));
+        assert!(
+            forwarder
+                .ask("max", "127.0.0.1", &port, ForwardAction::Stop)
+                .is_ok()
+        );
+        assert!(
+            forwarder
+                .ask("max", "127.0.0.1", &port, ForwardAction::Connect)
                 .is_ok()
         );
         let shown = Sample {
@@ -419,7 +433,7 @@ mod tests {
         });
         assert!(
             forwarder
-                .ask("nobody", "127.0.0.1", &port, Wish::Test)
+                .ask("nobody", "127.0.0.1", &port, ForwardAction::Test)
                 .is_err()
         );
     }

@@ -1,4 +1,4 @@
-//! Saves gains tried on the page into their configuration file; everything else in the file stays unchanged.
+//! Saves gains tried on the page into their configuration file, leaving all else in it unchanged.
 
 use std::path::Path;
 
@@ -7,10 +7,11 @@ use toml_edit::{DocumentMut, InlineTable, Item, Table, Value};
 use mien_appliance::settings::Settings;
 use mien_workbench::{atomic_write, text_files};
 
-/// Multiplies the gains in a configuration by those of a query, `AU26=1.5&AU12L=0.8`, and writes it; what to say then.
+/// Multiplies the gains in a configuration by those of a query, `AU26=1.5&AU12L=0.8`, and writes it; returns a
+/// message.
 ///
 /// # Errors
-/// One sentence saying why: the file, or the result, is not a valid configuration. Nothing is written then.
+/// If the file or the result is no valid configuration; nothing is written then.
 pub(super) fn save(path: &Path, query: &str) -> Result<String, String> {
     let pairs = query.split('&').filter_map(|pair| pair.split_once('='));
     let factors = pairs.map(|(unit, factor)| Some((unit, factor.parse::<f64>().ok()?)));
@@ -84,7 +85,7 @@ mod tests {
         assert_eq!(text, expected);
         let settings = Settings::parse(&text, Path::new("x")).unwrap();
         let gain = |unit: &str| {
-            let mut views = settings.units.iter();
+            let mut views = settings.outputs.units.iter();
             views.find(|view| view.unit == unit).unwrap().gain
         };
         assert_eq!([gain("AU26"), gain("AU12L"), gain("AU9R")], [1.5, 3.0, 1.2]);
@@ -100,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_be_no_configuration_is_not_written() {
+    fn an_invalid_configuration_is_not_written() {
         for (query, part) in [
             ("AU26=1000", "from 0 to 10"),
             ("AU999=2", "nothing was changed"),

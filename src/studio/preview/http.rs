@@ -1,14 +1,14 @@
-//! As much of HTTP/1.1 as one page needs: GET, POST without a body, one answer per connection, and one answer that does not
-//! end (server-sent events, WHATWG HTML section 9.2).
+//! The subset of HTTP/1.1 that one page needs: GET, POST without a body, one answer per connection, and one unlimited
+//! answer (server-sent events, WHATWG HTML section 9.2).
 //!
-//! A thread per connection, at most [`CONNECTIONS`] and [`OF_PEER`] of one peer, of which [`STREAMS`] may be events; when they are
-//! in use, the one that has moved nothing for longest makes room. A request as a whole has [`PATIENCE`] to arrive and
-//! [`LONGEST`] bytes; an answer must be taken at [`LEAST_RATE`]. Whatever is not for something that
-//! is here is refused in one line and counted. A request must name this server, once, by address or as `localhost`: a page
-//! from elsewhere that points a name of its own at this machine (DNS rebinding) is turned away. What changes
-//! something is a POST, which must carry the header `X-Mien`: a form or a link of another site cannot add one, and a script
-//! of another site would have to ask first, which is not answered. Pages from elsewhere may
-//! not embed what is here, and sites are told who asks for them ([`Request::elsewhere`]).
+//! A thread per connection, at most [`CONNECTIONS`] and [`CONNECTIONS_PER_PEER`] of one peer, of which [`STREAMS`]
+//! may be events; beyond, the connection stalled for longest is closed. A whole request must arrive within
+//! [`REQUEST_TIMEOUT`] and [`MAX_REQUEST_BYTES`] bytes; an answer must be read at [`MIN_BYTES_PER_S`]. Other requests
+//! are refused in one line and counted. A request must name this server, once, by address or as `localhost`: pages
+//! from elsewhere that point a name of their own at this machine (DNS rebinding) are refused. Changes require a POST
+//! with the header `X-Mien`: a form or a link of another site cannot add one, and a script of another site would need
+//! a preflight, which is not answered. Pages from elsewhere may not embed resources, and sites learn of cross-site
+//! requests ([`Request::elsewhere`]).
 
 use std::io::{Read, Write};
 use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -18,74 +18,75 @@ use std::time::{Duration, Instant};
 
 use mien_workbench::fault::Fault;
 
-/// Connections at once.
+/// Most connections.
 const CONNECTIONS: usize = 64;
-/// Of them, those of one peer.
-const OF_PEER: usize = 48;
-/// How long a connection that moves nothing is kept when another one comes.
-const GRACE: Duration = Duration::from_millis(250);
-/// Of them, those that do not end; the others are kept for pages.
+/// Most connections of one peer.
+const CONNECTIONS_PER_PEER: usize = 48;
+/// Stall after which a connection is closed in favour of a new one.
+const EVICTION_AGE: Duration = Duration::from_millis(250);
+/// Most connections with events; the others are reserved for pages.
 const STREAMS: usize = 32;
 /// Longest request, bytes.
-const LONGEST: usize = 8192;
+const MAX_REQUEST_BYTES: usize = 8192;
 /// Most headers of a request.
 const HEADERS: usize = 48;
-/// How long a request may take to arrive, from its first letter to its last, and an event to be taken.
-const PATIENCE: Duration = Duration::from_secs(5);
-/// Slowest that an answer may be taken, bytes a second, and longest that nothing of it is.
-const LEAST_RATE: usize = 64 << 10;
-const STUCK: Duration = Duration::from_secs(10);
+/// Time for a request to arrive, from its first byte to its last, and for an event to be taken.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(5);
+/// Least rate at which an answer must be read.
+const MIN_BYTES_PER_S: usize = 64 << 10;
+/// Longest stall of an answer.
+const STALL_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// What was asked for.
+/// A parsed request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Request {
     /// Path without the query.
     pub path: String,
     /// The query, without its question mark.
     pub query: String,
-    /// Who asks.
+    /// Address of the client.
     pub peer: SocketAddr,
-    /// Whether a page from elsewhere asks, as far as its browser says so.
+    /// Whether a page of another site sends it, as far as the browser states.
     pub elsewhere: bool,
-    /// Whether something is to be changed: a POST of this page's own.
+    /// Whether it changes something: a POST of this page's own.
     pub post: bool,
 }
 
 impl Request {
-    /// A value of the query, empty if it is not there.
-    pub fn word(&self, name: &str) -> &str {
+    /// A value of the query; empty if absent.
+    pub fn parameter(&self, name: &str) -> &str {
         let mut pairs = self.query.split('&').map(|pair| pair.split_once('='));
         let found = pairs.find_map(|pair| pair.filter(|(key, _)| *key == name));
         found.map_or("", |(_, value)| value)
     }
 
-    /// Whether the asking browser runs on this machine.
+    /// Whether the browser runs on this machine.
     pub fn is_local(&self) -> bool {
         self.peer.ip().to_canonical().is_loopback()
     }
 }
 
-/// What is answered.
+/// An answer.
 pub enum Answer {
     /// A whole file of a media type.
     File(&'static str, Arc<[u8]>),
-    /// The same, with a header of its own, which ends its line.
+    /// A file with an additional header line, line end included.
     Marked(&'static str, String, Arc<[u8]>),
-    /// Nothing here; the sentence says what to do.
+    /// Not found; the text says what to do.
     Missing(&'static str),
-    /// Not for this peer.
+    /// Forbidden for this peer.
     Forbidden(&'static str),
-    /// Events, written by the site until it fails.
+    /// Server-sent events, written by the site until it fails.
     Events,
 }
 
 impl Answer {
-    /// JSON, or anything else that is written like it.
+    /// An answer from the text of JSON.
     pub fn json(json: &impl ToString) -> Self {
         Self::File("application/json", json.to_string().into_bytes().into())
     }
 
-    /// A file of a page, of which each has a path and its text.
+    /// One of a page's files, each with its path and text.
     pub fn page_file<'a>(
         files: impl IntoIterator<Item = &'a (&'static str, &'static str)>,
         path: &str,
@@ -102,25 +103,25 @@ impl Answer {
     }
 }
 
-/// Who answers.
+/// A handler of requests.
 pub trait Site: Send + Sync + 'static {
     /// The answer to a request.
     fn answer(&self, request: &Request) -> Answer;
-    /// Sends events until the peer is gone.
+    /// Sends events until the peer disconnects.
     ///
     /// # Errors
-    /// When the peer is gone.
+    /// When the peer has disconnected.
     fn events(&self, _send: &mut dyn FnMut(&[u8]) -> std::io::Result<()>) -> std::io::Result<()> {
         Ok(())
     }
-    /// A request was refused.
+    /// Called for every refused request.
     fn refused(&self) {}
 }
 
-/// Opens the address of a page; returns it with the port that was chosen for 0.
+/// Binds the address of a page; returns it with the actual port.
 ///
 /// # Errors
-/// If it is taken, or none of this machine.
+/// If it is in use, or not of this machine.
 pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), Fault> {
     let listener = TcpListener::bind(address);
     let opened = listener.and_then(|listener| Ok((listener.local_addr()?, listener)));
@@ -132,18 +133,18 @@ pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), Fault> {
     Ok((listener, page))
 }
 
-/// A connection that is open.
+/// An open connection.
 struct Open {
     stream: TcpStream,
     peer: SocketAddr,
-    /// When bytes last went either way.
+    /// Time of the last transfer in either direction.
     moved: Mutex<Instant>,
-    /// Whether it is of events, which may be rare.
+    /// Whether it is a stream of events, which may be rare.
     endless: AtomicBool,
 }
 
 impl Open {
-    /// Since when nothing has moved that should.
+    /// Time without transfer.
     fn stalled(&self) -> Duration {
         let moved = self.moved.lock().unwrap_or_else(PoisonError::into_inner);
         if self.endless.load(Ordering::Relaxed) {
@@ -153,12 +154,12 @@ impl Open {
     }
 }
 
-/// Whether there is room for one more of this peer, after the most stalled connection was closed if need be.
+/// Whether another connection of this peer fits, closing the longest stalled one if necessary.
 fn make_room(open: &mut Vec<Weak<Open>>, peer: IpAddr) -> bool {
     open.retain(|one| one.strong_count() > 0);
     let all = open.iter().filter_map(Weak::upgrade);
     let (own, others): (Vec<_>, Vec<_>) = all.partition(|one| one.peer.ip() == peer);
-    let candidates = if own.len() >= OF_PEER {
+    let candidates = if own.len() >= CONNECTIONS_PER_PEER {
         own
     } else if own.len() + others.len() >= CONNECTIONS {
         own.into_iter().chain(others).collect()
@@ -166,19 +167,19 @@ fn make_room(open: &mut Vec<Weak<Open>>, peer: IpAddr) -> bool {
         return true;
     };
     let stalled = candidates.iter().max_by_key(|one| one.stalled());
-    let stalled = stalled.filter(|one| one.stalled() > GRACE);
-    // Its thread ends at that.
+    let stalled = stalled.filter(|one| one.stalled() > EVICTION_AGE);
+    // Its thread ends on that.
     stalled.is_some_and(|one| one.stream.shutdown(Shutdown::Both).is_ok())
 }
 
 /// Serves until the process ends.
 pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
     let mut open: Vec<Weak<Open>> = Vec::new();
-    // Whoever holds one of these is counted.
+    // The reference count is the number of streams.
     let streams = Arc::<()>::default();
     for stream in listener.incoming() {
         let Ok(stream) = stream else {
-            // Out of descriptors, perhaps; never at full speed.
+            // Possibly out of descriptors; never loops at full speed.
             std::thread::sleep(Duration::from_millis(50));
             continue;
         };
@@ -209,22 +210,22 @@ pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
     }
 }
 
-/// What cannot be answered; its line is the answer all the same.
+/// A refused request, already answered.
 struct Refused;
 
-/// A connection until a moment: each read and write has what is left of the time.
+/// A connection with a deadline: each read and write gets the remaining time.
 struct Until<'a>(&'a Open, Instant);
 
 impl Until<'_> {
-    /// What is left of the time; a socket refuses a timeout of zero.
+    /// The remaining time; a socket rejects a timeout of zero.
     fn left(&self) -> std::io::Result<Option<Duration>> {
         match self.1.saturating_duration_since(Instant::now()) {
             Duration::ZERO => Err(std::io::ErrorKind::TimedOut.into()),
-            left => Ok(Some(left.min(STUCK))),
+            left => Ok(Some(left.min(STALL_TIMEOUT))),
         }
     }
 
-    /// Bytes went either way.
+    /// Notes a transfer.
     fn moved<T>(&self, done: std::io::Result<T>) -> std::io::Result<T> {
         if done.is_ok() {
             *self.0.moved.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
@@ -255,17 +256,17 @@ impl Write for Until<'_> {
 
 fn connection(open: &Open, site: &impl Site, streams: &Weak<()>) -> Result<(), Refused> {
     open.stream.set_nodelay(true).map_err(|_| Refused)?;
-    let mut asked = Until(open, Instant::now() + PATIENCE);
+    let mut asked = Until(open, Instant::now() + REQUEST_TIMEOUT);
     let mut bytes = Vec::new();
     let mut chunk = [0; 1024];
     while !bytes.windows(4).any(|end| end == b"\r\n\r\n") {
         let count = asked.read(&mut chunk).map_err(|_| Refused)?;
         bytes.extend(&chunk[..count]);
-        if count == 0 || bytes.len() > LONGEST {
+        if count == 0 || bytes.len() > MAX_REQUEST_BYTES {
             return Err(Refused);
         }
     }
-    let mut stream = Until(open, Instant::now() + PATIENCE);
+    let mut stream = Until(open, Instant::now() + REQUEST_TIMEOUT);
     let request = match parse(&bytes, open.peer) {
         Ok(request) => request,
         Err(status) => {
@@ -280,13 +281,13 @@ fn connection(open: &Open, site: &impl Site, streams: &Weak<()>) -> Result<(), R
         Answer::Missing(text) => plain("404 Not Found", text),
         Answer::Forbidden(text) => plain("403 Forbidden", text),
         Answer::Events => {
-            // Counted before it is compared, so that two at once do not both take the last place.
+            // Counted before the comparison, so that two at once cannot both take the last place.
             let _counted = streams.upgrade();
             if streams.strong_count() <= STREAMS + 1 {
                 open.endless.store(true, Ordering::Relaxed);
-                // Each event has its own time.
+                // Each event has its own deadline.
                 let mut send =
-                    |bytes: &[u8]| Until(open, Instant::now() + PATIENCE).write_all(bytes);
+                    |bytes: &[u8]| Until(open, Instant::now() + REQUEST_TIMEOUT).write_all(bytes);
                 let _ = send(EVENTS).and_then(|()| site.events(&mut send));
             } else {
                 let status = "503 Service Unavailable";
@@ -296,21 +297,21 @@ fn connection(open: &Open, site: &impl Site, streams: &Weak<()>) -> Result<(), R
             return Ok(());
         }
     };
-    let seconds = body.len() / LEAST_RATE;
-    // From here on: a head may have taken a minute to bake.
-    let until = Instant::now() + PATIENCE + Duration::from_secs(seconds as u64);
+    let seconds = body.len() / MIN_BYTES_PER_S;
+    // From here on: baking may have taken a minute.
+    let until = Instant::now() + REQUEST_TIMEOUT + Duration::from_secs(seconds as u64);
     let mut stream = Until(open, until);
-    // That a peer goes away is no fault of its request.
+    // A disconnected peer is no bad request.
     let _ = write_answer(&mut stream, status, kind, &mark, &body);
     Ok(())
 }
 
-/// What stands before events.
+/// Header of events.
 const EVENTS: &[u8] =
     b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\
       Cross-Origin-Resource-Policy: same-origin\r\nConnection: close\r\n\r\n";
 
-/// `mark` is a header line with its line end, or nothing.
+/// Writes an answer; `mark` is a header line with its line end, or empty.
 fn write_answer(
     stream: &mut Until<'_>,
     status: &str,
@@ -318,7 +319,7 @@ fn write_answer(
     mark: &str,
     body: &[u8],
 ) -> std::io::Result<()> {
-    // Nothing from elsewhere, and nothing kept: another mesh may be served under the same name tomorrow.
+    // No embedding by other sites, no caching: another mesh may be served under the same name later.
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nCache-Control: no-store\r\n\
          X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
@@ -331,10 +332,10 @@ fn write_answer(
     stream.write_all(body)
 }
 
-/// The request, or the status line that refuses it.
+/// Parses a request, or returns the status line that refuses it.
 ///
 /// # Errors
-/// If it is none that is answered.
+/// If it is invalid or unsupported.
 pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
     let bad = "400 Bad Request";
     let mut headers = [httparse::EMPTY_HEADER; HEADERS];
@@ -354,7 +355,7 @@ pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
         let mut values = found.map(|header| std::str::from_utf8(header.value).unwrap_or_default());
         (values.next(), values.next())
     };
-    // Two would mean two things to two readers.
+    // Two would be read differently by two readers.
     let host = match header("host") {
         (_, Some(_)) => return Err(bad),
         (host, None) => host.unwrap_or_default(),
@@ -527,7 +528,7 @@ mod tests {
     }
 
     #[test]
-    fn who_reads_nothing_keeps_nobody_waiting() {
+    fn clients_that_read_nothing_do_not_block_others() {
         let address = served();
         let silent: Vec<_> = (0..CONNECTIONS)
             .map(|_| {
@@ -536,7 +537,7 @@ mod tests {
                 stream
             })
             .collect();
-        std::thread::sleep(2 * GRACE);
+        std::thread::sleep(2 * EVICTION_AGE);
         for _ in 0..8 {
             let began = Instant::now();
             let (_, line) = get(address, "/", "");
@@ -547,14 +548,14 @@ mod tests {
     }
 
     #[test]
-    fn who_sends_slowly_has_one_deadline_for_the_whole_request() {
+    fn a_slow_request_has_one_deadline() {
         let address = served();
         let mut slow: Vec<TcpStream> = (0..CONNECTIONS)
             .map(|_| TcpStream::connect(address).unwrap())
             .collect();
         // A letter now and then, for far longer than a request may take.
         let answered = (0..240).any(|_| {
-            std::thread::sleep(PATIENCE / 20);
+            std::thread::sleep(REQUEST_TIMEOUT / 20);
             for stream in &mut slow {
                 let _gone = stream.write(b"G");
             }

@@ -1,8 +1,9 @@
-//! Between one source and any number of pages: events are kept in order, and each page reads them at its own pace.
+//! Exchange between one source and any number of pages: events are kept in order, and each page reads them at its own
+//! pace.
 //!
-//! A live source keeps the newest [`LIVE_LINES`]; a page that reads too slowly misses the oldest. A session (CSV, recording)
-//! keeps everything, up to [`SESSION_LINES`], so that a page that connects later gets all of it. State that holds until it is
-//! replaced (schema, source, ranges) is sent to every new page.
+//! A live source keeps the newest [`LIVE_LINES`]; a page that reads too slowly misses the oldest. A session (CSV,
+//! recording) keeps up to [`SESSION_LINES`], so that a page that connects later gets all of it. Persistent state
+//! (schema, source, ranges) is sent to every new page.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::net::IpAddr;
@@ -15,26 +16,26 @@ use serde_json::json;
 use super::sample::{Sample, UnitRange, ranges_json};
 use mien_stages::expression::unit_words;
 
-/// Events of a live source that wait for pages at most: some ten seconds of four users.
+/// Most kept events of a live source: some ten seconds of four users.
 const LIVE_LINES: usize = 1200;
-/// Events of a session at most: three hours of one user, about 150 MB.
+/// Most kept events of a session: three hours of one user, about 150 MB.
 const SESSION_LINES: usize = 330_000;
-/// Events handed to a page at once.
+/// Most events handed to a page at once.
 const BATCH: usize = 256;
 
-/// What the sensor saw in a frame.
+/// Images of one frame.
 #[derive(Clone)]
 pub struct Seen {
-    /// Bayer mosaic of the colour picture, if there is one.
+    /// Bayer mosaic of the colour image, if there is one.
     pub colour: Option<Arc<[u8]>>,
     /// Raw depth.
     pub depth: Arc<[u16]>,
 }
 
-/// A picture of the sensor and the number of its frame.
+/// Number and images of a frame.
 pub type Picture = (u64, Seen);
 
-/// What is passed on to other receivers as it comes.
+/// Data forwarded to other receivers.
 pub enum Passed {
     /// Names of the units in the order of the weights.
     Units(Vec<String>),
@@ -45,15 +46,15 @@ pub enum Passed {
 #[derive(Default)]
 struct State {
     lines: VecDeque<Arc<str>>,
-    /// Number of the first line that is kept.
+    /// Number of the first kept line.
     first: u64,
     facts: BTreeMap<String, Arc<str>>,
     picture: Option<Picture>,
     note: String,
     counts: Counts,
-    /// Where a live source is passed on to, beside the pages.
+    /// Channel for forwarding a live source.
     onward: Option<SyncSender<Passed>>,
-    /// Which host sends what is received over a network.
+    /// Host that streams over the network.
     sender: Option<IpAddr>,
 }
 
@@ -64,17 +65,17 @@ pub struct Hub {
     keep: usize,
 }
 
-/// What was received and refused so far.
+/// Counts of received and refused messages.
 #[derive(Clone, Copy, Default)]
 pub struct Counts {
-    /// Messages that were understood.
+    /// Valid messages.
     pub received: u64,
-    /// Messages, lines or requests that were not.
+    /// Invalid messages, lines or requests.
     pub refused: u64,
 }
 
 impl Hub {
-    /// For a session that is kept whole, or a live source.
+    /// For a session, which is kept whole, or a live source.
     pub fn new(session: bool) -> Self {
         Self {
             state: Mutex::default(),
@@ -83,13 +84,13 @@ impl Hub {
         }
     }
 
-    /// Whether everything is kept.
+    /// Whether it is a session, kept whole.
     pub fn is_session(&self) -> bool {
         self.keep == SESSION_LINES
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // Nothing is left half done by a thread that died.
+        // State is consistent even if a thread panicked.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -102,7 +103,7 @@ impl Hub {
         self.changed.notify_all();
     }
 
-    /// Something that holds until it is told anew under the same key.
+    /// An event that stays valid until replaced under the same key.
     pub fn fact(&self, event: &str, key: &str, json: &str) {
         let line: Arc<str> = format!("event: {event}\ndata: {json}\n\n").into();
         let mut state = self.lock();
@@ -112,24 +113,24 @@ impl Hub {
         }
     }
 
-    /// Passes on what comes from now on; of a live source only, as a session is read faster than it happened.
+    /// Forwards future data; only of a live source, as a session is read faster than real time.
     pub fn pass_on_to(&self, onward: SyncSender<Passed>) {
         if !self.is_session() {
             self.lock().onward = Some(onward);
         }
     }
 
-    /// Which host sends.
+    /// Sets the streaming host.
     pub fn set_sender(&self, host: IpAddr) {
         self.lock().sender = Some(host);
     }
 
-    /// Which host sends, once something was understood.
+    /// The streaming host, once a valid message arrived.
     pub fn sender(&self) -> Option<IpAddr> {
         self.lock().sender
     }
 
-    /// How the source is doing, in words; told to pages with the counts.
+    /// Sets the state of the source, in words, which is sent with the counts.
     pub fn note(&self, note: &str) {
         let mut state = self.lock();
         if state.note != note {
@@ -137,12 +138,12 @@ impl Hub {
         }
     }
 
-    /// What was counted so far.
+    /// The counts so far.
     pub fn counts(&self) -> Counts {
         self.lock().counts
     }
 
-    /// Counts and note as an event.
+    /// Counts and state as an event.
     pub fn counts_event(&self) -> String {
         let state = self.lock();
         let Counts { received, refused } = state.counts;
@@ -150,17 +151,18 @@ impl Hub {
         format!("event: count\ndata: {json}\n\n")
     }
 
-    /// The newest picture of the sensor.
+    /// Sets the newest images.
     pub fn show(&self, picture: Picture) {
         self.lock().picture = Some(picture);
     }
 
-    /// The newest picture of the sensor, if it shows any.
+    /// The newest images, if any.
     pub fn picture(&self) -> Option<Picture> {
         self.lock().picture.clone()
     }
 
-    /// What a page that comes now is told first, and where it then reads on: a session from its start, a live source from now.
+    /// Initial events of a new page, and the number to continue from: a session from its start, a live source from
+    /// now.
     pub fn start(&self) -> (Vec<Arc<str>>, u64) {
         let state = self.lock();
         let next = if self.is_session() {
@@ -178,7 +180,7 @@ impl Hub {
             .changed
             .wait_timeout_while(self.lock(), time, |state| !has(state));
         let state = waited.unwrap_or_else(PoisonError::into_inner).0;
-        // What is older is gone.
+        // Older events were dropped.
         let next = next.max(state.first);
         let from = (next - state.first) as usize;
         let lines: Vec<_> = state.lines.iter().skip(from).take(BATCH).cloned().collect();
@@ -186,7 +188,7 @@ impl Hub {
         (lines, after)
     }
 
-    /// The names of the units, in the order of the weights, when they change.
+    /// Sets the names of the units, in the order of the weights, and announces a change.
     pub fn schema(&self, names: &[String]) {
         if let Some(onward) = &self.lock().onward {
             let _ = onward.try_send(Passed::Units(names.to_vec()));
@@ -194,34 +196,34 @@ impl Hub {
         self.fact("schema", "schema", &json!(names).to_string());
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let regions = unit_words::regions_json(&names).to_string();
-        // Behind the schema for pages that come later, too.
+        // Keyed to follow the schema for later pages as well.
         self.fact("regions", "schema regions", &regions);
     }
 
-    /// A user at a frame.
+    /// Adds a user's frame.
     pub fn sample(&self, sample: &Sample) {
         let line = format!("data: {}\n\n", sample.json());
         let mut state = self.lock();
         if let Some(onward) = &state.onward {
-            // A receiver that is too slow misses frames; nothing waits for it.
+            // A slow receiver misses frames; nothing waits for it.
             let _ = onward.try_send(Passed::Sample(sample.clone()));
         }
         self.push(&mut state, line.into());
     }
 
-    /// A user's ranges, in schema order; `None` where nothing was received.
+    /// A user's ranges, in schema order; `None` for those not received.
     pub fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]) {
         let json = ranges_json(slot, ranges);
         self.fact("ranges", &format!("ranges {slot}"), &json);
     }
 
-    /// A gesture is on or off, of a person or of whoever counts; told again and again.
+    /// State of a gesture, of a person or independent of one; repeated regularly.
     pub fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool) {
         let json = json!({"name": name, "u": slot, "on": is_on}).to_string();
         self.fact("gesture", &format!("gesture {name} {slot:?}"), &json);
     }
 
-    /// Counts messages, lines or frames accepted and refused.
+    /// Counts accepted and refused messages, lines or frames.
     pub fn count(&self, taken: u64, refused: u64) {
         let counts = &mut self.lock().counts;
         counts.received += taken;
@@ -258,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn who_reads_too_slowly_goes_on_with_what_is_left() {
+    fn slow_readers_continue_with_the_kept_events() {
         let hub = Hub::new(false);
         (0..2 * LIVE_LINES as u64).for_each(|n| hub.sample(&sample(n)));
         let (lines, after) = hub.read(3, Duration::ZERO);

@@ -1,4 +1,4 @@
-//! `mien-studio preview`: one page that shows what is received: a baked head that moves, units, curves, pose, state.
+//! `mien-studio preview`: a live page with an animated head, units, curves, pose and state.
 //!
 //! ```text
 //! OSC │ serial │ CSV │ recording, sensor + pipeline ─► hub ─► server-sent events ─► page (WebGL 2, morphs on the GPU)
@@ -6,12 +6,12 @@
 //! osc, serial, table, sensor   the sources, and the parsers of what they send
 //! sample                       one user at one frame, as JSON
 //! hub                          between one source and any number of pages
-//! http                         what a page asks and gets
-//! commands, forward, gains     what a page lets be done: by the box or the pipeline here, at other receivers, in a configuration
+//! http                         requests and answers of a page
+//! commands, forward, gains     actions of a page on box or pipeline, on other receivers, on a configuration
 //! ```
-//! One source, any number of pages. The page is built in ([`PAGE`], nothing is fetched from elsewhere) and is served on the
-//! loopback interface unless told otherwise. Pictures of the sensor are shown only where this process reads them itself,
-//! and only to pages on this machine. Times in seconds of the stream. Memory: see [`hub`]; the standard head is baked at the
+//! One source, any number of pages. The page is built in ([`PAGE`], nothing is fetched from elsewhere) and by default
+//! served on the loopback interface. Images of the sensor are shown only if this process reads them itself, and only
+//! to pages on this machine. Times in seconds of the stream. Memory: see [`hub`]; the standard head is baked at the
 //! start, in about a second of processor time.
 
 pub mod commands;
@@ -34,9 +34,9 @@ use std::time::{Duration, Instant};
 use clap::ValueEnum as _;
 use serde_json::{Value, json};
 
-use commands::Obeys;
-use forward::{Forwarder, Wish};
-use http::{Answer, Request as Asked, Site};
+use commands::CommandTarget;
+use forward::{ForwardAction, Forwarder};
+use http::{Answer, Request, Site};
 use hub::Hub;
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::service;
@@ -47,22 +47,22 @@ use mien_baking::heads::default_head;
 use mien_baking::heads::hero::Hero;
 use mien_outputs::Command;
 use mien_workbench::fault::Fault;
-use mien_workbench::text_files::{self, name_of};
+use mien_workbench::text_files::{self, display_name};
 
-/// Where the page is served.
-pub const PAGE_AT: &str = "127.0.0.1:9180";
-/// Where OSC is received: where `mien` sends it.
-pub const OSC_AT: &str = "127.0.0.1:9130";
-/// Commands that wait for the pipeline at most.
+/// Default address of the page.
+pub const PAGE_ADDRESS: &str = "127.0.0.1:9180";
+/// Default address for OSC, to which `mien` sends.
+pub const OSC_ADDRESS: &str = "127.0.0.1:9130";
+/// Most commands queued for the pipeline.
 const COMMANDS: usize = 16;
-/// How often counts are told, which also finds out who is gone.
+/// Interval of sending counts, which also detects disconnected pages.
 const COUNTS_EVERY: Duration = Duration::from_millis(500);
 
-/// What the box's own page and the player of `inspect` look like too.
+/// Style shared with the box's own page and the player of `inspect`.
 pub const LOOK: &str = include_str!("../../outputs/web/page/look.css");
-/// Rows of units, of the box's page too.
+/// Rows of units, shared with the box's page.
 pub const UNITS: &str = include_str!("../../outputs/web/page/units.js");
-/// Curves and faces, of the player too.
+/// Curves and faces, shared with the player.
 pub const DRAWING: &str = include_str!("page/drawing.js");
 
 /// The files of the page: path and text.
@@ -86,7 +86,7 @@ pub const PAGE: [(&str, &str); 13] = [
 #[derive(clap::Args)]
 pub struct Args {
     /// PORT or ADDRESS:PORT to receive OSC at; 0.0.0.0:9130 for a mien elsewhere
-    #[arg(long, group = "feed", default_value = OSC_AT, value_parser = address)]
+    #[arg(long, group = "feed", default_value = OSC_ADDRESS, value_parser = address)]
     osc: SocketAddr,
     /// A serial port or tcp:host:port, any style
     #[arg(long, group = "feed")]
@@ -116,17 +116,17 @@ pub struct Args {
     #[arg(long, num_args = 1..)]
     mesh: Vec<PathBuf>,
     /// PORT or ADDRESS:PORT of the page; 0 takes a free port
-    #[arg(long, default_value = PAGE_AT, value_parser = address)]
+    #[arg(long, default_value = PAGE_ADDRESS, value_parser = address)]
     port: SocketAddr,
 }
 
-/// Where frames come from.
+/// Source of frames.
 enum Feed<'a> {
     Osc(SocketAddr),
     Serial(serial::Port),
     /// The CSV of a run.
     Csv(&'a Path),
-    /// Something this process follows itself, named as `mien run --source` has it.
+    /// A source tracked by this process, named as in `mien run --source`.
     Sensor(&'a str),
 }
 
@@ -155,7 +155,7 @@ fn address(text: &str) -> Result<SocketAddr, &'static str> {
         .map_err(|_| "it is not a port or an address:port")
 }
 
-/// What is to be known of a page that others can open too.
+/// The warning for a page that other machines can open.
 fn warning(page: SocketAddr) -> Option<String> {
     (!page.ip().is_loopback()).then(|| {
         format!(
@@ -166,34 +166,34 @@ fn warning(page: SocketAddr) -> Option<String> {
     })
 }
 
-/// All that pages are answered from.
+/// State from which requests are answered.
 struct Preview {
     hub: Arc<Hub>,
-    obeys: Obeys,
+    command_target: CommandTarget,
     forwarder: Forwarder,
-    /// The configuration that gains are saved in.
+    /// The configuration file for saved gains.
     gains: Option<PathBuf>,
-    /// Our own head, baked when it is first asked for.
+    /// The default head, baked on the first request.
     own: OnceLock<Option<Arc<[u8]>>>,
-    /// Heads shown in its place.
+    /// Heads shown instead.
     given: Vec<Arc<[u8]>>,
-    /// Recording whose pictures are shown.
+    /// Recording from which images are shown.
     recording: Option<PathBuf>,
-    /// Names of targets to units, for heads that do not say.
+    /// Units by names of targets, for heads without them.
     units: Value,
 }
 
 impl Preview {
-    fn picture(&self, asked: &Asked) -> Answer {
-        if !asked.is_local() || asked.elsewhere {
+    fn picture(&self, request: &Request) -> Answer {
+        if !request.is_local() || request.elsewhere {
             return Answer::Forbidden(
                 "sensor pictures are served on this machine and to this page only\n",
             );
         }
-        let wants_depth = asked.word("view") == "depth";
+        let wants_depth = request.parameter("view") == "depth";
         let found = || {
             if let Some(directory) = &self.recording {
-                let number = asked.word("n").parse().ok()?;
+                let number = request.parameter("n").parse().ok()?;
                 return Some((number, sensor::recorded(directory, number, wants_depth)?));
             }
             let (number, seen) = self.hub.picture()?;
@@ -207,29 +207,29 @@ impl Preview {
         Answer::Marked("image/jpeg", headers, jpeg.into())
     }
 
-    /// Something a page lets be done; `None` if there is no such thing.
-    fn change(&self, asked: &Asked) -> Option<Result<String, String>> {
-        let word = |name| asked.word(name);
-        Some(match &*asked.path {
-            "/command" => commands::read(word("what"), word("user"), word("on"))
+    /// Executes a POST of the page; `None` for an unknown path.
+    fn change(&self, request: &Request) -> Option<Result<String, String>> {
+        let parameter = |name| request.parameter(name);
+        Some(match &*request.path {
+            "/command" => commands::read(parameter("what"), parameter("user"), parameter("on"))
                 .ok_or_else(|| "unknown command".to_owned())
-                .and_then(|command| self.obeys.obey(command, self.hub.sender())),
-            // Packets to an address of a stranger's choice are this machine's own business.
-            "/receiver" if !asked.is_local() => Err(
+                .and_then(|command| self.command_target.execute(command, self.hub.sender())),
+            // Only this machine may choose where packets go.
+            "/receiver" if !request.is_local() => Err(
                 "receivers can be connected only on the machine that serves the page; put the lines below into the box's configuration instead".into(),
             ),
             "/receiver" => {
-                // Colons of IPv6 come as they are or escaped.
-                let host = word("host").replace("%3A", ":");
-                Wish::from_str(word("do"), false)
+                // Colons of IPv6 may be percent-encoded.
+                let host = parameter("host").replace("%3A", ":");
+                ForwardAction::from_str(parameter("do"), false)
                     .map_err(|_| "expected connect, test or stop".to_owned())
-                    .and_then(|wish| self.forwarder.ask(word("id"), &host, word("port"), wish))
+                    .and_then(|action| self.forwarder.ask(parameter("id"), &host, parameter("port"), action))
             }
-            "/gains" if !asked.is_local() => {
+            "/gains" if !request.is_local() => {
                 Err("gains can be saved only on the machine that serves the page".into())
             }
             "/gains" => match &self.gains {
-                Some(path) => gains::save(path, &asked.query),
+                Some(path) => gains::save(path, &request.query),
                 None => Err("start mien-studio preview with --config to save gains".into()),
             },
             _ => return None,
@@ -250,26 +250,26 @@ impl Preview {
 }
 
 impl Site for Preview {
-    fn answer(&self, asked: &Asked) -> Answer {
-        if asked.post {
-            let Some(done) = self.change(asked) else {
+    fn answer(&self, request: &Request) -> Answer {
+        if request.post {
+            let Some(done) = self.change(request) else {
                 self.refused();
                 return Answer::Missing("no such command\n");
             };
             let (ok, said) = done.map_or_else(|why| (false, why), |said| (true, said));
             return Answer::json(&json!({"ok": ok, "said": said}));
         }
-        if let Some(file) = Answer::page_file(&PAGE, &asked.path) {
+        if let Some(file) = Answer::page_file(&PAGE, &request.path) {
             return file;
         }
-        match &*asked.path {
-            "/events" if asked.elsewhere => {
+        match &*request.path {
+            "/events" if request.elsewhere => {
                 Answer::Forbidden("events are served to this page only\n")
             }
             "/events" => Answer::Events,
             "/units.json" => Answer::json(&self.units),
             "/words.json" => Answer::json(&json!({"receivers": *forward::RECEIVERS})),
-            "/picture" => self.picture(asked),
+            "/picture" => self.picture(request),
             path => {
                 let Some(number) = path.strip_prefix("/mesh/") else {
                     self.refused();
@@ -286,13 +286,13 @@ impl Site for Preview {
         for fact in facts {
             send(fact.as_bytes())?;
         }
-        let mut told: Option<Instant> = None;
+        let mut counts_sent: Option<Instant> = None;
         loop {
             let (lines, after) = self.hub.read(next, COUNTS_EVERY);
             next = after;
             let mut text = lines.concat();
-            if told.is_none_or(|told| told.elapsed() >= COUNTS_EVERY) {
-                told = Some(Instant::now());
+            if counts_sent.is_none_or(|counts_sent| counts_sent.elapsed() >= COUNTS_EVERY) {
+                counts_sent = Some(Instant::now());
                 text += &self.hub.counts_event();
             }
             send(text.as_bytes())?;
@@ -305,13 +305,13 @@ impl Site for Preview {
 }
 
 fn read_mesh(path: &Path) -> Result<Arc<[u8]>, Fault> {
-    let bytes = mien_stages::base::bounded_read::read(path, text_files::MOST)
+    let bytes = mien_stages::base::bounded_read::read(path, text_files::MAX_BYTES)
         .map_err(|error| Fault::within(path)(format!("cannot be read: {error}")))?;
     Glb::parse(&bytes).map_err(Fault::within(path))?;
     Ok(bytes.into())
 }
 
-/// Kind and name of a feed.
+/// Kind and name of a feed, for the page.
 fn named(feed: &Feed) -> (&'static str, String) {
     match feed {
         Feed::Osc(address) => ("osc", format!("OSC at {address}")),
@@ -322,7 +322,7 @@ fn named(feed: &Feed) -> (&'static str, String) {
 }
 
 impl Preview {
-    /// With nothing received yet; commands to this process's own pipeline go to `orders`.
+    /// With nothing received yet; commands for this process's own pipeline go to `orders`.
     fn new(args: &Args, feed: &Feed, orders: SyncSender<Command>) -> Result<Self, Fault> {
         let given = args.mesh.iter().map(|path| read_mesh(path));
         let given: Vec<_> = given.collect::<Result<_, _>>()?;
@@ -340,10 +340,10 @@ impl Preview {
         Ok(Self {
             forwarder: Forwarder::start(Arc::clone(&hub)),
             hub,
-            obeys: match feed {
-                Feed::Osc(_) => Obeys::Box(args.commands),
-                Feed::Sensor(_) if recording.is_none() => Obeys::Here(Mutex::new(orders)),
-                _ => Obeys::Nobody,
+            command_target: match feed {
+                Feed::Osc(_) => CommandTarget::Box(args.commands),
+                Feed::Sensor(_) if recording.is_none() => CommandTarget::Here(Mutex::new(orders)),
+                _ => CommandTarget::Nobody,
             },
             gains: args.config.clone(),
             own: OnceLock::new(),
@@ -353,10 +353,10 @@ impl Preview {
         })
     }
 
-    /// What pages are told of the source.
+    /// Description of the source for pages.
     fn source(&self, args: &Args, feed: &Feed) -> Value {
         let (kind, name) = named(feed);
-        let mut meshes: Vec<String> = args.mesh.iter().map(|path| name_of(path)).collect();
+        let mut meshes: Vec<String> = args.mesh.iter().map(|path| display_name(path)).collect();
         if meshes.is_empty() {
             meshes.push("head".into());
         }
@@ -366,7 +366,7 @@ impl Preview {
             "session": self.hub.is_session(),
             "pictures": matches!(feed, Feed::Sensor(_)),
             "meshes": meshes,
-            "commands": !matches!(self.obeys, Obeys::Nobody),
+            "commands": !matches!(self.command_target, CommandTarget::Nobody),
             "configuration": self.gains.as_ref().map(|path| path.display().to_string()),
             "version": env!("CARGO_PKG_VERSION"),
         })
@@ -397,7 +397,7 @@ pub fn run(args: &Args, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
 }
 
 impl Args {
-    /// What feeds the hub, to be run on a thread of its own; all that can fail at the start has been done.
+    /// A function that feeds the hub on a thread of its own; everything that can fail at the start is done here.
     fn feeding(
         &self,
         feed: Feed,
@@ -423,10 +423,10 @@ impl Args {
             Feed::Sensor(name) => {
                 let settings = service::settings(self.config.as_deref())?;
                 let model = service::model(self.model.as_deref())?;
-                let mut source = source::open(name, false, settings.sensor.device)?;
+                let (mut source, _) = source::open(name, false, settings.sensor.device)?;
                 let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
                 Box::new(move || {
-                    sensor::follow(&mut source, &mut pipeline, &preview.hub, &commands);
+                    sensor::follow(&mut *source, &mut pipeline, &preview.hub, &commands);
                 })
             }
         })
@@ -442,7 +442,7 @@ mod tests {
         let bytes: usize = PAGE.iter().map(|(_, text)| text.len()).sum();
         assert!(bytes < 1 << 20, "{bytes}");
         for (path, text) in PAGE {
-            // Names of XML vocabularies are no addresses to fetch from.
+            // Names of XML vocabularies are never fetched.
             assert!(
                 !text.contains("http://") && !text.contains("https://"),
                 "{path}"
@@ -458,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_for_more_than_this_machine_is_warned_of() {
+    fn a_page_open_to_other_machines_causes_a_warning() {
         for (address, warned) in [
             ("127.0.0.1:9180", false),
             ("[::1]:9180", false),

@@ -1,8 +1,8 @@
 //! Receives the native OSC schema that [`mien_outputs::osc`] sends, over UDP.
 //!
-//! Any prefix is accepted: `…/<user>/frame` is what counts. Input is untrusted: a message that is malformed or unknown, has
-//! other arguments, names an impossible slot or unit, or contains a non-finite number is counted and otherwise ignored.
-//! Weights without names (style `vector`) wait for the schema, which is sent every five seconds.
+//! Any prefix is accepted: only `…/<user>/frame` matters. Input is untrusted: a message that is malformed or unknown,
+//! has other arguments, names an impossible slot or unit, or contains a non-finite number is counted and otherwise
+//! ignored. Weights without names (style `vector`) wait for the schema, which is sent every five seconds.
 
 use std::net::UdpSocket;
 
@@ -13,13 +13,13 @@ use mien_outputs::osc::packet::Argument::{self, Bool, Float, Int, Text};
 use mien_outputs::osc::packet::{messages, parse};
 use mien_stages::base::capacity::USERS;
 
-/// Longest datagram there is.
-const LARGEST: usize = 65_536;
+/// Largest datagram, bytes.
+const MAX_DATAGRAM: usize = 65_536;
 
 /// Receives until the process ends.
 pub fn listen(socket: &UdpSocket, hub: &Hub) {
     let mut receiver = Receiver::default();
-    let mut bytes = vec![0; LARGEST];
+    let mut bytes = vec![0; MAX_DATAGRAM];
     loop {
         match socket.recv_from(&mut bytes) {
             Ok((length, from)) => {
@@ -29,7 +29,7 @@ pub fn listen(socket: &UdpSocket, hub: &Hub) {
                     hub.set_sender(from.ip());
                 }
             }
-            // Such as an ICMP refusal that is not ours; never at full speed.
+            // Such as an ICMP refusal from elsewhere; never loops at full speed.
             Err(error) => {
                 hub.note(&format!("socket error: {error}"));
                 std::thread::sleep(std::time::Duration::from_millis(100));
@@ -38,14 +38,14 @@ pub fn listen(socket: &UdpSocket, hub: &Hub) {
     }
 }
 
-/// Units a schema may name.
-const MOST_UNITS: usize = 256;
+/// Most units of a schema.
+const MAX_UNITS: usize = 256;
 
-/// The state of the stream so far.
+/// State of a stream.
 #[derive(Default)]
 pub struct Receiver {
     units: Vec<String>,
-    /// Whether the units are a schema's, which alone says what a vector means.
+    /// Whether a schema named the units, which vectors require.
     named: bool,
     users: [User; USERS],
 }
@@ -54,12 +54,12 @@ pub struct Receiver {
 struct User {
     sample: Sample,
     ranges: Vec<Option<UnitRange>>,
-    /// What the present datagram changed.
+    /// Whether the present datagram changed it.
     changed: [bool; 2],
 }
 
 impl Receiver {
-    /// Takes one datagram and tells what it says.
+    /// Processes one datagram.
     pub fn take(&mut self, datagram: &[u8], hub: &Hub) {
         let units = self.units.clone();
         let [taken, refused] = messages(datagram, &mut |one| self.message(one, hub).is_some());
@@ -99,7 +99,7 @@ impl Receiver {
                         _ => None,
                     })
                     .collect();
-                self.rename(names.filter(|names| names.len() <= MOST_UNITS)?);
+                self.rename(names.filter(|names| names.len() <= MAX_UNITS)?);
                 self.named = true;
                 return Some(());
             }
@@ -124,7 +124,7 @@ impl Receiver {
         self.unit(slot, words[at], words[at + 1], &values)
     }
 
-    /// What is said of a user as a whole.
+    /// Processes a message about a user.
     fn fact(&mut self, slot: usize, what: &str, values: &[Argument]) -> Option<()> {
         let named = self.named;
         let count = self.units.len();
@@ -163,7 +163,7 @@ impl Receiver {
             ("au", values) if named && values.len() == count => {
                 user.sample.weights = floats(values)?;
             }
-            // Until the schema comes.
+            // Vectors are ignored until the schema arrives.
             ("au", values) if !named => return floats(values).map(drop),
             ("pose", values) if values.len() == 7 => {
                 user.sample.pose = floats(values)?.try_into().ok();
@@ -175,7 +175,7 @@ impl Receiver {
         Some(())
     }
 
-    /// What is said of a unit of a user.
+    /// Processes a message about a unit of a user.
     fn unit(&mut self, slot: usize, what: &str, name: &str, values: &[Argument]) -> Option<()> {
         let numbers = floats(values)?;
         if !is_name(name) {
@@ -183,7 +183,7 @@ impl Receiver {
         }
         let unit = match self.units.iter().position(|unit| unit == name) {
             Some(unit) => unit,
-            None if !self.named && what == "au" && self.units.len() < MOST_UNITS => {
+            None if !self.named && what == "au" && self.units.len() < MAX_UNITS => {
                 self.units.push(name.to_owned());
                 self.units.len() - 1
             }
@@ -208,7 +208,7 @@ impl Receiver {
         Some(())
     }
 
-    /// Another schema: what was known under the old names moves to its new place.
+    /// Applies another schema: values move from their old index to that of the same name.
     fn rename(&mut self, names: Vec<String>) {
         if names == self.units {
             return;
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn what_our_sender_sends_arrives_whole() {
+    fn messages_of_our_sender_arrive_whole() {
         let (_, _, hub) = sent();
         assert_eq!(hub.counts().refused, 0);
         let events = events(&hub);
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_frozen_is_known_to_every_page_and_until_the_box_says_otherwise() {
+    fn frozen_state_reaches_every_page_until_the_box_changes_it() {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let timeout = Some(Duration::from_millis(200));
         socket.set_read_timeout(timeout).unwrap();

@@ -1,12 +1,12 @@
-//! The page's data: one user at one frame, and their ranges, as JSON.
+//! The page's data as JSON: one user at one frame, and ranges.
 //!
-//! Untrusted numbers are filtered here: non-finite ones are omitted, weights are clamped to what a page can draw. Units:
-//! seconds, metres (`sensor_from_head`, quaternion x y z w), pixels of the colour picture, milliseconds of latency.
+//! Untrusted numbers are filtered: non-finite ones are omitted, weights are clamped to what a page can draw. Units:
+//! seconds, metres (`sensor_from_head`, quaternion x y z w), pixels of the colour image, milliseconds of latency.
 
 use serde_json::{Value, json};
 
-/// Weights are shown up to this: exaggerated expressions exceed 1.
-const MOST_WEIGHT: f32 = 4.0;
+/// Largest weight shown: exaggerated expressions exceed 1.
+const MAX_WEIGHT: f32 = 4.0;
 
 /// One user at one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,13 +15,13 @@ pub struct Sample {
     pub user: Option<usize>,
     /// Number of the frame.
     pub number: u64,
-    /// Capture time.
+    /// Capture time, seconds.
     pub seconds: f64,
     /// Code of the state: 0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed.
     pub state: u8,
-    /// 0…1.
+    /// Confidence, 0…1.
     pub confidence: f32,
-    /// From the frame's arrival to its being sent, if the source says so.
+    /// From the frame's arrival to its output, milliseconds; `None` if unknown.
     pub latency_ms: Option<f32>,
     /// Whether learning is frozen.
     pub frozen: bool,
@@ -31,14 +31,14 @@ pub struct Sample {
     pub head_box: Option<[u16; 4]>,
     /// Weights in schema order.
     pub weights: Vec<f32>,
-    /// The 68 points, colour pixels; empty if not known.
+    /// The 68 points, colour pixels; empty if unknown.
     pub points: Vec<[f32; 2]>,
 }
 
-/// Low, rest, high of the range that a unit's weight is computed with, and how far they are this person's (0…1, if the source says so).
+/// Low, rest and high end of a unit's range, and how personal it is (0…1, if known).
 pub type UnitRange = ([f32; 3], Option<f32>);
 
-/// A number with so many decimals, whole ones without any; `null` if it is none.
+/// A rounded number, `null` if not finite.
 fn number(value: impl Into<f64>, decimals: i32) -> Value {
     let scale = 10.0_f64.powi(decimals);
     let value = (value.into() * scale).round() / scale;
@@ -54,9 +54,9 @@ fn list(values: impl IntoIterator<Item = f32>, decimals: i32) -> Value {
 }
 
 impl Sample {
-    /// As the page reads it.
+    /// The sample as JSON for the page.
     pub fn json(&self) -> String {
-        let weights = self.weights.iter().map(|w| w.clamp(0.0, MOST_WEIGHT));
+        let weights = self.weights.iter().map(|w| w.clamp(0.0, MAX_WEIGHT));
         let points = self.points.iter().flatten().copied();
         let pose = self.pose.filter(|p| p.iter().all(|v| v.is_finite()));
         let mut json = json!({
@@ -82,7 +82,7 @@ impl Sample {
     }
 }
 
-/// The ranges of a user, in the order of the schema; `None` where nothing was told.
+/// A user's ranges as JSON, in the order of the schema; `None` for those not received.
 pub fn ranges_json(user: usize, ranges: &[Option<UnitRange>]) -> String {
     let range = |range: &Option<UnitRange>| {
         range.map(|(bounds, ready)| list(bounds.into_iter().chain([ready.unwrap_or(f32::NAN)]), 4))
@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whatever_is_in_it_the_page_can_parse_it() {
+    fn samples_are_valid_json_for_any_numbers() {
         let sample = Sample {
             user: Some(1),
             number: 7,

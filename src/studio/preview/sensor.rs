@@ -1,7 +1,7 @@
-//! A source on this computer: a recording, a sensor or the simulated one, tracked by the pipeline in this process, so that
-//! pictures, landmarks, ranges and readiness can be shown.
+//! A source tracked by the pipeline in this process: a recording, a sensor or the simulated one, so that images,
+//! landmarks, ranges and readiness can be shown.
 //!
-//! A recording is processed as fast as possible and every frame is kept; its pictures are read again on request. A live
+//! A recording is processed as fast as possible and every frame is kept; its images are read again on request. A live
 //! source is processed in real time.
 
 use std::path::Path;
@@ -12,13 +12,14 @@ use super::hub::{Hub, Seen};
 use super::sample::{Sample, UnitRange};
 use crate::inspect::{DepthColours, colour_picture};
 use mien_appliance::pipeline::Pipeline;
-use mien_appliance::source::{Pacer, Source, SourceError};
+use mien_appliance::source::{self, Pacer};
 use mien_outputs::{Command, Report};
+use mien_sensors::Sensor;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::geometry;
 use mien_workbench::picture_files::jpeg;
 
-/// Between two tellings of the ranges, seconds of the stream.
+/// Interval of sending ranges, seconds of the stream.
 const RANGES_EVERY_S: f64 = 0.5;
 const JPEG_QUALITY: u8 = 80;
 
@@ -45,37 +46,33 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
     }
 }
 
-/// Follows a source to its end, or for good.
+/// Tracks a source until it ends.
 pub fn follow(
-    source: &mut Source,
+    source: &mut dyn Sensor,
     pipeline: &mut Pipeline,
     hub: &Hub,
     commands: &Receiver<Command>,
 ) {
-    let live = source.frames() == 0;
+    let (state, live) = (source.state(), source.state().frames == 0);
     let mut frame = KinectFrame::default();
     let mut pacer = Pacer::default();
-    let mut told = f64::NEG_INFINITY;
+    let mut ranges_sent_s = f64::NEG_INFINITY;
     let units = pipeline.unit_names().into_iter().map(str::to_owned);
     hub.schema(&units.collect::<Vec<_>>());
     loop {
         match source.next_frame(&mut frame) {
             Ok(true) => {}
             Ok(false) => return,
-            Err(SourceError::Waiting(problem)) => {
+            Err(problem) => {
                 hub.note(&format!("waiting for the sensor: {problem}"));
                 continue;
             }
-            Err(problem) => {
-                hub.note(&problem.to_string());
-                return;
-            }
         }
-        if matches!(source, Source::Simulated(_)) {
+        if live && !state.is_live {
             pacer.wait(frame.at);
         }
         hub.note("");
-        let arrived = source.arrived().unwrap_or_else(Instant::now);
+        let arrived = source.state().arrived.unwrap_or_else(Instant::now);
         if source.camera() != pipeline.camera() {
             pipeline.set_camera(source.camera());
         }
@@ -91,7 +88,7 @@ pub fn follow(
         for report in &pipeline.reports() {
             hub.sample(&sample(report, latency));
             let slot = report.user.filter(|_| !report.ranges.is_empty());
-            if let Some(slot) = slot.filter(|_| now - told >= RANGES_EVERY_S) {
+            if let Some(slot) = slot.filter(|_| now - ranges_sent_s >= RANGES_EVERY_S) {
                 let ranges = report.ranges.iter();
                 let ranges: Vec<Option<UnitRange>> = ranges
                     .map(|unit| Some(([unit.low, unit.rest, unit.high], Some(unit.readiness))))
@@ -99,8 +96,8 @@ pub fn follow(
                 hub.ranges(slot, &ranges);
             }
         }
-        if now - told >= RANGES_EVERY_S {
-            told = now;
+        if now - ranges_sent_s >= RANGES_EVERY_S {
+            ranges_sent_s = now;
         }
         hub.count(1, 0);
     }
@@ -114,8 +111,7 @@ fn seen(frame: &KinectFrame) -> Seen {
     }
 }
 
-/// What was seen as JPEG, and whether it is of the depth camera, in colours fitted to it: as wanted, or where there is nothing
-/// else.
+/// A frame as JPEG, and whether it shows depth, in colours fitted to it: as requested if available.
 pub fn picture(seen: &Seen, wants_depth: bool) -> Option<(bool, Vec<u8>)> {
     let picture = match seen.colour.as_ref().filter(|_| !wants_depth) {
         Some(bayer) => (false, colour_picture((&**bayer).try_into().ok()?)),
@@ -129,11 +125,11 @@ pub fn picture(seen: &Seen, wants_depth: bool) -> Option<(bool, Vec<u8>)> {
     Some((picture.0, jpeg(&picture.1, JPEG_QUALITY)))
 }
 
-/// Picture of frame `number` of a recording, as [`picture()`]; `None` if it is damaged or not there.
+/// The image of frame `number` of a recording, as [`picture()`]; `None` if damaged or missing.
 pub fn recorded(directory: &Path, number: u64, wants_depth: bool) -> Option<(bool, Vec<u8>)> {
-    let mut recording = Source::recording(directory).ok()?;
+    let mut recording = source::recording(directory).ok()?;
     let mut frame = KinectFrame::default();
-    recording.go_to(usize::try_from(number).ok()?);
+    recording.seek(usize::try_from(number).ok()?);
     let found = recording.next_frame(&mut frame).ok()? && frame.index == number;
     found.then(|| picture(&seen(&frame), wants_depth))?
 }

@@ -1,9 +1,9 @@
-//! Receives a serial line in any of the three styles that [`mien_outputs::serial`] sends, told apart by what arrives. An
-//! absent port is retried every second.
+//! Receives a serial line in any of the three styles that [`mien_outputs::serial`] sends, distinguished by their
+//! bytes. An absent port is retried every second.
 //!
-//! A text line needs a valid checksum, a binary frame a valid CRC; a plot line has neither and must consist of `name:number`
-//! only. Anything else is counted. Weights of a text or plot line are numbers from 0 to `full` (100 unless
-//! `serial.full` of the sender says otherwise). Memory: 4 kB.
+//! A text line needs a valid checksum, a binary frame a valid CRC; a plot line has neither and must consist of
+//! `name:number` only. Anything else is counted. Weights of a text or plot line are numbers from 0 to `full` (100
+//! unless `serial.full` of the sender differs). Memory: 4 kB.
 
 use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
 use std::io::Read;
@@ -19,27 +19,27 @@ use mien_stages::base::geometry::rotation_from_yaw_pitch_roll;
 use mien_stages::users::TrackingState;
 
 const RETRY: Duration = Duration::from_secs(1);
-/// How long a read waits before the port is asked again.
-const PATIENCE: Duration = Duration::from_millis(500);
+/// Timeout of a read.
+const READ_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// Which port.
+/// A serial line.
 pub struct Port {
     /// A device, or `tcp:host:port`.
     pub name: String,
     /// Bits per second.
     pub baud: u32,
-    /// What a weight of 1 is on the line.
+    /// Value of a weight of 1.
     pub full: f32,
 }
 
 fn open(port: &Port) -> std::io::Result<Box<dyn Read>> {
     if let Some(address) = port.name.strip_prefix("tcp:") {
         let stream = TcpStream::connect(address)?;
-        stream.set_read_timeout(Some(PATIENCE))?;
+        stream.set_read_timeout(Some(READ_TIMEOUT))?;
         return Ok(Box::new(stream));
     }
     let line = serialport::new(&port.name, port.baud);
-    Ok(Box::new(line.timeout(PATIENCE).open()?))
+    Ok(Box::new(line.timeout(READ_TIMEOUT).open()?))
 }
 
 /// Receives until the process ends.
@@ -52,7 +52,7 @@ pub fn listen(port: &Port, hub: &Hub) {
                 hub.note("");
                 loop {
                     match reader.read(&mut bytes) {
-                        // A port that ends is one that was unplugged.
+                        // End of file: the port was unplugged.
                         Ok(0) => break,
                         Ok(length) => receiver.take(&bytes[..length], hub),
                         Err(error)
@@ -68,10 +68,10 @@ pub fn listen(port: &Port, hub: &Hub) {
     }
 }
 
-/// Longest line or frame.
-const LONGEST: usize = 4096;
+/// Longest line or frame, bytes.
+const MAX_LINE: usize = 4096;
 
-/// Bytes so far, and what was parsed from them.
+/// Unparsed bytes, and the state parsed so far.
 pub struct Receiver {
     full: f32,
     line: Vec<u8>,
@@ -80,7 +80,7 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Empty.
+    /// An empty receiver.
     pub fn new(full: f32) -> Self {
         Self {
             full,
@@ -90,11 +90,11 @@ impl Receiver {
         }
     }
 
-    /// Takes received bytes.
+    /// Processes received bytes.
     pub fn take(&mut self, bytes: &[u8], hub: &Hub) {
         for &byte in bytes {
             if byte != 0 && byte != b'\n' {
-                if self.line.len() < LONGEST {
+                if self.line.len() < MAX_LINE {
                     self.line.push(byte);
                 }
                 continue;
@@ -103,7 +103,7 @@ impl Receiver {
             let understood = if byte == 0 {
                 unstuffed(&line).and_then(|payload| self.frame(&payload, hub))
             } else {
-                // What was kept before it does not belong to a text.
+                // Bytes before it do not belong to a text line.
                 let last = line
                     .rsplit(|&byte| byte == b'\n')
                     .next()
@@ -113,15 +113,15 @@ impl Receiver {
             };
             match understood {
                 Some(()) => hub.count(1, 0),
-                // A line feed may be part of a binary frame: it is kept until the zero.
-                None if byte == b'\n' && line.len() < LONGEST && !line.starts_with(b"$") => {
+                // A line feed may be part of a binary frame: bytes are kept until the zero.
+                None if byte == b'\n' && line.len() < MAX_LINE && !line.starts_with(b"$") => {
                     self.line = line;
                     self.line.push(byte);
                 }
                 None => hub.count(0, u64::from(!line.is_empty())),
             }
         }
-        if self.line.len() >= LONGEST {
+        if self.line.len() >= MAX_LINE {
             self.line.clear();
             hub.count(0, 1);
         }
@@ -140,7 +140,7 @@ impl Receiver {
 
     /// Parses a line of the styles text and plot.
     fn text(&mut self, line: &str, hub: &Hub) -> Option<()> {
-        // What stands before a dollar is the rest of something that was cut.
+        // Bytes before a dollar are the remainder of a truncated line.
         let Some(at) = line.rfind('$') else {
             return self.plot(line, hub);
         };
@@ -174,7 +174,7 @@ impl Receiver {
                 let turn = rotation_from_yaw_pitch_roll(angle(yaw), angle(pitch), angle(roll));
                 let [i, j, k, w] = [turn.i, turn.j, turn.k, turn.w];
                 let metres = |mm: f64| (mm * 1e-3) as f32;
-                // Shown with the next weights: a line has the pose after them.
+                // Shown with the next weights, as a line has the pose after them.
                 self.sample.pose = Some([metres(x), metres(y), metres(z), i, j, k, w]);
                 Some(())
             }
@@ -194,7 +194,7 @@ impl Receiver {
         self.name(names, hub)?;
         self.sample.user = Some(0);
         self.sample.number += 1;
-        // The style has no time and no state: frames come 30 times a second while a face is followed.
+        // The style has no time and no state: frames come 30 times a second while a face is tracked.
         self.sample.seconds = self.sample.number as f64 / 30.0;
         (self.sample.state, self.sample.confidence) = (2, f32::NAN);
         self.sample.weights = weights;
@@ -212,7 +212,7 @@ impl Receiver {
             [1, number, low, high, flags, confidence, count, weights @ ..]
                 if weights.len() == usize::from(*count) =>
             {
-                // Number and time wrap: they are counted on.
+                // Number and time wrap around and are continued.
                 let before = self.sample.number;
                 self.sample.number += u64::from(number.wrapping_sub(before as u8));
                 let ms = u16::from_le_bytes([*low, *high]);
@@ -237,7 +237,7 @@ impl Receiver {
                 }));
                 Some(())
             }
-            // A gesture: the page has them by OSC.
+            // Gestures reach the page by OSC.
             [3, ..] => Some(()),
             [16, _, _, names @ ..] => self.name(spelt(names)?, hub),
             [18, _, first, names @ ..] => {
@@ -254,7 +254,7 @@ impl Receiver {
     }
 
     fn send_sample(&mut self, hub: &Hub) {
-        // Until the names come, numbers say nothing.
+        // Weights need names.
         if self.units.len() == self.sample.weights.len() {
             hub.sample(&self.sample);
         }
@@ -266,7 +266,7 @@ fn numbers(words: &[&str]) -> Option<Vec<f64>> {
     words.iter().map(number).collect()
 }
 
-/// Names, each preceded by its length.
+/// Parses length-prefixed names.
 fn spelt(mut bytes: &[u8]) -> Option<Vec<String>> {
     let mut names = Vec::new();
     while let Some((&length, rest)) = bytes.split_first() {

@@ -14,8 +14,8 @@ use mien_workbench::csv;
 use mien_workbench::fault::Fault;
 use mien_workbench::text_files::decoded;
 
-/// Bytes of the longest line: a row has some 3 kB.
-const LINE: u64 = 1 << 16;
+/// Longest line, bytes: a row has some 3 kB.
+const MAX_LINE: u64 = 1 << 16;
 
 /// Opens the table and reads its header.
 ///
@@ -29,7 +29,7 @@ pub fn open(path: &Path) -> Result<(Columns, Box<dyn BufRead + Send>), Fault> {
     };
     let mut reader = std::io::BufReader::new(file);
     let mut header = Vec::new();
-    let mut first = reader.by_ref().take(LINE);
+    let mut first = reader.by_ref().take(MAX_LINE);
     first.read_until(b'\n', &mut header).map_err(unreadable)?;
     let header = decoded(&header);
     let table = Columns::new(&header).ok_or_else(|| {
@@ -41,12 +41,12 @@ pub fn open(path: &Path) -> Result<(Columns, Box<dyn BufRead + Send>), Fault> {
     Ok((table, Box::new(reader)))
 }
 
-/// Tells all rows.
+/// Sends all rows to the hub.
 pub fn play(mut table: Columns, mut reader: Box<dyn BufRead + Send>, hub: &Hub) {
     let mut line = Vec::new();
     loop {
         line.clear();
-        match reader.by_ref().take(LINE).read_until(b'\n', &mut line) {
+        match reader.by_ref().take(MAX_LINE).read_until(b'\n', &mut line) {
             Ok(0) => break,
             Ok(_) if line.trim_ascii().is_empty() => {}
             Ok(_) => match table.row(&String::from_utf8_lossy(&line)) {
@@ -64,11 +64,12 @@ pub fn play(mut table: Columns, mut reader: Box<dyn BufRead + Send>, hub: &Hub) 
     }
 }
 
-/// Columns of the pose, and of the head's box.
+/// Columns of the pose.
 const POSE: [&str; 7] = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"];
+/// Columns of the head's box.
 const HEAD_BOX: [&str; 4] = ["head_x0", "head_y0", "head_x1", "head_y1"];
 
-/// Where things stand in a row.
+/// Column indices, and the units.
 pub struct Columns {
     cells: usize,
     time: usize,
@@ -76,7 +77,7 @@ pub struct Columns {
     frame: Option<usize>,
     state: Option<usize>,
     confidence: Option<usize>,
-    /// Empty where not all of them are there.
+    /// Empty unless all of them exist.
     pose: Vec<usize>,
     points: Vec<usize>,
     head_box: Vec<usize>,
@@ -85,7 +86,7 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Finds the columns in the first line; `None` if those that are needed are missing.
+    /// Finds the columns in the header; `None` if required ones are missing.
     pub fn new(header: &str) -> Option<Self> {
         let table = csv::Table::new(header);
         let units = table.beginning_with("w_");
@@ -113,13 +114,13 @@ impl Columns {
         self.units.iter().map(|(name, _)| name.as_str())
     }
 
-    /// One row; `None` if it is damaged.
+    /// Parses a row; `None` if it is damaged.
     pub fn row(&mut self, line: &str) -> Option<Sample> {
         let cells = csv::cells(line);
         if cells.len() != self.cells {
             return None;
         }
-        // Empty is absent; what is there must be a number.
+        // An empty cell is absent; any other must be a number.
         let number = |at: usize| match cells[at] {
             "" => Some(f32::NAN),
             cell => cell.parse::<f32>().ok().filter(|value| value.is_finite()),
@@ -142,7 +143,7 @@ impl Columns {
         let columns: Vec<usize> = self.units.iter().map(|unit| unit.1).collect();
         let mut weights = several(&columns)?;
         if state == TrackingState::Posed.code() {
-            // No weights are not weights of 0.
+            // Absent weights are not weights of 0.
             weights.clear();
         }
         for weight in weights.iter_mut().filter(|weight| weight.is_nan()) {

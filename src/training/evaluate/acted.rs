@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use mien_simulator::virtual_head::{HeadAsset, Truth};
 use mien_stages::expression::measures::{self, Measure};
 
-/// Number of units that are acted.
+/// Number of acted units.
 pub(crate) const UNIT_COUNT: usize = 40;
 
 /// The acted units, each with the expressions whose mean is its weight (a line of `acted.txt`); none for AU25.
@@ -21,16 +21,16 @@ pub(crate) static UNITS: LazyLock<[(&str, Vec<&str>); UNIT_COUNT]> = LazyLock::n
     lines.try_into().expect("acted.txt has UNIT_COUNT lines")
 });
 
-/// Reads the truth of a head.
+/// Reads the true weights of a head's units.
 pub(crate) struct Acted {
-    /// By unit, the expressions' positions.
+    /// Indices of the expressions, by unit.
     units: Vec<(&'static str, Vec<usize>)>,
     /// Lip gap at rest and with the jaw open, metres.
     gap: [f32; 2],
 }
 
 impl Acted {
-    /// Of this head; units whose expressions it lacks are left out.
+    /// For one head; units whose expressions it lacks are left out.
     pub(crate) fn new(asset: &HeadAsset) -> Self {
         let gap = [0.0, 1.0].map(|jaw| {
             let points = asset.acting(asset.expression("jawOpen"), jaw);
@@ -46,8 +46,8 @@ impl Acted {
         }
     }
 
-    /// Truth of a unit in a frame; none of units this head cannot act.
-    pub(crate) fn truth_of(&self, unit: &str, shown: &Truth) -> Option<f64> {
+    /// True weight of a unit in a frame; `None` for units that the head cannot act.
+    pub(crate) fn true_weight(&self, unit: &str, shown: &Truth) -> Option<f64> {
         let (_, expressions) = self.units.iter().find(|(name, _)| *name == unit)?;
         if expressions.is_empty() {
             let gap = measures::raw(&shown.landmarks_head)[Measure::LipGap as usize];

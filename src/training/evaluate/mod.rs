@@ -1,8 +1,9 @@
-//! Figures against truth: rendered people through the whole pipeline, landmarks against their bars, the paper's experiments.
+//! Evaluation against truth: rendered people through the whole pipeline, landmarks against their bounds, the paper's
+//! experiments.
 //!
 //! ```text
-//! acted              what each weight should be while a drawn head acts
-//! sessions           who plays, and how what is found is compared
+//! acted              true weights of an acting head
+//! sessions           people, length and comparison of sessions
 //! played, table      people never trained on act before the simulated sensor: pose, points, weights
 //! head_scenes        one and several heads, hands, rooms: pose, ids, loss
 //! landmark_accuracy  the face model alone, under every condition and on photographs

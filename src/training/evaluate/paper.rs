@@ -1,12 +1,13 @@
 //! The paper's experiments: its own system beside the default, before the same sensor.
 //!
-//! | row | of the paper | what it says |
+//! | row | of the paper | content |
 //! | --- | --- | --- |
 //! | `time` | Table 1, Figs. 15, 16 | processor time of a frame with one user, four, and two who swap |
-//! | `poses` | Fig. 18 | what is found at the ends of ±25° of yaw and ±15° of pitch |
+//! | `poses` | Fig. 18 | found poses at the ends of ±25° of yaw and ±15° of pitch |
 //! | `errors` | | mean absolute error of the weights by light, covered share, yaw and pitch |
 //!
-//! People are of the test split. Times are of the thread's processor, so that what else the machine does hardly shows.
+//! People are of the test split. Times are of the thread's processor, so that other load on the machine hardly
+//! matters.
 
 use super::acted::Acted;
 use super::sessions::Trial;
@@ -15,7 +16,7 @@ use mien_appliance::pipeline::{Pipeline, PipelineError};
 use mien_appliance::settings::Settings;
 use mien_baking::heads::PersonHead;
 use mien_sensors::Frame;
-use mien_simulator::virtual_head::{Held, Light, Look, Scene, Simulator, Truth};
+use mien_simulator::virtual_head::{Appearance, Held, Light, Scene, Simulator, Truth};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::{Rigid, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use mien_stages::expression::units::Units;
@@ -23,14 +24,14 @@ use mien_workbench::fault::Fault;
 
 /// Names of the rows.
 pub const ROWS: [&str; 3] = ["time", "poses", "errors"];
-/// What is compared.
+/// The compared systems.
 const SYSTEMS: [&str; 2] = ["paper", "default"];
-/// Seconds of a session in which ranges are learnt and nothing is judged.
+/// Seconds at the start of a session in which ranges are learnt and errors ignored.
 const LEARNS_S: f64 = 4.0;
-/// Frames of a condition from which its mean error is told.
-const ENOUGH: f64 = 20.0;
+/// Frames that a condition needs for its mean error.
+const MIN_FRAMES: f64 = 20.0;
 
-/// Plays the experiments named in `only`, all if empty; the settings are the paper's, `say` gets the figures.
+/// Plays the experiments named in `only`, all if empty; the settings are the paper's, `say` prints the figures.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
@@ -54,7 +55,7 @@ struct Experiments<'a> {
 }
 
 impl Experiments<'_> {
-    /// Both systems before the same sensor, in the order of [`SYSTEMS`].
+    /// Pipelines of both systems for the same sensor, in the order of [`SYSTEMS`].
     fn pipelines(&self, simulator: &Simulator) -> Result<Vec<Pipeline>, PipelineError> {
         let default = Trial {
             settings: &Settings::default(),
@@ -75,7 +76,7 @@ impl Experiments<'_> {
         for (words, scene, frames) in SCENES {
             let mut assets = self.heads.iter().map(|head| head.asset.clone());
             let first = assets.next().expect("there is somebody");
-            let mut simulator = Simulator::new(first, scene, 15).joined_by(assets);
+            let mut simulator = Simulator::new(first, scene, 15).with_others(assets);
             let mut pipelines = self.pipelines(&simulator)?;
             let mut times: [Vec<f64>; 2] = Default::default();
             let mut frame = Frame::default();
@@ -108,10 +109,11 @@ impl Experiments<'_> {
             [0.0, -15.0],
             [0.0, 15.0],
         ];
-        /// Frames on the way from the front, and at the end.
+        /// Frames of the motion from the front.
         const WAY: usize = 25;
+        /// Frames held at the end.
         const STAYS: usize = 6;
-        // Where a head's frame sits on a face is a convention: what is found from the front is taken for 0.
+        // The head frame's pose on a face is a convention: the frontal estimate counts as 0.
         let mut front = [Rigid::identity(); 2];
         for [yaw, pitch] in ENDS_DEG {
             let mut simulator = Simulator::new(self.heads[0].asset.clone(), Scene::Still, 18);
@@ -164,16 +166,16 @@ impl Experiments<'_> {
                     by_pitch.add(system, pitch.to_degrees().abs(), error);
                 },
             )?;
-            let look = Look {
+            let look = Appearance {
                 held: Held::Mouth,
-                ..Look::demonstration()
+                ..Appearance::demonstration()
             };
             let covered = simulator(Scene::Acted, 14).dressed([look]);
             self.weights(covered, 2.0, |system, seconds, truth, error| {
                 by_cover.add(system, 100.0 * covered_share(seconds, truth), error);
             })?;
             for exposure in EXPOSURES {
-                let lit = simulator(Scene::Acted, 21).lit(Light::default(), exposure);
+                let lit = simulator(Scene::Acted, 21).with_light(Light::default(), exposure);
                 self.weights(lit, 0.7, |system, _, _, error| {
                     by_light.add(system, exposure, error);
                 })?;
@@ -185,8 +187,8 @@ impl Experiments<'_> {
         Ok(())
     }
 
-    /// Plays a scene for a share of a session; `each` gets the system, the time in seconds, the truth and the mean error
-    /// of the weights that both systems have.
+    /// Plays a scene for a share of a session; `each` gets the system, the time in seconds, the truth and the mean
+    /// error of the weights common to both systems.
     fn weights(
         &self,
         mut simulator: Simulator,
@@ -212,7 +214,7 @@ impl Experiments<'_> {
                 let named = names.iter().zip(report.weights);
                 let errors = units.iter().filter_map(|unit| {
                     let (_, &weight) = named.clone().find(|(name, _)| *name == unit)?;
-                    Some((f64::from(weight) - acted.truth_of(unit, &truth)?).abs())
+                    Some((f64::from(weight) - acted.true_weight(unit, &truth)?).abs())
                 });
                 let count = errors.clone().count().max(1) as f64;
                 each(system, seconds as f32, &truth, errors.sum::<f64>() / count);
@@ -222,7 +224,7 @@ impl Experiments<'_> {
     }
 }
 
-/// Time of this thread's processor, milliseconds.
+/// Processor time of this thread, milliseconds.
 fn processor_ms() -> f64 {
     let now = nix::time::clock_gettime(nix::time::ClockId::CLOCK_THREAD_CPUTIME_ID);
     now.map_or(f64::NAN, |now| {
@@ -230,10 +232,10 @@ fn processor_ms() -> f64 {
     })
 }
 
-/// Errors of the weights by some condition.
+/// Errors of the weights, binned by a condition.
 struct Bins {
     condition: &'static str,
-    /// Upper ends; the last takes the rest.
+    /// Upper ends of the bins; the last one is unbounded.
     ends: &'static [f32],
     /// By bin and system: sum and count.
     sums: Vec<[[f64; 2]; 2]>,
@@ -260,7 +262,7 @@ impl Bins {
         for (system, name) in SYSTEMS.iter().enumerate() {
             let means = self.ends.iter().zip(&self.sums).map(|(end, sums)| {
                 let [sum, count] = sums[system];
-                if count < ENOUGH {
+                if count < MIN_FRAMES {
                     return format!("{end}: -");
                 }
                 format!("{end}: {:.3}", sum / count)
@@ -272,7 +274,7 @@ impl Bins {
     }
 }
 
-/// Share of the points that the hand over the mouth covers: those within the outline of its palm and fingers.
+/// Share of the points covered by the hand over the mouth, the outline of its palm and fingers.
 fn covered_share(seconds: f32, truth: &Truth) -> f32 {
     const HALF_M: [f32; 2] = [0.065, 0.040];
     let Some(place) = Held::Mouth.position_at(seconds) else {

@@ -1,7 +1,7 @@
-//! One person's session: what was found in each frame, and what is true.
+//! One person's session: results of each frame, and the truth.
 
 use super::acted::Acted;
-use super::sessions::{Trial, landmark_error, lighting, seed_of};
+use super::sessions::{Trial, landmark_error, lighting, person_seed};
 use crate::frame_time::frame_time;
 use mien_appliance::pipeline::PipelineError;
 use mien_baking::heads::PersonHead;
@@ -14,19 +14,19 @@ use mien_stages::face_model::refinement::PUFFS;
 use mien_stages::landmarks::Landmarks;
 use mien_stages::users::TrackingState;
 
-/// One frame, seen and true.
+/// One frame's results and truth.
 pub(super) struct Seen {
     pub(super) pose: Rigid,
     pub(super) true_pose: Rigid,
-    /// Mean over all points and over the points without the jaw, in outer-eye distances.
+    /// Mean error of all points, and without the jaw, in outer-eye distances.
     pub(super) error: [f64; 2],
-    /// By column.
+    /// Weights by column.
     pub(super) weights: Vec<f64>,
-    /// What each column should be.
+    /// True weights by column.
     pub(super) acted: Vec<f64>,
-    /// By the head's expressions.
+    /// True weights by the head's expressions.
     pub(super) expressions: Vec<f32>,
-    /// Measure in the unit of the weights, seen and true.
+    /// Each measure, found and true, in the unit of the weights.
     pub(super) measures: [[f64; 2]; LEARNT_MEASURES],
 }
 
@@ -47,13 +47,13 @@ pub(super) fn play(
     trial: &Trial,
     numbers: &mut dyn Iterator<Item = usize>,
 ) -> Result<Played, PipelineError> {
-    let seed = seed_of(trial.sessions.seed, head.person);
+    let seed = person_seed(trial.sessions.seed, head.person);
     let truth = Measured::new(&head.asset);
     let acted = Acted::new(&head.asset);
     let expressions = head.asset.expressions.iter().map(|e| e.name.clone());
     let expressions: Vec<String> = expressions.collect();
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
-    let mut simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
+    let mut simulator = Simulator::new(head.asset, Scene::Acted, seed).with_light(light, exposure);
     let mut pipeline = trial.pipeline(simulator.camera())?;
     let names = pipeline.unit_names();
     let mut frame = Frame::default();
@@ -78,7 +78,7 @@ pub(super) fn play(
         let truths = played
             .columns
             .iter()
-            .map(|unit| acted.truth_of(unit, &shown));
+            .map(|unit| acted.true_weight(unit, &shown));
         played.seen.push(Seen {
             pose: *pose,
             true_pose: shown.sensor_from_head,
@@ -95,7 +95,7 @@ pub(super) fn play(
 /// True measures of one person.
 struct Measured {
     eye_distance: f32,
-    /// Right and left cheek among the expressions.
+    /// Indices of right and left cheek among the expressions.
     cheeks: [Option<usize>; PUFFS],
 }
 
@@ -108,7 +108,7 @@ impl Measured {
         }
     }
 
-    /// Each measure, seen and true, both over the true eye distance.
+    /// Each measure, found and true, both over the true eye distance.
     fn seen_and_true(&self, seen: &Landmarks, shown: &Truth) -> [[f64; 2]; LEARNT_MEASURES] {
         let blown = |k: usize| shown.activations.get(k).copied();
         let blown = self.cheeks.map(|k| k.and_then(blown).unwrap_or(0.0));

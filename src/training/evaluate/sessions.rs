@@ -1,4 +1,4 @@
-//! Sessions of people the face model has never seen: who plays, in what light, and how what is found is compared.
+//! Sessions of people the face model has never seen: selection, light, and comparison with the truth.
 
 use std::fmt::{self, Display};
 use std::path::Path;
@@ -21,13 +21,13 @@ use mien_workbench::people_split::Split;
 use mien_workbench::progress::Progress;
 
 defaults! {
-    /// How much is played.
+    /// Extent of an evaluation.
     pub struct Sessions {
-        /// Held-out people, at most.
+        /// Most held-out people.
         pub people: usize = usize::MAX,
-        /// Length of each session.
+        /// Length of each session, seconds.
         pub seconds: f64 = 45.0,
-        /// Which people.
+        /// Split of the people.
         pub split: Split = Split::Test,
         /// Seed of movements, lights and noise.
         pub seed: u64 = 77,
@@ -44,7 +44,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of these values; not a number if there are none.
+    /// From values; NaN without any.
     pub fn from_values(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         let p95 = values.get(values.len().saturating_sub(1) * 95 / 100);
@@ -62,7 +62,7 @@ impl Display for Spread {
     }
 }
 
-/// What is measured: data sets, model, settings, and how much is played.
+/// An evaluation: data sets, model, settings and extent.
 #[derive(Clone, Copy)]
 pub struct Trial<'a> {
     /// Folder of the data sets.
@@ -71,19 +71,19 @@ pub struct Trial<'a> {
     pub model: &'a FaceModel,
     /// Settings of the pipeline.
     pub settings: &'a Settings,
-    /// How much is played.
+    /// People and length of the sessions.
     pub sessions: &'a Sessions,
 }
 
 impl Trial<'_> {
-    /// The people of the split, at most so many.
+    /// The people of the split, at most as many as configured.
     pub(super) fn held_out(&self) -> Result<Vec<PersonHead>, Fault> {
         self.heads(|split| split == self.sessions.split)
     }
 
-    /// The people of the splits that `keep` accepts, at most so many.
+    /// The people of the splits that `keep` accepts, at most as many as configured.
     pub(crate) fn heads(&self, keep: impl Fn(Split) -> bool) -> Result<Vec<PersonHead>, Fault> {
-        let keep = |person| keep(Split::of(person));
+        let keep = |person| keep(Split::from_index(person));
         let heads = textured_heads(self.data, keep, self.sessions.people)?;
         match heads.is_empty() {
             true => Err(Fault::new(format!(
@@ -99,8 +99,8 @@ impl Trial<'_> {
         Pipeline::new(&self.settings.stages, camera, self.model)
     }
 
-    /// Plays a session with each person, on all threads: `play` gets their place, their head and the numbers of the frames;
-    /// `what` is said of the progress.
+    /// Plays a session with each person, on all threads: `play` gets the person's index, the head and the frame
+    /// numbers; `what` labels the progress.
     pub(super) fn each<T: Send, E: Into<Fault>>(
         &self,
         what: &str,
@@ -112,7 +112,7 @@ impl Trial<'_> {
         let heads = heads.into_par_iter().enumerate();
         let one = |(place, head)| {
             let numbers = 0..(seconds * 30.0) as usize;
-            // One step of the progress a second.
+            // One step of progress a second.
             let each_second = |number: &usize| {
                 if number % 30 == 29 {
                     progress.step();
@@ -124,12 +124,12 @@ impl Trial<'_> {
     }
 }
 
-/// Seed of one person's session, from that of all.
-pub(crate) fn seed_of(seed: u64, person: usize) -> u64 {
+/// Seed of one person's session, derived from the common one.
+pub(crate) fn person_seed(seed: u64, person: usize) -> u64 {
     seed ^ (person as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)
 }
 
-/// A light of the session's own, and the camera's exposure.
+/// A random light, and the camera's exposure.
 pub(crate) fn lighting(random: &mut fastrand::Rng) -> (Light, f32) {
     let towards = Vector::new(random.f32() * 1.6 - 0.8, -random.f32() * 0.8, -1.0).normalize();
     let light = Light {
@@ -144,20 +144,20 @@ pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// The middle one, the upper of two; not a number if there are none.
+/// The median, of an even number the upper one; NaN without any.
 pub(crate) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Mean distance of all points and of those without the jaw, per cent of the outer-eye distance.
+/// Mean distance of all points, and without the jaw, percent of the outer-eye distance.
 pub(super) fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f64; 2] {
     let d = differences(found, &truth.landmarks_px);
     [&d[..], &d[17..]].map(|some| mean_percent(some).into())
 }
 
-/// Rotation (degrees) and translation (mm) between the true and the found pose of each pair, an offset taken out.
+/// Rotation (degrees) and translation (mm) errors of pairs (found, true), less an offset.
 pub(super) fn pose_errors(seen: &[(Rigid, Rigid)], offset: &Rigid) -> Vec<[f64; 2]> {
     let offset = offset.inverse();
     let errors = seen.iter().map(|(truth, found)| {
@@ -168,7 +168,7 @@ pub(super) fn pose_errors(seen: &[(Rigid, Rigid)], offset: &Rigid) -> Vec<[f64; 
     errors.collect()
 }
 
-/// Mean of `true⁻¹ · found` over pairs of both: the one offset of a person.
+/// Mean of `true⁻¹ · found` over pairs, a person's offset.
 pub(super) fn mean_offset(seen: &[(Rigid, Rigid)]) -> Rigid {
     let (mut rotation, mut translation) = (Vector4::zeros(), Vector::zeros());
     for (truth, found) in seen {

@@ -1,11 +1,11 @@
 //! Rendered sessions of people the face model has never seen, through the whole pipeline, against exact truth: one table.
 //!
-//! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under different lighting: all
-//! expressions one after the other and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also after
-//! removing one fixed offset per person, because where a head's frame sits on a face is a convention. Landmarks: mean
-//! distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute error against what is
-//! acted ([`super::acted`]), and the matrix of every acted expression against every emitted weight. All figures over every
-//! frame with a face that is reported `warming` or `tracking`.
+//! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under different lighting:
+//! all expressions one after the other and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and
+//! distance, also less one fixed offset per person, because the head frame's pose on a face is a convention.
+//! Landmarks: mean distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute
+//! error against the truth ([`super::acted`]), and the matrix of every acted expression against every emitted weight.
+//! All figures are over every frame with a face that is reported `warming` or `tracking`.
 
 use std::fmt::{self, Display};
 
@@ -17,17 +17,17 @@ use mien_stages::expression::units::Units;
 use mien_workbench::correlation::correlation;
 use mien_workbench::fault::Fault;
 
-/// The number of the person a figure is worst for, and their mean.
+/// Number and mean of the person with the worst mean.
 type Worst = Option<(usize, f64)>;
 
-/// ` (person 7 2.10°)` behind a figure; nothing if there is nobody.
+/// ` (person 7 2.10°)` after a figure; empty without people.
 fn in_parentheses(worst: Worst, precision: usize, unit: &str) -> String {
     worst.map_or_else(String::new, |(person, mean)| {
         format!(" (person {person} {mean:.precision$}{unit})")
     })
 }
 
-/// Values of all people, and the person whose mean is worst.
+/// Statistics of all people, and the worst person.
 pub struct Figure {
     /// Of all values.
     pub spread: Spread,
@@ -35,7 +35,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    fn of_people(played: &[Played], values: impl Fn(&Played) -> Vec<f64>) -> Self {
+    fn from_people(played: &[Played], values: impl Fn(&Played) -> Vec<f64>) -> Self {
         let each: Vec<Vec<f64>> = played.iter().map(values).collect();
         let means = played.iter().zip(&each);
         let means = means.map(|(one, values)| (one.person, mean(values)));
@@ -46,7 +46,7 @@ impl Figure {
         }
     }
 
-    /// The figure with its unit, `of` (what it is a share of) and the worst person.
+    /// The figure with its unit, `of` (the whole of a share) and the worst person.
     fn text(&self, precision: usize, unit: &str, of: &str) -> String {
         let worst = in_parentheses(self.worst, precision, unit);
         format!("{:.precision$}{unit}{of}{worst}", self.spread)
@@ -55,24 +55,24 @@ impl Figure {
 
 /// How a unit's weight follows the truth.
 pub struct Following {
-    /// Which.
+    /// Name of the unit.
     pub unit: String,
-    /// The measure behind it.
+    /// The measure that drives it.
     pub measure: Measure,
     /// Pearson correlation of the measure with the true one, mean over people.
     pub measured: f64,
-    /// Pearson correlation of the weight with what is acted, mean over people.
+    /// Pearson correlation of the weight with the truth, mean over people.
     pub correlation: f64,
-    /// Of the person it is worst for.
+    /// Correlation of the worst person.
     pub worst: f64,
-    /// Mean absolute error.
+    /// Mean absolute error of the weight.
     pub error: f64,
     /// 95th percentile of the weight while nothing is acted.
     pub quiet: f64,
     /// Median weight while it is acted fully.
     pub reach: f64,
-    /// Mean weight while others are acted and it is not.
-    pub foreign: f64,
+    /// Mean weight while only others are acted.
+    pub crosstalk: f64,
 }
 
 /// The table.
@@ -81,40 +81,42 @@ pub struct Table {
     pub people: usize,
     /// Frames with a person.
     pub frames: usize,
-    /// Share of them that was tracked.
+    /// Share of tracked frames.
     pub tracked: f64,
-    /// The person tracked in the least share of their frames, and that share.
+    /// The person with the least share of tracked frames, and that share.
     least_tracked: Worst,
-    /// Rotation, degrees, as it is and with one offset per person out.
+    /// Rotation error, degrees: as it is, and less one offset per person.
     pub rotation_deg: [Figure; 2],
-    /// Translation, millimetres, likewise.
+    /// Translation error, millimetres: as it is, and less one offset per person.
     translation_mm: [Figure; 2],
-    /// Rotation, one offset per person out, and all points where the head is turned by 20° to the side or 12° up or down: the
-    /// ends of what the paper handles.
+    /// Rotation error less the offset, and error of all points, with the head turned by 20° of yaw or 12° of pitch:
+    /// the ends of the paper's range.
     turned: [Spread; 2],
-    /// All points, percent of the outer-eye distance.
+    /// Error of all points, percent of the outer-eye distance.
     pub landmarks: Figure,
-    /// Points 17–67.
+    /// Error of points 17–67, percent of the outer-eye distance.
     inner: Figure,
-    /// Size of the weights while nothing is acted.
+    /// Magnitude of the weights while nothing is acted.
     rest: Spread,
-    /// One eye shut, the other open: weight of the shut one, and of the open one.
+    /// Winks: weight of the shut eye, and of the open one.
     winks: [Spread; 2],
-    /// By unit.
+    /// Figures by unit.
     pub following: Vec<Following>,
-    /// Mean weights by acted expression, as a table: what is read of each, and what else with it.
+    /// Mean weights by acted expression, as a table.
     matrix: String,
 }
 
-/// Truth up to which nothing is acted, from which others are, from which an expression is full, and from which an eye is
-/// shut.
+/// True weight up to which a unit is idle.
 const IDLE: f64 = 0.05;
+/// True weight from which a unit is acted.
 const ACTED: f64 = 0.5;
+/// True weight from which an expression is full.
 const FULL: f64 = 0.8;
+/// True weight from which an eye is shut.
 const SHUT: f64 = 0.95;
 /// Yaw and pitch from which a head counts as turned, degrees.
 const TURNED_DEG: [f32; 2] = [20.0, 12.0];
-/// Other expressions up to which a full one counts as acted alone.
+/// Largest true weight of other expressions while one counts as acted alone.
 const ALONE: f32 = 0.3;
 
 /// Plays the sessions and makes the table.
@@ -128,7 +130,7 @@ pub fn play(trial: &Trial) -> Result<Table, Fault> {
     Ok(table(&played))
 }
 
-/// Every frame of everybody in which a face was found.
+/// Every frame with a found face, of everybody.
 fn frames_seen(played: &[Played]) -> impl Iterator<Item = &Seen> {
     played.iter().flat_map(|one| &one.seen)
 }
@@ -137,15 +139,15 @@ fn frames_seen(played: &[Played]) -> impl Iterator<Item = &Seen> {
 fn table(played: &[Played]) -> Table {
     let frames: usize = played.iter().map(|one| one.frames).sum();
     let seen = frames_seen(played).count();
-    // Rotation (0) or translation (1), as it is (0) or with the person's offset out (1).
+    // Rotation (0) or translation (1), as it is (0) or less the person's offset (1).
     let pose = |axis: usize, out: usize| {
-        Figure::of_people(played, |one| {
+        Figure::from_people(played, |one| {
             let errors = errors_of_pose(one, out == 1);
             errors.iter().map(|error| error[axis]).collect()
         })
     };
     let points = |some: usize| {
-        Figure::of_people(played, |one| {
+        Figure::from_people(played, |one| {
             one.seen.iter().map(|seen| seen.error[some]).collect()
         })
     };
@@ -156,7 +158,7 @@ fn table(played: &[Played]) -> Table {
     let (turned_deg, turned_points) = of_turned
         .map(|(seen, [turn, _])| (turn, seen.error[0]))
         .unzip();
-    let lost = Figure::of_people(played, |one| {
+    let lost = Figure::from_people(played, |one| {
         vec![1.0 - one.seen.len() as f64 / one.frames.max(1) as f64]
     });
     let resting = frames_seen(played).filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
@@ -178,7 +180,7 @@ fn table(played: &[Played]) -> Table {
     }
 }
 
-/// Rotation (degrees) and translation (mm) of every frame of a person against the truth, their mean taken out or not.
+/// Rotation (degrees) and translation (mm) errors of every frame of a person, with or without their mean removed.
 fn errors_of_pose(one: &Played, without_offset: bool) -> Vec<[f64; 2]> {
     let pairs = one.seen.iter().map(|seen| (seen.true_pose, seen.pose));
     let pairs: Vec<_> = pairs.collect();
@@ -189,7 +191,7 @@ fn errors_of_pose(one: &Played, without_offset: bool) -> Vec<[f64; 2]> {
     pose_errors(&pairs, &offset)
 }
 
-/// How each unit's weight follows what is acted.
+/// How each unit's weight follows the truth.
 fn following(played: &[Played]) -> Vec<Following> {
     let each = |pair: &dyn Fn(&Seen) -> [f64; 2]| -> Vec<f64> {
         let told = played.iter().filter(|one| one.seen.len() > 2);
@@ -222,7 +224,7 @@ fn following(played: &[Played]) -> Vec<Following> {
                 error: all(&|seen| (seen.weights[k] - seen.acted[k]).abs()).mean,
                 quiet: Spread::from_values(where_so(&|seen| most(seen) < IDLE)).p95,
                 reach: median(&where_so(&|seen| seen.acted[k] > FULL)),
-                foreign: mean(&where_so(&|seen| {
+                crosstalk: mean(&where_so(&|seen| {
                     seen.acted[k] < IDLE && most(seen) > ACTED
                 })),
             });
@@ -231,7 +233,7 @@ fn following(played: &[Played]) -> Vec<Following> {
     following
 }
 
-/// Weights of the shut and of the open eye while one is shut.
+/// Weights of the shut and of the open eye during winks.
 fn winks(played: &[Played]) -> [Vec<f64>; 2] {
     let columns = played.first().map_or(&[][..], |one| &one.columns);
     let mut winks = [Vec::new(), Vec::new()];
@@ -249,13 +251,13 @@ fn winks(played: &[Played]) -> [Vec<f64>; 2] {
     winks
 }
 
-/// Whether the head is near an end of what the paper handles, ±25° of yaw and ±15° of pitch.
+/// Whether the head is near an end of the paper's range, ±25° of yaw and ±15° of pitch.
 fn is_turned(seen: &Seen) -> bool {
     let (yaw, pitch, _) = yaw_pitch_roll(&seen.true_pose.rotation);
     yaw.abs() > TURNED_DEG[0].to_radians() || pitch.abs() > TURNED_DEG[1].to_radians()
 }
 
-/// Mean weights while each expression, both sides of it together, is fully acted and no other is.
+/// Mean weights while an expression, both sides together, is fully acted and no other is.
 fn matrix(played: &[Played]) -> String {
     let Some(first) = played.first() else {
         return "| acted alone |  |\n| --- |\n".to_owned();
@@ -288,7 +290,7 @@ fn matrix(played: &[Played]) -> String {
                 }
             }
         }
-        // Nothing to see is left white.
+        // Negligible means are left blank.
         let cell = |sum: &f64| match sum / count {
             weight if weight < 0.05 => " |".to_owned(),
             weight => format!(" {weight:.2} |"),
@@ -303,7 +305,7 @@ fn matrix(played: &[Played]) -> String {
 }
 
 impl Table {
-    /// What is measured, its figure and the worst person.
+    /// Name, figure and worst person.
     fn rows(&self) -> [String; 10] {
         let least = self
             .least_tracked
@@ -357,7 +359,7 @@ impl Table {
                 one.error,
                 one.quiet,
                 one.reach,
-                one.foreign,
+                one.crosstalk,
                 one.measure.name(),
                 one.measured
             )?;

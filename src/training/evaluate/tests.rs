@@ -1,9 +1,9 @@
-//! Seconds of what `evaluate` plays for minutes, held to its figures. Left out where the data sets are absent.
+//! Short runs of `evaluate`, compared with golden figures. Skipped without the data sets.
 
 use super::sessions::{Sessions, Trial};
 use super::{head_scenes, landmark_accuracy, table};
 use crate::data::{self, Set};
-use crate::golden::{figures, hold};
+use crate::golden::{compare_with_golden, figures};
 use crate::train::evaluate::{differences, mean_percent};
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
@@ -11,7 +11,7 @@ use mien_sensors::Frame;
 use mien_sensors::kinect::recording::Recording;
 use mien_stages::face_model::FaceModel;
 
-/// People with photographs.
+/// The data sets with photographs.
 fn people() -> Option<tempfile::TempDir> {
     data::only([Set::IctFacekit, Set::FacesFrl189])
 }
@@ -37,14 +37,14 @@ fn tried<T>(
 }
 
 #[test]
-fn somebody_who_acts_gives_the_table_they_gave() {
+fn an_acting_person_gives_the_golden_table() {
     let Some(data) = people() else { return };
     let table = tried(&data, 1, 20.0, table::play).expect("data are readable");
-    hold("evaluate/table", &figures(&table.to_string()));
+    compare_with_golden("evaluate/table", &figures(&table.to_string()));
 }
 
 #[test]
-fn landmarks_under_every_condition_err_as_they_did() {
+fn landmark_errors_equal_the_golden_ones() {
     let Some(data) = data::only([
         Set::IctFacekit,
         Set::FacesFrl189,
@@ -55,7 +55,7 @@ fn landmarks_under_every_condition_err_as_they_did() {
     };
     let mut lines = Vec::new();
     let mut say = |line: &str| {
-        // Neither times nor counts.
+        // Times and counts are excluded.
         if !line.contains("time") && !line.contains('→') {
             lines.extend(figures(line));
         }
@@ -64,11 +64,11 @@ fn landmarks_under_every_condition_err_as_they_did() {
         landmark_accuracy::measure(trial, &mut say)
     })
     .expect("data are readable");
-    hold("evaluate/landmarks", &lines);
+    compare_with_golden("evaluate/landmarks", &lines);
 }
 
 #[test]
-fn scenes_of_heads_give_the_rows_they_gave() {
+fn scenes_of_heads_give_the_golden_rows() {
     let Some(data) = data::only([Set::IctFacekit, Set::FacesFrl189, Set::KinectV1Pcl]) else {
         return;
     };
@@ -76,7 +76,7 @@ fn scenes_of_heads_give_the_rows_they_gave() {
     let rows = rows.map(str::to_owned);
     let table = tried(&data, 2, 1.0, |trial| head_scenes::play(trial, &rows)).unwrap();
     let wild = tried(&data, 4, 1.0, head_scenes::wild::play).unwrap();
-    hold("evaluate/scenes", &figures(&(table + &wild)));
+    compare_with_golden("evaluate/scenes", &figures(&(table + &wild)));
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn recorded_wild_sessions_play_and_their_points_lie_where_the_truth_says() {
         let found = pipeline.report().landmarks;
         errors.extend(found.map(|found| mean_percent(&differences(&found.pixels, &points))));
     }
-    // As in the table of `scenes_of_heads_give_the_rows_they_gave`: 1.24 % of the same second.
+    // As in the table of `scenes_of_heads_give_the_golden_rows`: 1.24 % of the same second.
     assert!(errors.len() >= 25, "{errors:?}");
     assert!(errors.iter().all(|&error| error < 2.5), "{errors:?}");
 }

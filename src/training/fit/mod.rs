@@ -1,7 +1,7 @@
 //! `mien-studio fit`: the 68 landmarks of still pictures, without depth ([`mien_workbench::still`]).
 //!
-//! Face boxes come from the command line, a table, or the annotation, disturbed by a fixed seed. Errors are per cent of the
-//! outer eye distance, as they are and with mean offsets per landmark (face axes) taken out.
+//! Face boxes come from the command line, a table, or the annotation, disturbed by a fixed seed. Errors are percent
+//! of the outer eye distance, as they are and less mean offsets per landmark (face axes).
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -42,7 +42,7 @@ pub struct FitArgs {
     pub offsets: Option<PathBuf>,
 }
 
-/// A picture without a box.
+/// An error: a picture without a box.
 fn no_box(file: &str) -> Fault {
     Fault::new(format!(
         "{file}: expected a face box, found none; give --box x,y,w,h or --boxes FILE.csv, or annotate the picture"
@@ -60,7 +60,7 @@ pub fn parse_box(text: &str) -> Option<FaceBox> {
     good.then_some(FaceBox::new(x, y, width, height))
 }
 
-/// What the lines of a table say; `header` begins one that says nothing.
+/// Parses the lines of a table; a line that begins with `header` is skipped.
 fn rows<T, C: FromIterator<T>>(
     path: &Path,
     header: &str,
@@ -78,7 +78,7 @@ fn rows<T, C: FromIterator<T>>(
         .collect()
 }
 
-/// The faces' boxes by file.
+/// Reads the faces' boxes by file.
 fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, Fault> {
     rows(path, "file", "file,x,y,w,h with a positive size", |line| {
         let (file, face_box) = line.split_once(',')?;
@@ -102,7 +102,7 @@ fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     Ok(offsets)
 }
 
-/// Offsets as a file, see [`FitArgs::offsets`].
+/// Formats offsets as a file, see [`FitArgs::offsets`].
 pub fn emit_offsets(offsets: &[[f32; 2]; LANDMARKS]) -> String {
     let mut text = String::from("landmark,dx,dy\n");
     for (i, [x, y]) in offsets.iter().enumerate() {
@@ -111,10 +111,10 @@ pub fn emit_offsets(offsets: &[[f32; 2]; LANDMARKS]) -> String {
     text
 }
 
-/// A picture with its place in its folder's order, which seeds the disturbance.
+/// A picture with its index in the folder, which seeds the disturbance.
 type Numbered<'a> = (usize, &'a Entry);
 
-/// Fits all pictures of a folder and writes the CSV; `say` gets the figures.
+/// Fits all pictures of a folder and writes the CSV; `say` prints the figures.
 ///
 /// # Errors
 /// If something cannot be read, a picture has no box, or the CSV cannot be written.
@@ -127,7 +127,7 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
         Some(boxes) => boxes.get(&entry.file).copied(),
         None => args.face_box,
     };
-    // With boxes given, pictures outside the table are not asked for; without, only annotated ones can be fitted.
+    // With a table of boxes, other pictures are left out; without, only annotated ones can be fitted.
     let has_box = |(_, e): &Numbered| given(e).is_some() || boxes.is_none() && e.points.is_some();
     let wanted: Vec<Numbered> = entries.iter().enumerate().filter(has_box).collect();
     if wanted.is_empty() {
@@ -146,7 +146,7 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Each face from its box, or from that of its points.
+/// Fits each face from its box, or from the disturbed one of its points.
 fn fitted(
     model: &FaceModel,
     wanted: &[Numbered],

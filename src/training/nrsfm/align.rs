@@ -7,7 +7,7 @@
 use super::tracks::Shapes;
 use nalgebra::{Matrix3, Vector3};
 
-/// Rotation R (proper) that brings centred `from` closest to centred `onto`: `onto ≈ R from`, equal weights.
+/// Proper rotation R that best maps centred `from` to centred `onto`, least squares: `onto ≈ R from`.
 pub(crate) fn rotation_onto(from: &[Vector3<f64>], onto: &[Vector3<f64>]) -> Matrix3<f64> {
     let mut m = Matrix3::zeros();
     for (a, b) in from.iter().zip(onto) {
@@ -18,21 +18,20 @@ pub(crate) fn rotation_onto(from: &[Vector3<f64>], onto: &[Vector3<f64>]) -> Mat
         return Matrix3::identity();
     };
     let mut sign = Matrix3::identity();
-    // The least certain axis takes the reflection guard.
+    // The least certain axis is flipped if needed.
     let least = svd.singular_values.imin();
     sign[(least, least)] = (u * v_t).determinant().signum();
     u * sign * v_t
 }
 
-/// The mean of points, and where they are about it.
+/// The mean of points, and the points relative to it.
 pub(crate) fn centred(points: &[[f64; 3]]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let all = || points.iter().map(|p| Vector3::<f64>::from(*p));
     let mean = all().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     (mean, all().map(|p| p - mean).collect())
 }
 
-/// Mean relative error over the frames, each rigidly aligned, global reflection free; see the module header.
-/// None if the two differ in size.
+/// Mean relative error over the frames, each rigidly aligned, one reflection for all; `None` if the sizes differ.
 pub fn shape_error(recovered: &Shapes, truth: &Shapes) -> Option<f64> {
     let same =
         recovered.points == truth.points && recovered.positions.len() == truth.positions.len();
@@ -58,8 +57,8 @@ pub fn shape_error(recovered: &Shapes, truth: &Shapes) -> Option<f64> {
     Some(mean_error(1.0).min(mean_error(-1.0)))
 }
 
-/// The one rigid shape closest to all frames of the true shapes (generalised Procrustes without scale, Gower 1975), in
-/// every frame: the best that "nothing deforms" can reach.
+/// The rigid shape closest to all frames of the true shapes (generalised Procrustes without scale, Gower 1975), in
+/// every frame: the baseline without deformation.
 pub fn rigid_mean_shape(truth: &Shapes) -> Shapes {
     let frames: Vec<_> = (0..truth.frames())
         .map(|t| centred(truth.frame(t)).1)

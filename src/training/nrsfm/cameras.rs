@@ -1,4 +1,4 @@
-//! First cameras from tracks, before any EM.
+//! Initial cameras from tracks.
 //!
 //! The centred tracks W (2F x P, gaps filled by repeated low-rank projection) factor as W = Π B with Π of 3K columns. Some
 //! 3K x 3 matrix Q turns Π into the camera rows: every pair of rows of Π Q must be orthonormal. For K = 1 this is rigid
@@ -31,7 +31,7 @@ pub(crate) fn filled(tracks: &Tracks, rank: usize) -> DMatrix<f64> {
     let mut axes: Option<DMatrix<f64>> = None;
     for pass in 0..if whole { 1 } else { FILL_PASSES } {
         if pass > 0 {
-            // The leading axes turn little from pass to pass: one step of orthogonal iteration follows them.
+            // The leading axes rotate little from pass to pass: one step of orthogonal iteration suffices.
             let leading = axes.take().map_or_else(
                 || strongest(w.tr_mul(&w), rank).1,
                 |axes| w.tr_mul(&(&w * axes)).qr().q(),
@@ -86,7 +86,7 @@ fn left_factor(w: &DMatrix<f64>, columns: usize) -> DMatrix<f64> {
     for (c, value) in values.iter().enumerate() {
         let sigma = value.sqrt();
         if sigma > 0.0 {
-            // Square root of the singular value stays: the strong directions lead.
+            // The square root of the singular value remains as a weight: strong directions dominate.
             let factor = 1.0 / (sigma * values[0].sqrt()).sqrt();
             left.column_mut(c)
                 .scale_mut(factor * (w.nrows() as f64 / 2.0).sqrt());
@@ -133,7 +133,7 @@ fn rigid_upgrade(left: &DMatrix<f64>) -> DMatrix<f64> {
     DMatrix::from_fn(3, 3, |r, c| q[(r, c)])
 }
 
-/// Cameras from a factor of `3 k` columns; `disturbance` 0 starts from the rigid answer alone.
+/// Cameras from a factor of `3 k` columns, starting from the rigid solution plus a `disturbance` of its entries.
 pub(crate) fn trajectory_cameras(
     w: &DMatrix<f64>,
     k: usize,
@@ -194,7 +194,7 @@ pub(crate) fn trajectory_cameras(
     cameras_from(&(left * q))
 }
 
-/// How the rows' lengths and products change with the entries of Q, row by row; `rows` is Π Q.
+/// Jacobian of the rows' lengths and products by the entries of Q, row by row; `rows` is Π Q.
 fn slopes(left: &DMatrix<f64>, rows: &DMatrix<f64>) -> DMatrix<f64> {
     let (frames, columns) = (left.nrows() / 2, left.ncols());
     let mut jacobian = DMatrix::zeros(3 * frames, 3 * columns);
@@ -212,7 +212,7 @@ fn slopes(left: &DMatrix<f64>, rows: &DMatrix<f64>) -> DMatrix<f64> {
     jacobian
 }
 
-/// The rotation whose first two rows are nearest to each pair of rows.
+/// For each pair of rows, the rotation whose first two rows are nearest.
 fn cameras_from(rows: &DMatrix<f64>) -> Vec<Matrix3<f64>> {
     let mut cameras: Vec<Matrix3<f64>> = Vec::with_capacity(rows.nrows() / 2);
     for t in 0..rows.nrows() / 2 {

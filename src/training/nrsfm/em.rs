@@ -18,11 +18,11 @@
 //! Degenerate: a camera that never turns leaves depth undetermined; the tiny ridge of the basis then keeps it small.
 
 use super::cameras::leading;
-use super::solve::{inverse_of, restandardise, root_of, turned};
+use super::solve::{cholesky_root, inverse_and_log_det, restandardise, turned};
 use super::tracks::{Tracks, mean_positions};
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
-/// Everything the EM estimates. Image units are the tracks' as given.
+/// Parameters and posteriors of the EM. Image units are the tracks'.
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
     pub(crate) rank: usize,
@@ -36,26 +36,27 @@ pub(crate) struct Model {
     pub(crate) covariance: Vec<DMatrix<f64>>,
     pub(crate) noise_variance: f64,
     pub(crate) alpha: f64,
-    /// Per frame: what the coefficients' covariance adds to the second moments of the seen points about their mean.
+    /// Per frame: contribution of the coefficients' covariance to the second moments of the seen points about their
+    /// mean.
     vague: Vec<Matrix3<f64>>,
     scale_variance: f64,
     /// Prior variance of a mode's entries: depth is taken to deform as much as the image plane shows.
     mode_variance: f64,
-    /// Log-likelihood of the tracks at the parameters the last E-step saw.
+    /// Log-likelihood of the tracks at the parameters of the last E-step.
     pub(crate) log_likelihood: f64,
 }
 
-/// Added to the normal matrix of every basis block, relative to its size: directions the cameras never saw stay at zero.
+/// Relative ridge of every basis block's normal matrix: directions unseen by the cameras stay at zero.
 const BASIS_RIDGE: f64 = 1e-7;
-/// Weight of the modes' prior in frames. Above 1 because neighbouring frames repeat each other's errors: what the modes
-/// leave over is no white noise. It keeps modes from taking up errors as depth, which helps a little with real faces and
-/// costs a little on clean tracks. Error as a share of the rigid mean shape's, with and without it
-/// (`tests/it/recovers_shape_from_tracks.rs`): the three windows of real faces over ±25° 0.50, 0.81, 0.54 and 0.53, 0.84, 0.56;
-/// face1 0.78 and 0.86; face37 0.54 and 0.52; shark 0.05 and 0.03; yoga and pickup alike.
+/// Weight of the modes' prior in frames, above 1 because residuals of neighbouring frames are correlated. It keeps
+/// modes from explaining errors as depth, which helps a little with real faces and costs a little on clean tracks.
+/// Error as a share of the rigid mean shape's, with and without it (`tests/it/recovers_shape_from_tracks.rs`): the
+/// three windows of real faces over ±25° 0.50, 0.81, 0.54 and 0.53, 0.84, 0.56; face1 0.78 and 0.86; face37 0.54 and
+/// 0.52; shark 0.05 and 0.03; yoga and pickup alike.
 const MODE_PRIOR: f64 = 3.0;
 /// Least standard deviation of the camera scales about 1.
 const SCALE_SPREAD_FLOOR: f64 = 1e-4;
-/// The dynamics stay stationary.
+/// Largest α, so that the dynamics stay stationary.
 const ALPHA_LARGEST: f64 = 0.995;
 
 impl Model {
@@ -84,8 +85,8 @@ impl Model {
         model
     }
 
-    /// Adds modes up to `rank`: the leading directions of what the image still shows against the model, lifted along the
-    /// image plane of each frame, plus a little noise so that depth can start to move.
+    /// Adds modes up to `rank`: the leading directions of the image residual, lifted along the image plane of each
+    /// frame, plus a little noise so that depth can start to move.
     pub(crate) fn grow(&mut self, tracks: &Tracks, rank: usize, rng: &mut fastrand::Rng) {
         let (frames, points) = (tracks.frames(), tracks.points());
         let more = rank.saturating_sub(self.rank);
@@ -151,8 +152,8 @@ impl Model {
         (&vectors[0], &vectors[1..])
     }
 
-    /// How many points frame t shows, and the Gram matrix, about the mean over them, of what it shows of them: the
-    /// residual against the mean shape (row and column 0), then the modes.
+    /// Number of seen points of frame t, and the Gram matrix, about the mean over them, of their residuals against
+    /// the mean shape (row and column 0) and of the modes.
     fn image_gram(&self, tracks: &Tracks, t: usize) -> (f64, DMatrix<f64>) {
         let n = self.rank + 1;
         let camera = self.camera(t);
@@ -209,20 +210,20 @@ impl Model {
                     (m * self.alpha, carried)
                 }
             };
-            let (inverse, log_in) = inverse_of(p_in);
+            let (inverse, log_in) = inverse_and_log_det(p_in);
             let information = &inverse + gram.view((1, 1), (k, k)) * precision;
-            let (p_out, log_information) = inverse_of(information);
+            let (p_out, log_information) = inverse_and_log_det(information);
             let carried = &inverse * &mean_in;
-            let told = &carried + gram.view((1, 0), (k, 1)).column(0) * precision;
-            let mean_out = &p_out * &told;
-            // Two coordinates a frame are spent on the shift.
+            let information = &carried + gram.view((1, 0), (k, 1)).column(0) * precision;
+            let mean_out = &p_out * &information;
+            // Two coordinates a frame determine the shift.
             let count = 2.0 * (count - 1.0).max(0.0);
             self.log_likelihood -= 0.5
                 * (count * (std::f64::consts::TAU * self.noise_variance).ln()
                     + gram[(0, 0)] * precision
                     + log_information
                     + log_in
-                    - mean_out.dot(&told)
+                    - mean_out.dot(&information)
                     + mean_in.dot(&carried));
             predicted.push(mean_in);
             inverses.push(inverse);
@@ -305,14 +306,14 @@ impl Model {
                 self.basis.set_column(j, &right.column(j));
             }
         }
-        // Where the object's origin lies is not observable: its centroid.
+        // The object's origin is not observable; its centroid is used.
         let mean = self.basis.column_mean();
         for mut column in self.basis.column_iter_mut() {
             column -= &mean;
         }
     }
 
-    /// 1 and the coefficients' posterior mean.
+    /// 1, then the coefficients' posterior mean.
     fn zeta(&self, t: usize) -> Vec<f64> {
         std::iter::once(1.0)
             .chain(self.mean[t].iter().copied())
@@ -324,8 +325,9 @@ impl Model {
         let mut spread = 0.0;
         let mut sums = vec![Vector3::zeros(); self.rank];
         for t in 0..tracks.frames() {
-            // The shape's covariance is that of independent modes: those of the basis times a factor of the coefficients'.
-            let factor = root_of(&self.covariance[t]);
+            // The shape's covariance is that of independent modes: the basis times a root of the coefficients'
+            // covariance.
+            let factor = cholesky_root(&self.covariance[t]);
             let (mut shape, mut vague) = (Matrix3::zeros(), Matrix3::zeros());
             let (mut mean_x, mut mean_w) = (Vector3::zeros(), Vector2::zeros());
             let mut mixed = Matrix2x3::zeros();
@@ -354,7 +356,7 @@ impl Model {
             for sum in &sums {
                 vague -= sum * sum.transpose() / count;
             }
-            // Mixed moments of image and shape about the seen points' means; those of the shape suffice.
+            // Mixed moments of image and shape about the seen points' means; centring the shape suffices.
             let b = mixed - mean_w * mean_x.transpose() / count;
             let a = shape - mean_x * mean_x.transpose() / count + vague;
             self.vague[t] = vague;

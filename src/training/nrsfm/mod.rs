@@ -2,11 +2,11 @@
 //!
 //! ```text
 //! tracks          2D tracks and 3D shapes, as CSV
-//! cameras         first cameras to try, from factorisations
-//! em              shapes, modes and cameras by EM with a low-rank Gaussian prior; solve: the problems of one step
-//! reconstruction  tracks ─► cameras ─► short EM from each ─► the likeliest, to the end ─► shapes
-//! align           shapes laid on each other, and the error the literature states
-//! shape_model     base shape and shape bases: the shapes of several sequences, and PCA
+//! cameras         initial cameras, by factorisation
+//! em              shapes, modes and cameras by EM with a low-rank Gaussian prior; solve: numerics of one step
+//! reconstruction  tracks ─► cameras ─► short EM from each ─► the likeliest, to convergence ─► shapes
+//! align           rigid alignment of shapes, and the error of the literature
+//! shape_model     base shape and shape bases: shapes of several sequences, and PCA
 //! run             the command `mien-studio nrsfm`
 //! ```
 

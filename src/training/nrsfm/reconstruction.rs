@@ -1,4 +1,4 @@
-//! The whole recovery: cameras to start from, a short EM from each, the likeliest one fitted to the end.
+//! The whole reconstruction: initial cameras, a short EM from each, and a full fit of the likeliest.
 //!
 //! Method: EM with a low-rank Gaussian shape prior (Torresani, Hertzmann, Bregler 2008; `em.rs`), started from several
 //! cameras (rigid factorisation, and the trajectory-space factorisation of Akhter et al. 2008; `cameras.rs`). Each start
@@ -20,24 +20,24 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 defaults! {
-    /// What the caller chooses.
+    /// Options.
     pub struct Settings {
-        /// Number of shape modes; none chooses it from the tracks.
+        /// Number of shape modes; `None` chooses it from the tracks.
         pub rank: Option<usize> = None,
-        /// Most sweeps of the final EM; at least those of a trial are made.
+        /// Most sweeps of the final EM; at least those of a trial are done.
         pub sweeps: usize = 150,
         /// Seed of the disturbed starts.
         pub seed: u64 = 1,
     }
 }
 
-/// What is recovered. Object frame: arbitrary rotation and possibly mirrored in depth as a whole, centroid at 0.
+/// The result. Object frame: arbitrary rotation and possibly mirrored in depth as a whole, centroid at 0.
 pub struct Reconstruction {
     /// F shapes of P points, in the object frame, in the tracks' unit (camera scales average 1).
     pub shapes: Shapes,
     /// Number of shape modes.
     pub rank: usize,
-    /// Standard deviation of what the model leaves in the image, in the tracks' unit.
+    /// Standard deviation of the image residual, in the tracks' unit.
     pub noise: f64,
     /// Correlation of the modes' coefficients from frame to frame, 0 to 1.
     pub smoothness: f64,
@@ -77,7 +77,7 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
             a
         }
     });
-    // What a rank is tried with is the beginning of the whole fit.
+    // A trial of a rank is the beginning of its full fit.
     let start = best.rotation.clone();
     let mut model = match settings.rank {
         Some(_) => fitted(&unit, start, largest, TRIAL_SWEEPS, settings.seed),
@@ -87,24 +87,26 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
     reconstruction(&model, size)
 }
 
-/// Largest rank tried when it is chosen.
+/// Largest rank that is tried.
 const LARGEST_RANK: usize = 8;
 /// Sweeps of the rigid model; it converges in a few.
 const RIGID_SWEEPS: usize = 15;
-/// Modes and sweeps of the short runs that compare the starts.
+/// Modes of the short runs that compare the starts.
 const TRIAL_RANK: usize = 3;
+/// Sweeps of the short runs that compare the starts.
 const TRIAL_SWEEPS: usize = 40;
-/// Sweeps after which the worse starts are given up, and how many go on.
+/// Sweeps after which only the best starts continue.
 const FIRST_SWEEPS: usize = 16;
+/// Number of starts that continue.
 const SECOND_STARTS: usize = 3;
 /// Least noise variance, relative to the tracks' spread squared: keeps exact data finite.
 const NOISE_FLOOR: f64 = 1e-10;
-/// First floor of the noise variance, and its factor per sweep.
+/// Initial floor of the noise variance, and its factor per sweep.
 const ANNEAL: (f64, f64) = (1e-2, 0.8);
 /// Relative change of the log-likelihood that ends the sweeps.
 const CONVERGED: f64 = 1e-5;
-/// Modes are enough when they leave this share of what the rigid model leaves; more only model the rest of a real
-/// deformation as depth.
+/// Share of the rigid model's residual at which modes suffice; more only model the remainder of a real deformation
+/// as depth.
 const LEFT_OVER: f64 = 0.12;
 /// Rank and disturbance of the trajectory-space starts; which one leads to the right cameras differs from sequence to
 /// sequence, and the likelihood after a short EM tells.
@@ -118,7 +120,7 @@ const TRAJECTORY_STARTS: [(usize, f64); 7] = [
     (8, 0.1),
 ];
 
-/// First cameras to try: rigid factorisation, then trajectory-space factorisations of growing rank.
+/// Initial cameras: rigid factorisation, then trajectory-space factorisations of growing rank.
 fn starts(unit: &Tracks, rigid: Vec<Matrix3<f64>>, seed: u64) -> Vec<Vec<Matrix3<f64>>> {
     let mut rng = fastrand::Rng::with_seed(seed);
     let mut starts = vec![rigid];
@@ -131,8 +133,8 @@ fn starts(unit: &Tracks, rigid: Vec<Matrix3<f64>>, seed: u64) -> Vec<Vec<Matrix3
     starts
 }
 
-/// The first sweeps of the smallest rank that leaves little over ([`LEFT_OVER`]), or after which one more mode is not worth
-/// its parameters (Bayesian information criterion, Schwarz 1978).
+/// The first sweeps of the smallest rank that leaves little residual ([`LEFT_OVER`]), or after which one more mode is
+/// not worth its parameters (Bayesian information criterion, Schwarz 1978).
 fn chosen(
     unit: &Tracks,
     rigid: &Model,
@@ -165,14 +167,14 @@ fn fitted(
     seed: u64,
 ) -> Model {
     let mut rng = fastrand::Rng::with_seed(seed);
-    // Given cameras stand until there are modes: rigid sweeps would bend them towards a rigid explanation.
+    // Cameras are fixed until there are modes: rigid sweeps would bend them towards a rigid explanation.
     let mut model = Model::rigid(unit, cameras);
     model.grow(unit, rank, &mut rng);
     sweep_on(unit, &mut model, 0..sweeps);
     model
 }
 
-/// The sweeps of these numbers, until nothing changes any more.
+/// Runs these sweeps until convergence.
 fn sweep_on(unit: &Tracks, model: &mut Model, sweeps: Range<usize>) {
     let (first, factor) = ANNEAL;
     for sweep in sweeps {

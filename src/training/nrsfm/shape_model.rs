@@ -1,8 +1,8 @@
 //! 3D base shape and shape bases from 2D tracks: NRSFM, then PCA of the recovered shapes (paper section 1.2).
 //!
-//! The recovered shapes are laid on a reference shape frame by frame, by the similarity of the points that no expression
-//! moves, with the depth mirror that fits better: this gives the unit and the frame, which orthographic tracks cannot. Then
-//! PCA. Cost: one eigenproblem of as many rows as frames.
+//! The recovered shapes are aligned to a reference shape frame by frame, by the similarity of the points that no
+//! expression moves, with the better of both depth mirrors: this fixes unit and frame, which orthographic tracks
+//! cannot. Then PCA. Cost: one eigenproblem with as many rows as frames.
 
 use super::align::{centred, rotation_onto};
 use super::reconstruction::{Settings, nrsfm};
@@ -21,12 +21,12 @@ pub struct ShapeBases {
     pub deviations: Vec<f64>,
 }
 
-/// Base shape and at most `modes` bases from several sequences of tracks of the reference's points: the base shape is the
-/// mean of the last sequence, the bases span the departures of every sequence from its own mean. Frames are laid on the
-/// reference, in rotation and size too, by the points `rigid`, which no expression moves.
+/// Base shape and at most `modes` bases from several sequences of tracks of the reference's points: the base shape is
+/// the mean of the last sequence, the bases span the deviations of every sequence from its own mean. Frames are
+/// aligned to the reference, including scale, by the points `rigid`, which no expression moves.
 ///
 /// # Errors
-/// The tracks have another number of points than the reference.
+/// If the tracks have another number of points than the reference.
 pub fn shape_model_from_sequences(
     sequences: &[Tracks],
     reference: &[[f64; 3]],
@@ -74,8 +74,8 @@ pub fn shape_model_from_sequences(
     })
 }
 
-/// Frames of recovered shapes, mirrored in depth or not, laid on the reference by similarities of its rigid points, and the
-/// squared distance that remains between those.
+/// Frames of recovered shapes, optionally mirrored in depth, aligned to the reference by similarities of its rigid
+/// points, and the squared residual of those.
 fn laid_on(
     shapes: &Shapes,
     mirror: f64,

@@ -1,4 +1,4 @@
-//! The small problems of one EM step: a camera's rotation, inverses and roots of covariances.
+//! Numerics of one EM step: rotation of a camera, inverses and roots of covariances.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Rotation3, Vector3};
 
@@ -49,9 +49,9 @@ pub(super) fn turned(
     rotation.into_inner()
 }
 
-/// Inverse of a symmetric positive definite matrix and the logarithm of its determinant; the identity's if rounding made it
-/// indefinite.
-pub(super) fn inverse_of(m: DMatrix<f64>) -> (DMatrix<f64>, f64) {
+/// Inverse of a symmetric positive definite matrix and the logarithm of its determinant; the identity's if rounding
+/// made it indefinite.
+pub(super) fn inverse_and_log_det(m: DMatrix<f64>) -> (DMatrix<f64>, f64) {
     let size = m.nrows();
     Cholesky::new(m).map_or_else(
         || (DMatrix::identity(size, size), 0.0),
@@ -63,11 +63,12 @@ pub(super) fn inverse_of(m: DMatrix<f64>) -> (DMatrix<f64>, f64) {
 }
 
 /// Lower triangle L with L Lᵀ = m; zero if rounding made it indefinite.
-pub(super) fn root_of(m: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn cholesky_root(m: &DMatrix<f64>) -> DMatrix<f64> {
     Cholesky::new(m.clone()).map_or_else(|| DMatrix::zeros(m.nrows(), m.ncols()), |c| c.l())
 }
 
-/// Parameter expansion: coefficients back to zero mean and unit covariance, the basis takes the factor.
+/// Parameter expansion: standardises the coefficients to zero mean and unit covariance, and scales the basis
+/// inversely.
 pub(super) fn restandardise(
     means: &mut [DVector<f64>],
     covariances: &mut [DMatrix<f64>],

@@ -1,14 +1,14 @@
-//! Known answers: a planted body with two modes before a turning orthographic camera.
+//! Planted solutions: a body with two modes before a turning orthographic camera.
 
 use super::em::Model;
 use super::*;
-use crate::golden::hold_every;
+use crate::golden::equals_golden;
 use nalgebra::{Rotation3, Vector3};
 
 const FRAMES: usize = 60;
 const POINTS: usize = 24;
 
-/// Tracks W = c R S + d and the shapes S they show; `noise` as a share of the body's size.
+/// Tracks W = c R S + d and their shapes S; `noise` as a share of the body's size.
 fn planted(noise: f64) -> (Tracks, Shapes) {
     let mut rng = fastrand::Rng::with_seed(3);
     let mut body = |size: f64| -> Vec<Vector3<f64>> {
@@ -65,7 +65,7 @@ fn planted_shapes_come_back() {
 
 #[test]
 fn a_rigid_body_is_recovered_without_modes_and_gaps_are_filled() {
-    // One shape in all frames before a camera of its own.
+    // One shape in all frames, with its own camera.
     let rigid = rigid_mean_shape(&planted(0.0).1);
     let mut rng = fastrand::Rng::with_seed(9);
     let seen: Vec<[f64; 2]> = (0..FRAMES)
@@ -98,9 +98,9 @@ fn the_same_seed_gives_the_same_shapes() {
     assert_eq!(again(), again());
 }
 
-/// Sweeps forgive a wrong step, which only makes them slower: so each of the first is held, in thousandths.
+/// Later sweeps correct a wrong step, only more slowly: so each of the first is compared, in thousandths.
 #[test]
-fn every_sweep_goes_as_far_as_it_went() {
+fn every_sweep_equals_the_golden_one() {
     let tracks = planted(0.01).0;
     let cameras = cameras::rigid_cameras(&cameras::filled(&tracks, 3));
     let mut model = Model::rigid(&tracks, cameras);
@@ -122,5 +122,5 @@ fn every_sweep_goes_as_far_as_it_went() {
         let thousandths = numbers.iter().map(|x| (x.abs() * 1e3).round().to_string());
         lines.push(thousandths.collect::<Vec<_>>().join(" "));
     }
-    hold_every("nrsfm/sweeps", &lines);
+    equals_golden("nrsfm/sweeps", &lines);
 }

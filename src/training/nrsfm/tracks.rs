@@ -13,15 +13,15 @@ use std::path::Path;
 pub struct Tracks {
     frames: usize,
     points: usize,
-    /// `F * P` image points, frame after frame; none where missing.
+    /// `F * P` image points, frame by frame; `None` where missing.
     positions: Vec<Option<[f64; 2]>>,
 }
 
 impl Tracks {
-    /// Tracks of `frames` x `points` image points, frame after frame; a point with a non-finite coordinate is missing.
+    /// Tracks of `frames` x `points` image points, frame by frame; a point with a non-finite coordinate is missing.
     ///
     /// # Errors
-    /// Too few frames or points, or a point that is seen in fewer than [`Tracks::LEAST_SIGHTINGS`] frames.
+    /// Too few frames or points, or a point seen in fewer than [`Tracks::LEAST_SIGHTINGS`] frames.
     pub fn new(frames: usize, points: usize, positions: Vec<[f64; 2]>) -> Result<Self, Fault> {
         if frames < Self::LEAST_FRAMES
             || points < Self::LEAST_POINTS
@@ -51,9 +51,9 @@ impl Tracks {
         })
     }
 
-    /// Fewest frames from which anything can be recovered.
+    /// Fewest frames for a reconstruction.
     pub const LEAST_FRAMES: usize = 4;
-    /// Fewest points from which anything can be recovered.
+    /// Fewest points for a reconstruction.
     pub const LEAST_POINTS: usize = 4;
     /// Fewest frames in which every point must be seen.
     pub const LEAST_SIGHTINGS: usize = 3;
@@ -68,23 +68,23 @@ impl Tracks {
         self.points
     }
 
-    /// The image point, or none where it is missing.
+    /// An image point; `None` where missing.
     pub fn position(&self, frame: usize, point: usize) -> Option<[f64; 2]> {
         self.positions[frame * self.points + point]
     }
 
-    /// The points that a frame shows, and where.
+    /// The seen points of a frame, with their positions.
     pub(crate) fn seen_in(&self, frame: usize) -> impl Iterator<Item = (usize, Vector2<f64>)> {
         let position = move |j| Some((j, self.position(frame, j)?.into()));
         (0..self.points).filter_map(position)
     }
 
-    /// Whether the point is seen in the frame.
+    /// Whether a point is seen in a frame.
     pub fn is_seen(&self, frame: usize, point: usize) -> bool {
         self.position(frame, point).is_some()
     }
 
-    /// Number of image points that are seen.
+    /// Number of seen image points.
     pub fn sightings(&self) -> usize {
         self.positions.iter().flatten().count()
     }
@@ -120,7 +120,7 @@ impl Tracks {
     /// # Errors
     /// As [`Tracks::parse`], or the file cannot be read; each names the file.
     pub fn read(path: &Path) -> Result<Self, Fault> {
-        Self::parse(&text_of(path)?).map_err(Fault::within(path))
+        Self::parse(&read_text(path)?).map_err(Fault::within(path))
     }
 }
 
@@ -129,7 +129,7 @@ impl Tracks {
 pub struct Shapes {
     /// Number of points, P.
     pub points: usize,
-    /// `F * P` points, frame after frame.
+    /// `F * P` points, frame by frame.
     pub positions: Vec<[f64; 3]>,
 }
 
@@ -172,7 +172,7 @@ impl Shapes {
     /// # Errors
     /// As [`Shapes::parse`], or the file cannot be read; each names the file.
     pub fn read(path: &Path) -> Result<Self, Fault> {
-        Self::parse(&text_of(path)?).map_err(Fault::within(path))
+        Self::parse(&read_text(path)?).map_err(Fault::within(path))
     }
 
     /// `3F x P` CSV text; [`Shapes::parse`] reads it back to the digits written.
@@ -191,29 +191,29 @@ impl Shapes {
     }
 }
 
-fn text_of(path: &Path) -> Result<String, Fault> {
+fn read_text(path: &Path) -> Result<String, Fault> {
     let advice = "; give a CSV file of tracks";
     mien_workbench::text_files::read(path).map_err(Fault::cannot("read", path, advice))
 }
 
-/// A field, line and column counted from 1, that is no finite number.
+/// An error: a field, line and column counted from 1, is no finite number.
 fn no_number(line: usize, column: usize, found: &str) -> Fault {
     Fault::new(format!(
         "line {line}, column {column}: expected a number, found `{found}`; leave a missing point empty or write nan"
     ))
 }
 
-/// Rows that make no whole frames.
+/// An error: the rows do not form whole frames.
 fn broken_off(rows: usize, multiple: usize) -> Fault {
     Fault::new(format!(
         "expected a multiple of {multiple} rows, found {rows} rows; write {multiple} rows per frame, without a header"
     ))
 }
 
-/// Rows of numbers; missing fields become NaN.
+/// Parses rows of numbers; missing fields become NaN.
 fn parse_rows(text: &str) -> Result<Vec<Vec<f64>>, Fault> {
     let mut rows: Vec<Vec<f64>> = Vec::new();
-    // A row of one missing point is an empty line; only the end of the file may be blank.
+    // A row with a single, missing point is an empty line; only the end of the file may be blank.
     for (i, line) in text.trim_end().lines().enumerate() {
         let mut row = Vec::with_capacity(rows.first().map_or(0, Vec::len));
         for (j, field) in line.split(',').enumerate() {
@@ -223,7 +223,7 @@ fn parse_rows(text: &str) -> Result<Vec<Vec<f64>>, Fault> {
                 continue;
             }
             match field.parse::<f64>() {
-                Ok(value) if value.abs() < LARGEST => row.push(value),
+                Ok(value) if value.abs() < MAX_COORDINATE => row.push(value),
                 _ => {
                     let found: String = field.chars().take(24).collect();
                     return Err(no_number(i + 1, j + 1, &found));
@@ -245,8 +245,8 @@ fn parse_rows(text: &str) -> Result<Vec<Vec<f64>>, Fault> {
     Ok(rows)
 }
 
-/// Coordinates beyond this are refused: their squares would spoil the sums.
-const LARGEST: f64 = 1e12;
+/// Largest coordinate: the squares of larger ones would spoil the sums.
+const MAX_COORDINATE: f64 = 1e12;
 
 /// Mean of the seen points of each frame; zero where nothing is seen.
 pub(crate) fn mean_positions(tracks: &Tracks) -> Vec<Vector2<f64>> {

@@ -27,25 +27,25 @@ pub(super) fn expression(asset: &HeadAsset, rng: &mut Rng) -> Vec<f32> {
     act.weights
 }
 
-/// An expression in the making.
+/// An expression being composed.
 struct Act<'a> {
     asset: &'a HeadAsset,
     weights: Vec<f32>,
 }
 
 impl Act<'_> {
-    /// The larger weight counts.
+    /// Raises a weight to at least this value.
     fn set(&mut self, name: &str, weight: f32) {
         if let Some(k) = self.asset.expression(name) {
             self.weights[k] = f32::max(self.weights[k], weight.clamp(0.0, 1.15));
         }
     }
 
-    /// Both sides, never quite alike, and now and then only one.
+    /// Sets both sides, slightly unequal, occasionally only one.
     fn both(&mut self, stem: &str, weight: f32, rng: &mut Rng) {
         let uneven = 0.12 * normal(rng);
         let (mut left, mut right) = (weight * (1.0 + uneven), weight * (1.0 - uneven));
-        // A lid closes alone more often than anything else does: who winks shuts one eye and hardly moves the other.
+        // Winks: a lid closes alone more often than other parts act on one side, and the other hardly moves.
         match rng.u8(..if stem == "eyeBlink" { 5 } else { 20 }) {
             0 => left = 0.0,
             1 => right = 0.0,
@@ -53,11 +53,11 @@ impl Act<'_> {
         }
         self.set(&format!("{stem}_L"), left);
         self.set(&format!("{stem}_R"), right);
-        // Those without sides.
+        // Expressions without sides.
         self.set(stem, weight);
     }
 
-    /// The one or the other.
+    /// Sets one of two at random.
     fn one(&mut self, [a, b]: [&str; 2], weight: f32, rng: &mut Rng) {
         self.both(if rng.bool() { a } else { b }, weight, rng);
     }
@@ -112,7 +112,7 @@ impl Act<'_> {
         }
     }
 
-    /// One of what mouth, cheeks, nose and jaw do.
+    /// One action of mouth, cheeks, nose and jaw.
     fn mouth(&mut self, rng: &mut Rng) {
         let weight = rng.f32().sqrt();
         match rng.u8(..24) {

@@ -1,14 +1,15 @@
 //! The cascade learnt: each stage by ridge regression where the stages before it really end, then quantised to 8 bits.
 //!
-//! Targets are the remaining way to the truth in all parameters (view units and standard deviations of shape), features
-//! the patches and the prior columns of [`mien_stages::landmarks::cascade`]. After learning, the *quantised* stage moves the
-//! samples on, so that the next one sees what will happen. Supervised descent (Xiong and De la Torre 2013).
+//! Targets are the remaining differences from the truth in all parameters (view units and standard deviations of
+//! shape), features the patches and the prior columns of [`mien_stages::landmarks::cascade`]. After learning, the
+//! *quantised* stage moves the samples on, so that the next one is trained on its output. Supervised descent (Xiong
+//! and De la Torre 2013).
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::ridge::{LinearMap, ridge};
-use super::samples::{Eye, Sample};
+use super::samples::{MapBuffer, Sample};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::{
     CascadeStage, FEATURES, FaceModel, MAX_MODES, MAX_PARAMETERS, PATCH, ShapeModel,
@@ -25,17 +26,17 @@ const PRIOR_SCALE: f32 = 0.2;
 /// Penalty of the regression, relative to the mean eigenvalue.
 const PENALTY: f32 = 0.05;
 
-/// Where a sample's fit is, and where it started.
+/// State of a sample between stages.
 pub struct Progress {
-    /// Which sample.
+    /// Index of the sample.
     pub sample: usize,
     /// Present fit.
     pub fit: FaceFit,
-    /// The view that the way is measured from.
+    /// The view from which differences are measured.
     pub anchor: View,
 }
 
-/// The way from `fit` to the truth in all parameters.
+/// Difference from `fit` to the truth in all parameters.
 fn way(sample: &Sample, fit: &FaceFit, modes: usize, out: &mut [f32]) {
     out[..VIEW_PARAMETERS].copy_from_slice(&sample.truth.view.step_from(&fit.view));
     for k in 0..modes {
@@ -57,7 +58,7 @@ fn quantised(map: &LinearMap, cell_px: f32, parameters: usize) -> CascadeStage {
             stage.scales.push(scale);
             stage.weights.to_mut().extend(patch.map(part));
         }
-        // The prior columns are used as they are: their means go into the bias.
+        // Prior columns are not centred at run time: their means go into the bias.
         let mut bias = map.bias[row];
         for k in 0..parameters {
             let w = map.weights[(row, FEATURES + k)];
@@ -69,8 +70,8 @@ fn quantised(map: &LinearMap, cell_px: f32, parameters: usize) -> CascadeStage {
     stage
 }
 
-/// Learns one stage from where the samples are and moves them on: the distance of neighbouring cells of its patches, window
-/// pixels, and how many of the shape modes it moves, the first ones.
+/// Learns one stage from the samples' states and moves them on. `cell_px` is the spacing of its patches' cells,
+/// window pixels; only the first shape modes of the given number move.
 pub fn learn_stage(
     samples: &[Sample],
     progress: &mut [Progress],
@@ -83,13 +84,13 @@ pub fn learn_stage(
     let mut blocks: Vec<DMatrix<f32>> = progress
         .par_chunks(BLOCK)
         .map(|chunk| {
-            let (mut solver, mut eye) = (Solver::default(), Eye::default());
+            let (mut solver, mut buffer) = (Solver::default(), MapBuffer::default());
             let mut block = DMatrix::zeros(inputs + parameters, chunk.len());
             let mut columns = [0.0; MAX_PARAMETERS];
             for (p, mut column) in chunk.iter().zip(block.column_iter_mut()) {
                 let sample = &samples[p.sample];
                 let (known, target) = column.as_mut_slice().split_at_mut(inputs);
-                let patches = solver.features(shape, eye.maps_of(sample), &p.fit, cell_px);
+                let patches = solver.features(shape, buffer.compute_maps(sample), &p.fit, cell_px);
                 known[..FEATURES].copy_from_slice(patches);
                 prior_columns(&p.fit, &p.anchor, &mut columns);
                 for (to, c) in known[FEATURES..].iter_mut().zip(&columns) {
@@ -102,7 +103,7 @@ pub fn learn_stage(
         .collect();
     let map = ridge(&mut blocks, parameters, PENALTY);
     let stage = quantised(&map, cell_px, parameters);
-    // The samples move on by the quantised weights, from the features that are there already.
+    // Moves the samples by the quantised weights, on the existing features.
     let mut weights = map.weights.clone();
     for row in 0..parameters {
         for k in 0..FEATURES {
@@ -120,7 +121,7 @@ pub fn learn_stage(
     stage
 }
 
-/// Runs stages on all samples.
+/// Applies stages to all samples.
 pub fn advance(
     samples: &[Sample],
     progress: &mut [Progress],
@@ -128,15 +129,15 @@ pub fn advance(
     stages: &[CascadeStage],
 ) {
     progress.par_chunks_mut(64).for_each(|chunk| {
-        let (mut solver, mut eye) = (Solver::default(), Eye::default());
+        let (mut solver, mut buffer) = (Solver::default(), MapBuffer::default());
         for p in chunk {
-            let maps = eye.maps_of(&samples[p.sample]);
+            let maps = buffer.compute_maps(&samples[p.sample]);
             p.fit = solver.run(stages, shape, maps, &p.fit, &p.anchor);
         }
     });
 }
 
-/// Cold starts of samples: mean shape at the depth pose.
+/// Cold starts: the mean shape at the depth pose.
 pub fn cold_starts(samples: &[Sample]) -> Vec<Progress> {
     let start = |(sample, s): (usize, &Sample)| {
         let (view, shape) = (s.depth, [0.0; MAX_MODES]);
@@ -149,7 +150,7 @@ pub fn cold_starts(samples: &[Sample]) -> Vec<Progress> {
     samples.iter().enumerate().map(start).collect()
 }
 
-/// Cold and warm stages of a model in the order of the appliance.
+/// Runs a model's cold and warm stages in the order of the appliance.
 pub fn fit_cold(samples: &[Sample], model: &FaceModel) -> Vec<Progress> {
     let mut progress = cold_starts(samples);
     advance(samples, &mut progress, &model.shape, &model.cold);

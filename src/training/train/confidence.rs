@@ -1,25 +1,25 @@
-//! What a fitted face looks like, against everything a cascade may end on: the confidence model.
+//! The confidence model: distinguishes good fits from all other results of a cascade.
 //!
-//! Per landmark a linear discriminant (Fisher 1936) of its patch between visible points within 5 % of the eye distance and
-//! points that are covered, beyond 8 % or on no face at all. Confidences are logistic regressions of "within 5 %" (of a
-//! landmark: and visible) on these discriminants ([`landmark_signs`], [`face_signs`]), of the face with every end weighed by
-//! how often its like is met, so that of the faces with confidence c the share c is good as long as failures are about as
-//! frequent as here. Ends must be of pictures that the cascade has not learnt from. Limits: it knows only the failures it
-//! was shown.
+//! Per landmark a linear discriminant (Fisher 1936) of its patch separates visible points within 5 % of the eye
+//! distance from points that are covered, beyond 8 % or on no face. Confidences are logistic regressions of "within 5
+//! %" (of a landmark: and visible) on these discriminants ([`landmark_signs`], [`face_signs`]). The face's is
+//! weighted by the frequency of each kind of fit, so that a share c of the faces with confidence c is good as long as
+//! failures are about as frequent as here. Fits must be of pictures that the cascade was not trained on. Limits: only
+//! failures like these are recognised.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::cascade::Progress;
 use super::evaluate::{differences, mean_percent};
-use super::samples::{Eye, Sample};
+use super::samples::{MapBuffer, Sample};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::{ConfidenceModel, PATCH, ShapeModel};
-use mien_stages::landmarks::cascade::{Solver, discriminants, face_signs, landmark_signs};
+use mien_stages::landmarks::cascade::{Solver, discriminants, face_inputs, landmark_inputs};
 
-/// Errors up to this are good, per cent of the eye distance.
+/// Largest error of a good point, percent of the eye distance.
 const GOOD_PERCENT: f32 = 5.0;
-/// Errors from this on are bad, per cent of the eye distance.
+/// Least error of a bad point, percent of the eye distance.
 const BAD_PERCENT: f32 = 8.0;
 /// Added to the diagonal of a patch's scatter, relative to its mean.
 const RIDGE: f64 = 0.3;
@@ -28,7 +28,7 @@ const RIDGE: f64 = 0.3;
 fn logistic_regression(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> DVector<f64> {
     let mut w = DVector::zeros(x.ncols());
     for _ in 0..30 {
-        // A slight pull to 0: where nothing ever failed, the slopes must not grow without end.
+        // Slightly regularised towards 0: without failures the slopes would diverge.
         let mut slope = -&w * 0.1;
         let mut curvature = DMatrix::identity(x.ncols(), x.ncols()) * 0.1;
         for ((row, &y), weight) in x.row_iter().zip(y).zip(weights) {
@@ -44,7 +44,7 @@ fn logistic_regression(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> DVector<
     w
 }
 
-/// The regression over rows of signs.
+/// Logistic regression over rows of signs.
 fn regressed<const N: usize>(signs: &[[f32; N]], good: &[bool], weights: &[f64]) -> [f32; N] {
     let x = DMatrix::from_fn(signs.len(), N, |row, column| f64::from(signs[row][column]));
     let y: Vec<f64> = good.iter().map(|&g| f64::from(u8::from(g))).collect();
@@ -52,8 +52,8 @@ fn regressed<const N: usize>(signs: &[[f32; N]], good: &[bool], weights: &[f64])
     std::array::from_fn(|k| w[k] as f32)
 }
 
-/// Learns from the ends of fits: errors decide what is good; `faceless` tells samples that show no face, `weight` how much
-/// the end of a sample counts for the confidence of the face.
+/// Learns from results of fits: their errors define good; `faceless` marks samples without a face, `weight` is the
+/// weight of a sample's fit in the face's confidence.
 pub fn learn(
     samples: &[Sample],
     ends: &[Progress],
@@ -62,9 +62,9 @@ pub fn learn(
     shape: &ShapeModel,
     cell_px: f32,
 ) -> ConfidenceModel {
-    let (errors, faces) = errors_of(samples, ends, faceless, shape);
-    let seen = |(solver, eye): &mut (Solver, Eye), end: &Progress| {
-        let maps = eye.maps_of(&samples[end.sample]);
+    let (errors, faces) = landmark_errors(samples, ends, faceless, shape);
+    let seen = |(solver, buffer): &mut (Solver, MapBuffer), end: &Progress| {
+        let maps = buffer.compute_maps(&samples[end.sample]);
         solver.features(shape, maps, &end.fit, cell_px).to_vec()
     };
     let features = ends.par_iter().map_init(Default::default, seen);
@@ -79,7 +79,7 @@ pub fn learn(
     (model.mean, model.weights) = (means.concat(), directions.concat());
     let values = features.par_iter().map(|own| discriminants(&model, own));
     let values: Vec<[f32; LANDMARKS]> = values.collect();
-    let signs: Vec<_> = values.iter().map(landmark_signs).collect();
+    let signs: Vec<_> = values.iter().map(landmark_inputs).collect();
     let alike = vec![1.0; ends.len()];
     for i in 0..LANDMARKS {
         let own: Vec<_> = signs.iter().map(|s| s[i]).collect();
@@ -87,16 +87,16 @@ pub fn learn(
         model.landmark.extend(regressed(&own, &good, &alike));
     }
     let signs = values.iter().zip(ends);
-    let signs: Vec<_> = signs.map(|(own, end)| face_signs(own, &end.fit)).collect();
+    let signs: Vec<_> = signs.map(|(own, end)| face_inputs(own, &end.fit)).collect();
     let good: Vec<bool> = faces.iter().map(|e| *e <= GOOD_PERCENT).collect();
     let weights: Vec<f64> = ends.iter().map(|end| weight(end.sample)).collect();
     model.face = regressed(&signs, &good, &weights);
     model
 }
 
-/// Errors per landmark in per cent of the eye distance, infinite where there is no face and where it is covered, and their
+/// Errors per landmark in percent of the eye distance, infinite without a face and for covered points, and their
 /// means over a face, covered points included.
-fn errors_of(
+fn landmark_errors(
     samples: &[Sample],
     ends: &[Progress],
     faceless: &(dyn Fn(usize) -> bool + Sync),

@@ -1,4 +1,4 @@
-//! Errors of fitted landmarks against placed ones: per cent of the outer eye distance, by region.
+//! Errors of fitted landmarks against annotated ones: percent of the outer eye distance, by region.
 
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::scheme;
@@ -6,7 +6,7 @@ use mien_stages::face_model::scheme;
 /// Differences of all points ([`differences`]).
 pub type Differences = [[f32; 2]; LANDMARKS];
 
-/// Mean distance of some points, per cent.
+/// Mean length of some differences, percent.
 pub fn mean_percent(some: &[[f32; 2]]) -> f32 {
     100.0 * some.iter().map(|d| d[0].hypot(d[1])).sum::<f32>() / some.len() as f32
 }
@@ -22,7 +22,7 @@ pub struct Errors {
     sums: Vec<f64>,
 }
 
-/// Fitted minus placed in face axes (x along the outer eye corners), in outer eye distances.
+/// Fitted minus annotated points in face axes (x along the outer eye corners), in outer eye distances.
 pub fn differences(fitted: &[[f32; 2]; LANDMARKS], placed: &[[f32; 2]; LANDMARKS]) -> Differences {
     let [r, l] = scheme::OUTER_EYE_CORNERS;
     let eye = scheme::outer_eye_distance(placed).max(1e-6);
@@ -37,7 +37,7 @@ pub fn differences(fitted: &[[f32; 2]; LANDMARKS], placed: &[[f32; 2]; LANDMARKS
 }
 
 impl Errors {
-    /// Takes in one face's differences ([`differences`]).
+    /// Adds one face's differences ([`differences`]).
     pub fn add(&mut self, differences: &Differences) {
         self.sums.resize(LANDMARKS, 0.0);
         for (sum, d) in self.sums.iter_mut().zip(differences) {
@@ -87,7 +87,7 @@ pub fn mean_offsets(differences: &[Differences]) -> Differences {
     std::array::from_fn(|i| [0, 1].map(|k| mean(i, k)))
 }
 
-/// The differences with offsets taken out.
+/// Differences less offsets.
 pub fn without(differences: &Differences, offsets: &Differences) -> Differences {
     std::array::from_fn(|i| [0, 1].map(|k| differences[i][k] - offsets[i][k]))
 }
@@ -102,7 +102,7 @@ mod tests {
         placed[36] = [100.0, 100.0];
         placed[45] = [100.0, 150.0];
         let mut fitted = placed;
-        // The face lies on its side: down in the picture is to the side in the face.
+        // The face lies on its side: down in the image is lateral in the face.
         fitted[30][1] += 5.0;
         let d = differences(&fitted, &placed);
         assert!((d[30][0] - 0.1).abs() < 1e-6 && d[30][1].abs() < 1e-6);

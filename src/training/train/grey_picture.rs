@@ -1,11 +1,11 @@
-//! The grey picture of a face that things are painted over, and the landmarks they are placed by. Pixels, grey levels.
+//! A grey image of a face to paint on, with its landmarks. Pixels, grey levels.
 
 use mien_stages::base::capacity::LANDMARKS;
 
 /// The landmarks in the picture, pixels.
 pub(super) type Points = [[f32; 2]; LANDMARKS];
 
-/// The grey picture, and which landmarks are still seen.
+/// The grey image, and which landmarks are still visible.
 pub(super) struct Picture<'a> {
     pub width: usize,
     pub grey: &'a mut [f32],
@@ -14,14 +14,14 @@ pub(super) struct Picture<'a> {
 }
 
 impl Picture<'_> {
-    /// Changes every pixel's grey, by its column and row.
+    /// Changes the grey of every pixel, given column and row.
     pub(super) fn each(&mut self, mut change: impl FnMut(f32, f32, &mut f32)) {
         for (k, grey) in self.grey.iter_mut().enumerate() {
             change((k % self.width) as f32, (k / self.width) as f32, grey);
         }
     }
 
-    /// Paints a region: `shade` gives a place's grey, none outside.
+    /// Paints a region: `shade` gives the grey of a pixel, `None` outside.
     pub(super) fn paint(&mut self, mut shade: impl FnMut(f32, f32) -> Option<f32>) {
         self.each(|x, y, grey| *grey = shade(x, y).unwrap_or(*grey));
         for (point, visible) in self.points.iter().zip(self.visible.iter_mut()) {
@@ -30,14 +30,14 @@ impl Picture<'_> {
     }
 }
 
-/// The middle of some landmarks.
+/// The mean of some landmarks.
 pub(super) fn middle(points: &[[f32; 2]]) -> [f32; 2] {
     let n = points.len() as f32;
     let add = |s: [f32; 2], p: &[f32; 2]| [s[0] + p[0] / n, s[1] + p[1] / n];
     points.iter().fold([0.0; 2], add)
 }
 
-/// Whether a place lies in a polygon (crossing number).
+/// Whether a point lies in a polygon (crossing number).
 pub(super) fn inside(polygon: &[[f32; 2]], x: f32, y: f32) -> bool {
     let mut within = false;
     for (k, a) in polygon.iter().enumerate() {

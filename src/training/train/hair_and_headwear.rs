@@ -1,23 +1,23 @@
-//! What frames or covers a face in a training picture: hair beside it and over the brow, caps, hoods, headphones, scarves,
-//! masks; drawn over the grey picture.
+//! Hair and headwear painted over the grey training picture: hair beside the face and over the brow, caps, hoods,
+//! headphones, scarves, masks.
 //!
-//! Drawn from the projected landmarks, so all of it turns and grows with the face; seeded by the caller. Pixels, grey levels.
-//! Points under it are marked hidden. Limitation: flat, without parallax or shadow, as all that is worn.
+//! Positioned by the projected landmarks, so that all of it rotates and scales with the face; seeded by the caller.
+//! Pixels, grey levels. Covered points are marked hidden. Limitation: flat, without parallax or shadow.
 
 use fastrand::Rng;
 
 use super::grey_picture::{Picture, Points, inside, middle};
 use super::random::either;
 
-/// Axes of a face in the picture: origin between the brows, `down` towards the chin; `size` is the height from there to the
-/// chin, which yaw leaves alone.
+/// Axes of a face in the image: origin between the brows, `down` towards the chin; `size` is the height from there to
+/// the chin, which yaw does not change.
 struct Frame {
     origin: [f32; 2],
     down: [f32; 2],
     size: f32,
-    /// The landmarks in sizes of the face.
+    /// The landmarks in units of the face's size.
     local: Points,
-    /// Of the jaw's two ends: their middle, and how far each is aside of it.
+    /// Middle of the jaw's two ends, and half their distance.
     middle: f32,
     half: f32,
 }
@@ -42,14 +42,14 @@ impl Frame {
         frame
     }
 
-    /// A picture's place in sizes of the face, across towards point 16 and down.
+    /// Local coordinates of a pixel in units of the face's size, across towards point 16 and down.
     fn in_sizes(&self, x: f32, y: f32) -> [f32; 2] {
         let (x, y) = (x - self.origin[0], y - self.origin[1]);
         let [down_x, down_y] = self.down.map(|d| d / self.size);
         [x * down_y - y * down_x, x * down_x + y * down_y]
     }
 
-    /// Paints where `shade` gives a grey for a place in sizes of the face.
+    /// Paints where `shade` gives a grey for local coordinates.
     fn paint(&self, picture: &mut Picture, shade: impl Fn(f32, f32) -> Option<f32>) {
         picture.paint(|x, y| {
             let [u, v] = self.in_sizes(x, y);
@@ -57,12 +57,12 @@ impl Frame {
         });
     }
 
-    /// Whether a place is across of the face, or aside of it by so much.
+    /// Whether a local x lies across the face, or up to `aside` beside it.
     fn spans(&self, u: f32, aside: f32) -> bool {
         (u - self.middle).abs() < self.half + aside
     }
 
-    /// Height of a head's outline above a place: it ends so far aside of the face, and is `top` at the crown.
+    /// Height of a head's outline above a local x: the outline ends `aside` of the face, and is `top` at the crown.
     fn crown(&self, u: f32, aside: f32, top: f32) -> f32 {
         let t = ((u - self.middle) / (self.half + aside)).clamp(-1.0, 1.0);
         top * (1.0 - t * t).sqrt()
@@ -91,7 +91,7 @@ impl Strands {
         }
     }
 
-    /// Grey of a local place; `across` shifts the strands.
+    /// Grey at local coordinates; `across` shifts the strands.
     fn grey(&self, [u, v]: [f32; 2]) -> f32 {
         let at = (u + self.lean * v + self.wave[0] * (self.wave[1] * v + self.wave[2]).sin())
             * self.per_size
@@ -99,12 +99,12 @@ impl Strands {
         (self.base * (1.0 + self.contrast * self.stripe(at, 1))).clamp(0.0, 255.0)
     }
 
-    /// −1…1 that changes from strand to strand.
+    /// A number −1…1 that changes from strand to strand.
     fn ragged(&self, u: f32) -> f32 {
         self.stripe(u * self.per_size * 0.5 + 100.0, 7)
     }
 
-    /// Between the stripes on either side of a place; of so many only one is taken.
+    /// Interpolates between neighbouring stripes; only one in `one_of` is used.
     fn stripe(&self, at: f32, one_of: usize) -> f32 {
         let (k, part) = (at.max(0.0) as usize, at.max(0.0).fract());
         let [a, b] = [k, k + 1].map(|k| self.stripes[(one_of * k) % self.stripes.len()]);
@@ -127,7 +127,7 @@ pub(super) fn mane(rng: &mut Rng, picture: &mut Picture) {
 fn curtain(rng: &mut Rng, strands: &Strands, frame: &Frame, picture: &mut Picture) {
     let hairline = -(0.12 + 0.4 * rng.f32());
     let top = hairline - 0.2 - 0.4 * rng.f32();
-    // Down to the ears, the chin, or the chest.
+    // To the ears, the chin, or the chest.
     let length = [0.45, 0.9, 1.9][rng.usize(..3)] + 0.2 * either(rng);
     let outlines = [-1.0f32, 1.0].map(|sign| {
         if rng.f32() < 0.12 {
@@ -171,9 +171,9 @@ fn fringe(rng: &mut Rng, strands: &Strands, frame: &Frame, picture: &mut Picture
     let end = -0.1 + 0.22 * rng.f32() * rng.f32().sqrt();
     let (slope, bend) = (0.18 * either(rng), 0.3 * either(rng));
     let ragged = 0.01 + 0.05 * rng.f32();
-    // Parted: nothing about the parting.
+    // Parted: a gap around the parting.
     let parting = (rng.f32() < 0.3).then(|| (0.25 * either(rng), 0.3 + 0.6 * rng.f32()));
-    // Over one side only, now and then.
+    // Occasionally over one side only.
     let side = (rng.f32() < 0.25).then(|| if rng.bool() { -1.0 } else { 1.0 });
     let thin = 0.35 * rng.f32();
     frame.paint(picture, |u, v| {
@@ -194,7 +194,7 @@ fn fringe(rng: &mut Rng, strands: &Strands, frame: &Frame, picture: &mut Picture
 /// Cloth of one grey with a weave.
 struct Cloth {
     base: f32,
-    /// Depth, and how often it repeats across and down.
+    /// Depth of the knit, and its repetitions across and down.
     knit: [f32; 3],
 }
 
@@ -242,7 +242,7 @@ fn cap(rng: &mut Rng, frame: &Frame, cloth: &Cloth, picture: &mut Picture) {
     });
 }
 
-/// A hood: all that is outside an oval.
+/// A hood: everything outside an oval.
 fn hood(rng: &mut Rng, frame: &Frame, cloth: &Cloth, picture: &mut Picture) {
     let (aside, tall) = (0.12 * rng.f32() - 0.04, 0.75 + 0.3 * rng.f32());
     frame.paint(picture, |u, v| {

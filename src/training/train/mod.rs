@@ -2,18 +2,18 @@
 //!
 //! ```text
 //! shape            a population of 3D faces, and its principal components
-//! standard_head    the head that depth poses are measured on
+//! standard_head    the head model for depth poses
 //! dataset, points  annotated portraits, and the 3D faces fitted to them
-//! render           drawn faces with known truth: acting, worn, and as a camera's photograph;
+//! render           rendered faces with known truth: acting, worn, and a camera's photograph;
 //!                  hair_and_headwear on a grey_picture, varied by random
 //! samples          head windows with disturbed starts
-//! cascade          update matrices by ridge regression (ridge), where the stage before really ends
+//! cascade          update matrices by ridge regression (ridge), on the output of earlier stages
 //! refine           lids and lips from depth
-//! confidence       what a fitted face looks like
-//! paper_aam        the paper's active appearance model, paper_aam_fits: what it reaches; person: the same of one person
-//! args             what to train from
-//! schedule         all of this in order; paper_section: the paper's model in its model file
-//! evaluate         errors of people who were not trained on
+//! confidence       recognition of good fits
+//! paper_aam        the paper's active appearance model; paper_aam_fits: its accuracy; person: for one person
+//! args             the arguments
+//! schedule         all of this in order; paper_section: the paper's model in the model file
+//! evaluate         errors on people not trained on
 //! ```
 
 mod acting;
@@ -45,7 +45,7 @@ pub use args::TrainArgs;
 
 use mien_workbench::fault::Fault;
 
-/// Trains what the words ask for: a whole model, or the paper's part of one.
+/// Trains as the arguments ask: a whole model, or its paper section.
 ///
 /// # Errors
 /// If the data cannot be read, is too little, or the result cannot be written.

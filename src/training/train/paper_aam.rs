@@ -1,14 +1,14 @@
 //! Training of the paper's 3D active appearance model (section 1.2): base shape and shape bases by non-rigid structure from
 //! motion of 150 frames and PCA (equation 3), appearance by PCA of grey values (equation 2).
 //!
-//! Shape: two sequences of 150 frames. In one a single actor goes through every expression while turning, as in the paper.
-//! Bases of one face do not fit others, so the other shows many people at rest, one view each; both are recovered by
-//! structure from motion, and one PCA of all departures from their means gives bases of expressions and of people.
-//! Appearance: drawn people with open mouths, shut lids, beards, glasses and all lights, cut to head windows at their true view
-//! and warped by the true points to the base shape, whose lips are parted so that what lies between them has pixels.
-//! Brightness and contrast are taken out; every pixel is weighted by how well the modes explain it.
-//! How far a residual is believed is learnt from fits of people not trained on. Window pixels, metres. Seeded.
-//! Cost: drawing the pictures, two runs of structure from motion, a subspace iteration. Limit: orthographic recovery of
+//! Shape: two sequences of 150 frames. In one a single actor goes through every expression while turning, as in the
+//! paper. Bases of one face do not fit others, so the other shows many people at rest, one view each; both are
+//! recovered by structure from motion, and one PCA of all deviations from their means gives bases of expressions and
+//! of people. Appearance: rendered people with open mouths, shut lids, beards, glasses and all lights, cut to head
+//! windows at their true view and warped by the true points to the base shape, whose lips are parted so that the
+//! mouth's inside has pixels. Brightness and contrast are normalised; every pixel is weighted by how well the modes
+//! explain it. The trust in a residual is learnt from fits of people not trained on. Window pixels, metres. Seeded.
+//! Cost: rendering, two runs of structure from motion, a subspace iteration. Limit: orthographic recovery of
 //! perspective pictures.
 
 use std::path::Path;
@@ -40,26 +40,28 @@ use mien_workbench::strongest::strongest;
 
 /// Frames of a sequence for the 3D shape, as in the paper.
 pub const TRACK_FRAMES: usize = 150;
-/// Seconds over which the actor's frames are spread: once through all expressions.
+/// Seconds over which the actor's frames are spread: one pass through all expressions.
 const ACT_S: f64 = 45.0;
-/// Modes that structure from motion may find in a sequence, and the number of its sweeps.
+/// Most modes of structure from motion in a sequence.
 const RANK: usize = 14;
+/// Sweeps of structure from motion.
 const SWEEPS: usize = 120;
-/// How far apart the lips of the base shape are, metres.
+/// Gap between the lips of the base shape, metres.
 const PARTED_M: f32 = 0.010;
 /// Rounds of the subspace iteration for appearance.
 const ROUNDS: usize = 12;
-/// How much larger residuals are in another session than between the frames of the one that was learnt from.
+/// Ratio of residuals in another session to those between the frames of the training session.
 const OTHER_SESSION: f32 = 2.2;
-/// Least share of a face that must be visible for it to teach appearance.
+/// Least visible share of a face for training appearance.
 const VISIBLE: f32 = 0.97;
 
-/// Drawn pictures for appearance, and those of people not trained on, from which belief is learnt and whose figures are
-/// reported.
+/// Rendered pictures for appearance.
 const PICTURES: u64 = 3000;
+/// Rendered pictures of people not trained on, for belief and reported figures.
 const STRANGERS: u64 = 300;
-/// Modes of shape and of appearance that are kept; fewer say all of one face.
+/// Kept modes of shape and of appearance.
 const MODES: [usize; 2] = [26, 50];
+/// Kept modes of shape and of appearance for the model of one person.
 const MODES_OF_ONE: [usize; 2] = [14, 30];
 
 /// Trains the model and returns its bytes for the model file. `shape` gives the frame and the unit of the bases.
@@ -73,7 +75,11 @@ pub fn paper_aam_block(
     seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, Fault> {
-    let renderer = Renderer::new(data, |person| Split::of(person) == Split::Train, usize::MAX)?;
+    let renderer = Renderer::new(
+        data,
+        |person| Split::from_index(person) == Split::Train,
+        usize::MAX,
+    )?;
     let drawn = renderer.samples(0..PICTURES, seed);
     let (faces, people) = (drawn.len(), renderer.heads.len());
     say(&format!("{faces} rendered faces of {people} people"));
@@ -104,9 +110,13 @@ pub fn paper_aam_block(
         model.appearance_modes.len(),
         model.noise
     ));
-    // As it will be read back.
+    // Parsed back, so that figures are of the written model.
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
-    let renderer = Renderer::new(data, |person| Split::of(person) == Split::Dev, usize::MAX)?;
+    let renderer = Renderer::new(
+        data,
+        |person| Split::from_index(person) == Split::Dev,
+        usize::MAX,
+    )?;
     let strangers = renderer.samples(0..STRANGERS, seed + 1);
     let strangers = strangers.par_iter().filter_map(|sample| {
         Some(Known {
@@ -116,13 +126,13 @@ pub fn paper_aam_block(
     });
     let strangers: Vec<Known> = strangers.collect();
     let fits = fits(&model, &strangers, &NEAR, seed);
-    model.belief = belief(&fits);
+    model.confidence_curve = belief(&fits);
     let figures = figures(&model, &fits, &strangers);
     say(&format!("strangers, drawn: {figures}"));
     Ok(model.to_bytes())
 }
 
-/// Bases of the shapes behind the tracks, in the frame and the unit of `shape`.
+/// Bases of the shapes recovered from the tracks, in the frame and unit of `shape`.
 fn shape_bases(shape: &ShapeModel, tracks: &[Tracks], modes: usize) -> Result<ShapeBases, Fault> {
     let reference: Vec<[f64; 3]> = shape.mean.iter().map(|p| p.map(f64::from).into()).collect();
     let settings = nrsfm::Settings {
@@ -133,7 +143,7 @@ fn shape_bases(shape: &ShapeModel, tracks: &[Tracks], modes: usize) -> Result<Sh
     shape_model_from_sequences(tracks, &reference, &STABLE, modes, &settings)
 }
 
-/// A model with these bases that has not seen a picture yet.
+/// A model with these bases and no appearance yet.
 fn unlearnt(bases: &ShapeBases) -> PaperAam {
     let head: Vec<Point> = bases.mean.iter().map(|p| point(*p)).collect();
     let base = parted(&head);
@@ -152,7 +162,7 @@ fn unlearnt(bases: &ShapeBases) -> PaperAam {
         appearance_modes: Vec::new(),
         appearance_deviations: Vec::new(),
         noise: 1.0,
-        belief: [1.0, 0.1],
+        confidence_curve: [1.0, 0.1],
         pixels,
     }
 }
@@ -165,7 +175,7 @@ fn point(p: [f64; 3]) -> Point {
     Point::from(Vector::new(p[0] as f32, p[1] as f32, p[2] as f32))
 }
 
-/// The base shape from the front, its lower lip and chin let down, window pixels.
+/// The frontal base shape, with lower lip and chin lowered, window pixels.
 fn parted(head: &[Point]) -> Shape2 {
     let view = View {
         log_scale: PIXELS_PER_METRE.ln(),
@@ -203,7 +213,7 @@ fn acted_tracks(actor: &HeadAsset, seed: u64) -> Result<Tracks, Fault> {
     Tracks::new(truths.len(), LANDMARKS, positions)
 }
 
-/// People at rest, one view each.
+/// Tracks of people at rest, one view each.
 fn people_tracks(drawn: &[TrainingSample], camera: &Camera) -> Result<Tracks, Fault> {
     let few = &drawn[..drawn.len().min(TRACK_FRAMES)];
     let pixels = few.iter().flat_map(|sample| {
@@ -213,7 +223,7 @@ fn people_tracks(drawn: &[TrainingSample], camera: &Camera) -> Result<Tracks, Fa
     Tracks::new(few.len(), LANDMARKS, pixels.collect())
 }
 
-/// Grey values of the base shape's pixels, a column for each face that is seen well enough.
+/// Grey values of the base shape's pixels, a column for each sufficiently visible face.
 fn appearances(model: &PaperAam, pictures: &[TruePicture]) -> DMatrix<f32> {
     let count = model.trust.len();
     let progress = Progress::new("train: appearance", pictures.len());
@@ -234,13 +244,13 @@ fn appearances(model: &PaperAam, pictures: &[TruePicture]) -> DMatrix<f32> {
     DMatrix::from_fn(count, read.len(), |i, c| read[c][i])
 }
 
-/// Equation 2: mean, modes and deviations of appearance, trust and the noise they leave.
+/// Equation 2: mean, modes and deviations of appearance, trust and residual noise.
 fn learn_appearance(model: &mut PaperAam, pictures: &[TruePicture], modes: usize, seed: u64) {
     let count = model.trust.len();
     let columns = appearances(model, pictures);
     let people = columns.ncols();
     let mean = columns.column_mean();
-    // First without trust, to see what the modes cannot explain; then with it.
+    // First without trust, to measure the residuals; then with it.
     let mut trust = vec![1.0_f32; count];
     for round in 0..2 {
         let weighted =
@@ -250,7 +260,7 @@ fn learn_appearance(model: &mut PaperAam, pictures: &[TruePicture], modes: usize
         for (i, t) in trust.iter().enumerate() {
             rest.row_mut(i).scale_mut(*t);
         }
-        // Brightness and contrast are free.
+        // Brightness and contrast are free parameters.
         let light = DVector::from_column_slice(&trust).normalize();
         let contrast = (&mean - &light * light.dot(&mean)).normalize();
         for direction in [&light, &contrast] {
@@ -278,7 +288,7 @@ fn learn_appearance(model: &mut PaperAam, pictures: &[TruePicture], modes: usize
     model.trust = trust;
 }
 
-/// Root mean square of each row, at least so much.
+/// Root mean square of each row, at least `least`.
 fn deviations(rows: &DMatrix<f32>, least: f32) -> impl Iterator<Item = f32> {
     let count = rows.ncols().max(1) as f32;
     rows.row_iter()
@@ -301,11 +311,11 @@ fn leading(columns: &DMatrix<f32>, most: usize, seed: u64) -> DMatrix<f32> {
     q * turn.cast::<f32>()
 }
 
-/// The model of one person from what the default pipeline saw of them: bases from `tracks`, appearance from every second
-/// picture, belief from the others. Returns its bytes for the model file.
+/// The model of one person from tracked frames: bases from `tracks`, appearance from every second picture, belief
+/// from the others. Returns its bytes for the model file.
 ///
 /// # Errors
-/// The tracks do not suffice.
+/// If the tracks do not suffice.
 pub(super) fn person_block(
     shape: &ShapeModel,
     tracks: Tracks,
@@ -321,8 +331,8 @@ pub(super) fn person_block(
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
     let others: Vec<Known> = of(1).cloned().collect();
     let fits = fits(&model, &others, &NEAR, seed);
-    // The frames between are of the same session; another one has other light and is drawn, or seen, from elsewhere.
-    model.belief = belief(&fits).map(|of| OTHER_SESSION * of);
+    // The other frames are of the same session; another one differs in light and viewpoint.
+    model.confidence_curve = belief(&fits).map(|of| OTHER_SESSION * of);
     let figures = figures(&model, &fits, &others);
     say(&format!(
         "{} shape and {} appearance modes; frames in between, against the default's points: {figures}",
@@ -344,8 +354,8 @@ mod tests {
     use mien_stages::landmarks::window::Placement;
     use mien_workbench::correlation::correlation;
 
-    /// Fig. 2: 150 frames of an actor with a pixel of noise and a fifth of the points missing; the error is a share of the
-    /// shapes' size, scale taken out.
+    /// Fig. 2: 150 frames of an actor with a pixel of noise and a fifth of the points missing; the error is a share
+    /// of the shapes' size, less scale.
     #[test]
     fn shapes_survive_noise_and_gaps() {
         let Some(data) = only([Set::FacesFrl189, Set::IctFacekit]) else {
@@ -387,14 +397,14 @@ mod tests {
         assert!(error < 0.07, "{error}");
     }
 
-    /// The bases of the shipped block on somebody they were not made from: what they can show of every acted expression when
-    /// they are laid on the true points. The earlier block could not open its mouth.
+    /// The shipped block's bases on an unseen person: how well they represent every acted expression when fitted to
+    /// the true points. The earlier block could not open its mouth.
     #[test]
     fn shape_bases_span_the_measures_of_a_stranger() {
         let Some(data) = only([Set::FacesFrl189, Set::IctFacekit]) else {
             return;
         };
-        // Every fifth person is a test person; dressing a head takes longer than drawing it.
+        // Every fifth person is a test person; preparing a head takes longer than rendering it.
         let heads = textured_heads(data.path(), |person| person == 30, 1).unwrap();
         let asset = heads.first().expect("person 30").asset.clone();
         let mut simulator = Simulator::new(asset, Scene::Acted, 3);
@@ -409,7 +419,7 @@ mod tests {
             let truth = simulator
                 .draw(timestamp_from_ticks(ticks), &mut frame)
                 .unwrap();
-            let placement = Placement::of_pose(&camera, &truth.sensor_from_head).unwrap();
+            let placement = Placement::from_pose(&camera, &truth.sensor_from_head).unwrap();
             let points = truth.landmarks_px.map(|p| placement.window_pixel(p));
             let mut fit = solver.cold(&placement.start);
             solver.fit_points(&points, &mut fit, &placement.start);

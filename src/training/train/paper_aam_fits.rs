@@ -1,4 +1,4 @@
-//! Fits of the paper's active appearance model on pictures with known points: how far they are believed, and what they reach.
+//! Fits of the paper's active appearance model on pictures with known points: belief in residuals, and accuracy.
 
 use rayon::prelude::*;
 
@@ -14,14 +14,14 @@ use mien_stages::landmarks::window::{Placement, Region, WINDOW};
 use mien_workbench::correlation::correlation;
 use mien_workbench::progress::Progress;
 
-/// A picture, and what its points in the head frame of the shape model measure.
+/// A picture, and the reported measures of its points in the shape model's head frame.
 #[derive(Clone)]
 pub(super) struct Known {
     pub(super) picture: TruePicture,
     pub(super) measures: [f32; REPORTED_MEASURES.len()],
 }
 
-/// A frame of a recording that teaches: its surroundings of the face, and its points in colour pixels.
+/// A training frame of a recording: the image around the face, and its points in colour pixels.
 pub(super) struct Seen {
     pub(super) known: Known,
     pub(super) points: [[f64; 2]; LANDMARKS],
@@ -42,9 +42,9 @@ pub(super) fn reported_measures(head: &[Point; LANDMARKS]) -> [f32; REPORTED_MEA
     REPORTED_MEASURES.map(|m| raw[m as usize] / raw[Measure::EyeDistance as usize])
 }
 
-/// Head window of a view of the picture, and the true points there.
+/// Head window at a view of the picture, and the true points there.
 pub(super) fn cut(picture: &TruePicture, view: &View) -> (Vec<f32>, Shape2, View) {
-    let placement = Placement::of_view(view);
+    let placement = Placement::from_view(view);
     let mut window = vec![0.0; WINDOW * WINDOW];
     placement.resample(
         &mien_workbench::dataset::picture(&picture.grey),
@@ -55,7 +55,7 @@ pub(super) fn cut(picture: &TruePicture, view: &View) -> (Vec<f32>, Shape2, View
     (window, points, placement.start)
 }
 
-/// A fit with the mean distance of its points from the truth at its start and its end, in outer-eye distances.
+/// A fit with the mean error of its points before and after, in outer-eye distances.
 pub(super) struct Ended {
     fit: AamFit,
     errors: [f32; 2],
@@ -86,7 +86,7 @@ pub(super) fn fits(
     all.map_init(|| Solver::new(model.clone()), one).collect()
 }
 
-/// Where half a fit is believed, and how fast belief falls.
+/// Residual at which a fit is half believed, and the slope of belief.
 pub(super) fn belief(fits: &[Ended]) -> [f32; 2] {
     let good = fits.iter().filter(|fit| fit.errors[1] < 0.08);
     let mut residuals: Vec<f32> = good.map(|fit| fit.fit.residual).collect();
@@ -97,11 +97,11 @@ pub(super) fn belief(fits: &[Ended]) -> [f32; 2] {
             .get((last as f32 * share) as usize)
             .unwrap_or(&1.0)
     };
-    // Half believed at the residual that one good fit in fifty exceeds.
+    // Half belief at the residual that one good fit in fifty exceeds.
     [at(0.98), ((at(0.98) - at(0.5)) / 4.0).max(0.01)]
 }
 
-/// What a model reaches on pictures: errors in outer-eye distances, correlations of measures.
+/// Accuracy on pictures: errors in outer-eye distances, correlations of measures.
 pub(super) fn figures(model: &PaperAam, fits: &[Ended], pictures: &[Known]) -> String {
     let solver = Solver::new(model.clone());
     let n = fits.len().max(1) as f32;

@@ -1,5 +1,5 @@
-//! The paper's active appearance model as the section of a model file: learned with the rest, taken from an earlier
-//! training, or put into a file that otherwise stays the same, byte for byte.
+//! The paper's active appearance model as a section of the model file: trained with the rest, copied from an earlier
+//! model, or replaced in a file that otherwise stays the same, byte for byte.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -14,10 +14,10 @@ use mien_stages::face_model::{FaceModel, SHIPPED, ShapeModel, file};
 use mien_workbench::atomic_write::write_out;
 use mien_workbench::fault::Fault;
 
-/// Where the section comes from. Read before anything is trained, so that a wrong file is told of at once.
+/// Source of the section. Read before training, so that a wrong file is reported at once.
 pub(super) enum Source {
     Kept(Cow<'static, [u8]>),
-    /// Learned; the 3D shape of the actor of these tracks, or of a drawn one.
+    /// Trained; with the 3D shape of the actor of these tracks, or of a rendered one.
     Learned(Option<Tracks>),
 }
 
@@ -50,8 +50,8 @@ impl Source {
     }
 }
 
-/// Trains the section alone, of everybody or of the one person of a recording, whom the default pipeline with the model
-/// of `args.paper_into` (the shipped one if absent) follows, and writes that model with it.
+/// Trains the section alone, of everybody or of the person of a recording (tracked by the default pipeline), and
+/// writes the model of `args.paper_into`, by default the shipped one, with it.
 ///
 /// # Errors
 /// If the model, the data or the recording cannot be read or show too little, or the result cannot be written.
@@ -63,7 +63,7 @@ pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(),
     let model = FaceModel::read(&bytes)?;
     let block = match &args.person {
         Some(session) => {
-            let mut recording = source::Source::recording(session)?;
+            let mut recording = source::recording(session)?;
             let camera = recording.camera().clone();
             let mut next = |frame: &mut Frame| recording.next_frame(frame).unwrap_or(false);
             learn_frames(&mut next, &camera, &model, args.seed, say)?.into()

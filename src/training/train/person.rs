@@ -1,11 +1,11 @@
-//! The paper's active appearance model of one person, from a recording of them, as such models were once made.
+//! The paper's active appearance model of one person, trained on a recording, as such models usually are.
 //!
-//! The default pipeline follows the recording and says where the 68 points are; nobody marks anything. 150 of its frames,
-//! evenly spread, give the 3D shape bases by structure from motion (equation 3), a few hundred the appearance (equation 2), and the
-//! frames between them tell how far a residual is believed. The model fits this person and hardly anybody else.
+//! The default pipeline tracks the 68 points; nobody annotates. 150 of the frames, evenly spread, give the 3D shape
+//! bases by structure from motion (equation 3), a few hundred the appearance (equation 2), and the frames between
+//! them the belief in residuals. The model hardly fits anybody else.
 //!
-//! Who goes through all expressions in the recording, turning the head a little, teaches most: what was not shown is not in
-//! the bases. Limits: what the default pipeline gets wrong is learnt.
+//! The recording should show all expressions with small head turns: others are not in the bases. Limits: errors of
+//! the default pipeline are learnt too.
 
 use image::GrayImage;
 
@@ -25,15 +25,16 @@ use mien_stages::landmarks::Landmarks;
 use mien_stages::users::TrackingState;
 use mien_workbench::fault::Fault;
 
-/// Confidence from which a frame's points teach.
-const SURE: f32 = 0.8;
-/// Pictures for appearance and, between them, for belief.
+/// Least confidence of a training frame.
+const MIN_CONFIDENCE: f32 = 0.8;
+/// Pictures for appearance and belief, alternately.
 const PICTURES: usize = 450;
 
-/// What is learnt of the person before `camera`: the bytes of the model file's section. `next` fills frames; `false` at the end.
+/// Trains on the person before `camera`; returns the section's bytes. `next` fills frames, and returns false at the
+/// end.
 ///
 /// # Errors
-/// The frames show too little of a face.
+/// If the frames show too little of a face.
 pub fn learn_frames(
     next: &mut dyn FnMut(&mut Frame) -> bool,
     camera: &Camera,
@@ -53,12 +54,12 @@ pub fn learn_frames(
         else {
             continue;
         };
-        if points.confidence < SURE || !frames.is_multiple_of(every) {
+        if points.confidence < MIN_CONFIDENCE || !frames.is_multiple_of(every) {
             continue;
         }
         seen.extend(taught(&frame, points, pose, camera, &model.shape));
         if seen.len() >= 4 * PICTURES {
-            // Half as dense, evenly over the whole recording.
+            // Halves the density, evenly over the whole recording.
             seen = seen.into_iter().step_by(2).collect();
             every *= 2;
         }
@@ -107,7 +108,7 @@ fn taught(
 mod tests {
     use super::*;
     use crate::data::{Set, only};
-    use crate::golden::{figures, hold};
+    use crate::golden::{compare_with_golden, figures};
     use mien_baking::heads::textured_heads;
     use mien_sensors::kinect::picture_clock::timestamp_from_ticks;
     use mien_simulator::virtual_head::{HeadAsset, Scene, Simulator};
@@ -115,12 +116,13 @@ mod tests {
     use mien_stages::landmarks::paper_aam::PaperAamFitter;
     use mien_workbench::correlation::correlation;
 
-    /// Frames of the session that is learnt from, and of another one that is judged.
+    /// Training frames.
     const LEARNT: i64 = 900;
+    /// Test frames, of another session.
     const JUDGED: i64 = 600;
 
-    /// The model of one person follows their lips, lids and mouth corners in another session of theirs, at twice the speed. Near
-    /// what it reaches: 0.93; 0.86 and 0.85; 0.82.
+    /// The model of one person follows their lips, lids and mouth corners in another session, at twice the speed.
+    /// Bounds are near the correlations reached: 0.93; 0.86 and 0.85; 0.82.
     #[test]
     #[ignore = "minutes; MIEN_DATA, cargo test --release -p mien-training --lib follows_its_person -- --ignored --nocapture"]
     fn a_model_of_one_person_follows_its_person() {
@@ -139,9 +141,9 @@ mod tests {
         }
     }
 
-    /// Two hundred and forty frames make a model that follows nobody, but always the same.
+    /// 240 frames make a useless model, but always the same.
     #[test]
-    fn few_frames_of_one_person_teach_what_they_taught() {
+    fn few_frames_of_one_person_give_the_golden_model() {
         let mut practice = Simulator::new(HeadAsset::shipped(), Scene::Acted, 5);
         let camera = practice.camera().clone();
         let mut n = 0;
@@ -153,7 +155,7 @@ mod tests {
         let mut lines = Vec::new();
         let mut say = |words: &str| lines.extend(figures(words));
         learn_frames(&mut next, &camera, &FaceModel::shipped(), 1, &mut say).unwrap();
-        hold("train/person", &lines);
+        compare_with_golden("train/person", &lines);
     }
 
     fn learnt(head: &HeadAsset) -> Vec<u8> {
@@ -176,7 +178,8 @@ mod tests {
         heads.first().map(|head| head.asset.clone())
     }
 
-    /// Frames believed, and there the correlations of lip gap, lids, mouth width and jaw drop, at the pose the default pipeline has.
+    /// Number of believed frames, and their correlations of lip gap, lids, mouth width and jaw drop, at the default
+    /// pipeline's pose.
     fn follow(block: &[u8], head: &HeadAsset) -> (usize, [f32; 5]) {
         let mut fitter = PaperAamFitter::new(block).unwrap();
         let mut simulator = Simulator::new(head.clone(), Scene::Acted, 99);
@@ -201,7 +204,7 @@ mod tests {
                 continue;
             };
             let pose = mien_stages::pose::HeadPose {
-                sensor_from_head: mien_stages::base::frames::SensorFromHead::of(*pose),
+                sensor_from_head: mien_stages::base::frames::SensorFromHead::assume_frames(*pose),
                 confidence: 1.0,
                 coverage: 1.0,
                 proven: true,

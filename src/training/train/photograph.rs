@@ -1,15 +1,15 @@
-//! From drawn colours to the grey picture of a camera: skins mixed, a backdrop, blur, exposure, gamma and noise.
+//! From rendered colours to a camera's grey image: mixed skins, backdrop, blur, exposure, gamma and noise.
 
 use fastrand::Rng;
 
 use super::grey_picture::Points;
 use super::random::either;
-use mien_sensors::kinect::colour::luma_of;
+use mien_sensors::kinect::colour::pixel_luma;
 use mien_simulator::virtual_head::draw::Canvas;
 use mien_stages::face_model::scheme;
 
-/// Mixes a face with the same one in another photograph: everywhere alike, also somewhat beyond either photograph, or
-/// across the face from one to the other.
+/// Mixes a face's skin with that of another photograph: by a constant share, possibly extrapolated, or from one to
+/// the other across the face.
 pub(super) fn mix_skins(rng: &mut Rng, points: &Points, canvas: &mut Canvas, other: &Canvas) {
     let width = canvas.depth.width;
     let [x0, y0] = points[30];
@@ -33,22 +33,22 @@ pub(super) fn mix_skins(rng: &mut Rng, points: &Points, canvas: &mut Canvas, oth
     }
 }
 
-/// What was drawn in colour in grey, over the backdrop; sometimes as in the near infrared.
-pub(super) fn grey_of(rng: &mut Rng, canvas: &Canvas, out: &mut [f32]) {
+/// Converts the colours to grey over the backdrop; sometimes as in the near infrared.
+pub(super) fn to_grey(rng: &mut Rng, canvas: &Canvas, out: &mut [f32]) {
     let infrared = (rng.f32() < 0.15).then(|| 0.6 + 0.6 * rng.f32());
     let drawn = canvas.rgb.iter().zip(&canvas.depth.inverse);
     for (grey, (rgb, &inverse)) in out.iter_mut().zip(drawn) {
         if inverse > 0.0 {
-            *grey = f32::from(luma_of(*rgb));
+            *grey = f32::from(pixel_luma(*rgb));
             if let Some(red) = infrared {
-                // In the near infrared skin is light and even, and lips hardly differ from it: as in the red channel.
+                // In the near infrared skin is light and even, and lips hardly differ from it, as in the red channel.
                 *grey += red * (f32::from(rgb[0]) - *grey);
             }
         }
     }
 }
 
-/// Random noise at several scales, so that nothing can be learned from a backdrop.
+/// Random noise at several scales, so that backdrops cannot be learned.
 pub(super) fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Vec<f32>) {
     let base = 20.0 + 215.0 * rng.f32();
     let slope = [either(rng), either(rng)].map(|s| 60.0 * s / width.max(height) as f32);
@@ -66,7 +66,7 @@ pub(super) fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Ve
         let [columns, rows] = [width, height].map(|side| (side as f32 / cell) as usize + 2);
         let knots = (0..columns * rows).map(|_| amplitude * either(rng));
         let lattice: Vec<f32> = knots.collect();
-        // Hard cells now and then: shelves, windows, door frames.
+        // Occasional hard-edged cells: shelves, windows, door frames.
         let hard = rng.f32() < 0.3;
         for row in 0..height {
             let y = row as f32 / cell;
@@ -110,7 +110,7 @@ pub(super) fn photographed(
         }
     }
     let mut gain = (0.4f32.ln() + (1.35f32 / 0.4).ln() * rng.f32().sqrt()).exp();
-    // A dim room, now and then.
+    // An occasional dim room.
     if rng.f32() < 0.12 {
         gain *= 0.2 + 0.4 * rng.f32();
     }
@@ -129,7 +129,7 @@ pub(super) fn photographed(
                 + side * (spare[b + col] + spare[d + col])
                 + far * (spare[a + col] + spare[e + col]);
             let level = (value.max(0.0) * (1023.0 / 255.0 / 1.6)) as usize;
-            // Two uniforms: near enough to normal for noise, and cheap.
+            // The sum of two uniforms approximates a normal distribution cheaply.
             let bits = rng.u32(..);
             let n = ((bits & 0xffff) as f32 + (bits >> 16) as f32) / 65536.0 - 1.0;
             luma.push((curve[level.min(1023)] + noise * 2.45 * n + 0.5).clamp(0.0, 255.0) as u8);

@@ -1,4 +1,4 @@
-//! The shape model fitted to points placed by hand: view and coefficients of an annotated picture.
+//! Fit of the shape model to annotated points: view and coefficients.
 //!
 //! Gauss-Newton on the reprojection error in units of 1 % of the eye distance, coefficients with a prior N(0, 1) of
 //! weight [`PRIOR`], jaw points at a third. Pixels, metres. Degenerate: fewer than two distinct points leave the start.

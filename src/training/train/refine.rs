@@ -1,17 +1,18 @@
-//! Learns what depth adds to a fit ([`Refinement`]): tracked sessions of drawn training people, regressed on their truth.
+//! Learns the depth correction of a fit ([`Refinement`]): tracked sessions of rendered training people, regressed on
+//! their truth.
 //!
-//! Each person plays the scene `mixed` (random expressions, so that no order of acts is learnt) under a light of their own
-//! through segmentation, pose and landmarks. Regressed is what the fitted shape lacks, on what depth and fit say, both
-//! about the person's own means: what is constant of a person is left to the stages before, because it does not repeat
-//! between people and expression is read as a change. Method: ridge regression by the normal equations.
-//! Memory: 0.5 kB a frame. Degenerate: without a tracked frame there is nothing to learn and the answer is `None`.
+//! Each person plays the scene `mixed` (random expressions, so that no order of acts is learnt) under a light of
+//! their own through segmentation, pose and landmarks. The residual of the fitted shape is regressed on depth and
+//! fit, both relative to the person's means, as constant differences do not transfer between people and expression is
+//! a change. Method: ridge regression by the normal equations. Memory: 0.5 kB a frame. Degenerate: `None` without a
+//! tracked frame.
 
 use std::path::Path;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::shape::{Face, aligned};
-use crate::evaluate::sessions::{lighting, seed_of};
+use crate::evaluate::sessions::{lighting, person_seed};
 use mien_appliance::settings::Settings;
 use mien_baking::heads::{PersonHead, textured_heads};
 use mien_sensors::Frame;
@@ -25,31 +26,33 @@ use mien_stages::segment::Segmenter;
 use mien_workbench::fault::Fault;
 use mien_workbench::progress::Progress;
 
-/// Every second picture: neighbours say the same.
+/// Time between used frames: every second, as neighbours are redundant.
 const STEP_TICKS: i64 = 2 * FRAME_TICKS;
+/// Used frames a second.
 const FRAMES_PER_S: f64 = 15.0;
-/// Frames before anything is kept: the constants of the person are still being averaged.
+/// Initial frames of a person that are skipped, while means are still being estimated.
 const SETTLE_FRAMES: i64 = 30;
-/// People to learn from, and the length of each session.
+/// People to train on.
 pub const PEOPLE: usize = 40;
+/// Length of each session, seconds.
 const SECONDS: f64 = 30.0;
 /// Penalty of the regression, as a share of the number of frames.
 const PENALTY: f64 = 0.01;
 
-/// One frame: inputs about the person's mean, and what the shape lacks and the cheeks do, likewise.
+/// One frame, relative to the person's means: inputs, and residuals of shape and cheeks.
 struct Example {
     inputs: Inputs,
     lacks: Vec<f32>,
 }
 
-/// One person's examples, and the means that were taken out of their inputs.
+/// One person's examples, and the subtracted means of their inputs.
 #[derive(Default)]
 struct Session {
     means: Vec<f32>,
     examples: Vec<Example>,
 }
 
-/// Plays the people that `keep` accepts, with a seed of movements, lights and noise, and learns from them.
+/// Trains on the people that `keep` accepts, with a seed of movements, lights and noise.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the default settings.
@@ -65,7 +68,7 @@ pub fn learn_refinement(
         refinement: None,
         ..model.clone()
     };
-    let session = |head: PersonHead| practise(head.asset, &plain, seed_of(seed, head.person));
+    let session = |head: PersonHead| practise(head.asset, &plain, person_seed(seed, head.person));
     let sessions = Progress::each("train: depth", heads, session);
     Ok(regressed(sessions, model.shape.modes.len()))
 }
@@ -73,7 +76,7 @@ pub fn learn_refinement(
 fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     let cheeks = ["cheekPuff_R", "cheekPuff_L"].map(|name| asset.expression(name));
-    let mut simulator = Simulator::new(asset, Scene::Mixed, seed).lit(light, exposure);
+    let mut simulator = Simulator::new(asset, Scene::Mixed, seed).with_light(light, exposure);
     let camera = simulator.camera().clone();
     let settings = Settings::default();
     let mut segmenter = Segmenter::new(settings.stages.segment);
@@ -96,7 +99,7 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
         let fit = fitter.fit(&mut scratch, luma, depth, &camera, &head, at);
         let teaches = fit.is_some() && index >= SETTLE_FRAMES;
         if let Some(truth) = truth.filter(|_| teaches) {
-            let inputs = fitter.refined_from();
+            let inputs = fitter.refinement_inputs();
             examples.push(example(model, &mean, &truth, inputs, &cheeks));
         }
     }
@@ -125,7 +128,7 @@ fn example(
     }
 }
 
-/// Takes the means over the frames out of a person's examples and returns those of the inputs; inputs that were not seen
+/// Subtracts the means over the frames from a person's examples and returns those of the inputs; missing inputs
 /// become 0.
 fn centred(examples: &mut [Example]) -> Vec<f32> {
     let Some(first) = examples.first() else {
@@ -148,7 +151,7 @@ fn centred(examples: &mut [Example]) -> Vec<f32> {
     means
 }
 
-/// The sum of those numbers that are some, and how many they are.
+/// Sum and count of the finite numbers.
 fn sum_of_finite(numbers: impl Iterator<Item = f32>) -> (f32, f32) {
     let finite = numbers.filter(|x| x.is_finite());
     finite.fold((0.0, 0.0), |(sum, count), x| (sum + x, count + 1.0))
@@ -157,7 +160,7 @@ fn sum_of_finite(numbers: impl Iterator<Item = f32>) -> (f32, f32) {
 fn regressed(sessions: Vec<Session>, modes: usize) -> Option<Refinement> {
     let first = sessions.iter().find_map(|s| s.examples.first())?;
     let inputs = first.inputs.len();
-    // Over people, not frames: who was tracked longer is no more typical.
+    // Over people, not frames: longer tracked people are no more typical.
     let mean = |i: usize| {
         let of_people = sessions.iter().filter_map(|s| s.means.get(i).copied());
         let (sum, count) = sum_of_finite(of_people);

@@ -1,15 +1,16 @@
-//! Training pictures: dressed heads with random shape, expression, pose, light and camera, cropped around the face, with
-//! everything known about them.
+//! Rendered training pictures: heads with random shape, expression, pose, light and camera, cropped around the face,
+//! with their full truth.
 //!
-//! What varies: identity (shape between and beyond two people's, noise of half a sigma per mode, 3.5 % of scale per axis, a
-//! smooth quadratic warp; skin mixed from both photographs, evenly or from place to place, also beyond one of them, which
-//! makes new people of a hundred), expression (several at once, unequal sides, a fifth neutral), pose (yaw ±40°, pitch ±25°, roll ±20°), distance (0.5 to 1.5 m, so that a
-//! face is 50 to 200 colour pixels wide), light, exposure, gamma, blur, noise, backdrop, mouth interior, near-infrared greys,
-//! beards, glasses, hair, headwear, hands and other things in front.
-//! Half of the pictures are of the mirrored head, through the same camera, so that pose and pixels stay exactly consistent.
-//! Sample `i` of a seed is the same whatever is drawn beside it and on however many threads. Points are of the drawn head:
-//! fixed places of the mesh, hidden ones included, with a flag. Limitation: hair and headwear are painted flat (`hair_and_headwear`).
-//! All steps of a picture draw from one stream of random numbers, in this order.
+//! Varied are identity (shape between and beyond two people's, noise of half a sigma per mode, 3.5 % of scale per
+//! axis, a smooth quadratic warp; skin mixed from both photographs, evenly or locally, also extrapolated, which
+//! multiplies a hundred people), expression (several at once, unequal sides, a fifth neutral), pose (yaw ±40°, pitch
+//! ±25°, roll ±20°), distance (0.5 to 1.5 m, so that a face is 50 to 200 colour pixels wide), light, exposure, gamma,
+//! blur, noise, backdrop, mouth interior, near-infrared greys, beards, glasses, hair, headwear, hands and other
+//! occluders. Half of the pictures are of the mirrored head, through the same camera, so that pose and pixels stay
+//! exactly consistent. Sample `i` of a seed does not depend on the other samples or the number of threads. Points are
+//! of the rendered head: fixed positions on the mesh, hidden ones included, with a flag. Limitation: hair and
+//! headwear are painted flat (`hair_and_headwear`). All steps of a picture draw from one stream of random numbers, in
+//! this order.
 
 use std::ops::Range;
 use std::path::Path;
@@ -21,7 +22,7 @@ use rayon::prelude::*;
 
 use super::acting::expression;
 use super::grey_picture::{Picture, Points};
-use super::photograph::{backdrop, grey_of, mix_skins, photographed};
+use super::photograph::{backdrop, mix_skins, photographed, to_grey};
 use super::random::{either, normal};
 use super::shape::{mirrored, quadratic};
 use super::worn::wear;
@@ -37,7 +38,7 @@ use mien_stages::camera::Camera;
 use mien_workbench::fault::Fault;
 use mien_workbench::progress::Progress;
 
-/// One picture with its truth.
+/// A picture with its truth.
 pub struct TrainingSample {
     /// The crop.
     pub grey: GrayImage,
@@ -49,7 +50,7 @@ pub struct TrainingSample {
     pub head: [Point; LANDMARKS],
     /// The 68 points of the same head without expression.
     pub neutral: [Point; LANDMARKS],
-    /// Whether nothing stands before the point.
+    /// Whether each point is unoccluded.
     pub visible: [bool; LANDMARKS],
     /// Pose of the head.
     pub sensor_from_head: Rigid,
@@ -63,7 +64,7 @@ pub struct Renderer {
     camera: Camera,
 }
 
-/// One head in so many is there a second time, with painted eyes.
+/// One in this many heads is duplicated with synthetic eyes.
 const EYES_PAINTED: usize = 5;
 /// Share of the pictures whose person is mixed of two.
 const MIXED: f32 = 0.75;
@@ -72,7 +73,7 @@ struct Scratch {
     painter: HeadPainter,
     bust: ShapePainter,
     canvas: Canvas,
-    /// The same head with the other person's photograph.
+    /// The same head with another person's photograph.
     other: Canvas,
     neutral: Vec<Point>,
     grey: Vec<f32>,
@@ -80,14 +81,14 @@ struct Scratch {
 }
 
 impl Renderer {
-    /// Dresses the heads of the persons that `keep` accepts, `most` at most; `data` is the folder of the data sets.
+    /// Prepares the heads of the persons that `keep` accepts, `most` at most; `data` is the folder of the data sets.
     ///
     /// # Errors
     /// If mesh or portraits cannot be read.
     pub fn new(data: &Path, keep: impl Fn(usize) -> bool, most: usize) -> Result<Self, Fault> {
         let mut heads = textured_heads(data, keep, most)?;
-        // A photograph's irises are half hidden by its lids and hardly seen to turn, so that some people are there again with
-        // painted eyes. With everybody painted too, lids of real people in infrared are found worse.
+        // A photograph's irises are half hidden by its lids and hardly visibly rotate, so some people are duplicated
+        // with synthetic eyes. If all had them, the lids of real people in infrared would be found worse.
         for one in (0..heads.len()).step_by(EYES_PAINTED) {
             let mut head = heads[one].clone();
             eyes::paint(&mut head.asset, one as u64);
@@ -109,7 +110,7 @@ impl Renderer {
         })
     }
 
-    /// Draws the samples with these numbers, on all threads. None if there are no heads.
+    /// Renders the samples with these numbers, on all threads; empty without heads.
     pub fn samples(&self, numbers: Range<u64>, seed: u64) -> Vec<TrainingSample> {
         let Some(first) = self.heads.first() else {
             return Vec::new();
@@ -159,7 +160,7 @@ impl Renderer {
         let mut visible = visible(&points, &depths, canvas, height);
 
         backdrop(&mut rng, width, height, &mut scratch.grey);
-        grey_of(&mut rng, canvas, &mut scratch.grey);
+        to_grey(&mut rng, canvas, &mut scratch.grey);
         let mut picture = Picture {
             width,
             grey: &mut scratch.grey,
@@ -180,8 +181,8 @@ impl Renderer {
         }
     }
 
-    /// A face of its own, with an expression, sometimes mirrored, in `scratch`; somewhere between two people if there is
-    /// another one. Landmarks in the head frame, at rest and with the expression.
+    /// Composes a face with an expression, sometimes mirrored, in `scratch`, between two people if there is another
+    /// one. Returns the landmarks in the head frame, at rest and with the expression.
     fn face(
         &self,
         asset: &HeadAsset,
@@ -190,7 +191,7 @@ impl Renderer {
         scratch: &mut Scratch,
     ) -> [[Point; LANDMARKS]; 2] {
         let weights = expression(asset, rng);
-        // Between two people, and somewhat beyond either.
+        // Between two people, or somewhat beyond either.
         let (share, other) = match other {
             Some(other) => (1.4 * rng.f32() - 0.2, other),
             None => (0.0, asset),
@@ -216,7 +217,7 @@ impl Renderer {
         [neutral_points, points_head]
     }
 
-    /// Varies a shape; origin between the inner eye corners again.
+    /// Varies a shape; the origin stays between the inner eye corners.
     fn shape(&self, asset: &HeadAsset, rng: &mut Rng, out: &mut [Point]) {
         for mode in &self.identities {
             let weight = 0.5 * normal(rng);
@@ -236,7 +237,7 @@ impl Renderer {
                 p[axis] = q[axis] * scale[axis] + warp;
             }
         }
-        let corners = [39, 42].map(|k| asset.landmarks[k].on(out));
+        let corners = [39, 42].map(|k| asset.landmarks[k].position(out));
         let origin = nalgebra::center(&corners[0], &corners[1]).coords;
         for p in out.iter_mut() {
             *p -= origin;
@@ -259,7 +260,7 @@ impl Scratch {
     }
 }
 
-/// Which points nothing stands before, by their distances in metres.
+/// Whether each point is unoccluded, by its distance in metres.
 fn visible(
     points: &Points,
     depths: &[f32; LANDMARKS],
@@ -274,7 +275,7 @@ fn visible(
     })
 }
 
-/// The shoulders below a head, now and then, in clothes of some colour.
+/// Occasional shoulders below a head, in clothes of random colour.
 fn shoulders(
     rng: &mut Rng,
     bust: &mut ShapePainter,
@@ -293,7 +294,7 @@ fn shoulders(
 }
 
 fn pose(rng: &mut Rng) -> Rigid {
-    // The middle of the range somewhat denser than its ends.
+    // The middle of the range is sampled more densely than its ends.
     let mut angle = |range: f32| (range * either(rng) * (0.45 + 0.55 * rng.f32())).to_radians();
     let (yaw, pitch, roll) = (angle(44.0), angle(28.0), angle(22.0));
     let limit = |a: f32, degrees: f32| a.clamp(-degrees.to_radians(), degrees.to_radians());

@@ -1,9 +1,9 @@
 //! Ridge regression of a few targets on many features: `min Σ |W x + bias − y|² + λ |W|²`.
 //!
-//! Normal equations, solved by a Cholesky factor (`faer`). Samples come in blocks: one column each, its features above its
-//! targets; threads share out the columns of the scatter. `λ` is given relative to the mean eigenvalue of the features'
-//! scatter. Memory: the samples, and two and a half scatters, as 32-bit floats. Degenerate: constant features get weight 0;
-//! one block of fewer samples than features is solved by its samples.
+//! Normal equations, solved by a Cholesky factor (`faer`). Samples come in blocks, one column each, features above
+//! targets; threads share the columns of the scatter. `λ` is relative to the mean eigenvalue of the features'
+//! scatter. Memory: the samples, and two and a half scatters, as 32-bit floats. Degenerate: constant features get
+//! weight 0; a single block with fewer samples than features is solved in the dual form.
 
 use faer::linalg::matmul::matmul;
 use faer::prelude::Solve;
@@ -11,10 +11,10 @@ use faer::{Accum, Mat, MatRef, Par, Side};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Columns of the scatter that a thread sums at a time.
+/// Columns of the scatter that a thread computes at a time.
 const COLUMNS: usize = 256;
 
-/// A linear map and what it is relative to: `y = weights (x − mean) + bias`.
+/// An affine map: `y = weights (x − mean) + bias`.
 pub struct LinearMap {
     /// One row per target.
     pub weights: DMatrix<f32>,
@@ -24,7 +24,7 @@ pub struct LinearMap {
     pub bias: DVector<f32>,
 }
 
-/// Takes the mean of all columns off them, and returns it.
+/// Subtracts the mean of all columns, and returns it.
 fn centred(blocks: &mut [DMatrix<f32>]) -> DVector<f32> {
     let mut sum = DVector::<f64>::zeros(blocks.first().map_or(0, DMatrix::nrows));
     for column in blocks.iter().flat_map(DMatrix::column_iter) {
@@ -40,7 +40,7 @@ fn centred(blocks: &mut [DMatrix<f32>]) -> DVector<f32> {
     mean
 }
 
-/// Solves `(symmetric + penalty) x = right`, of a matrix that has its lower triangle.
+/// Solves `(symmetric + penalty) x = right`; only the lower triangle is read.
 fn solved(mut symmetric: Mat<f32>, penalty: f32, right: Mat<f32>) -> Mat<f32> {
     for k in 0..symmetric.nrows() {
         symmetric[(k, k)] += penalty;
@@ -75,16 +75,16 @@ fn view(block: &DMatrix<f32>) -> MatRef<'_, f32> {
     MatRef::from_column_major_slice(block.as_slice(), block.nrows(), block.ncols())
 }
 
-/// Fewer samples than features: an equation for each sample gives the same map (Saunders et al. 1998).
+/// Dual form for fewer samples than features, with the same result (Saunders et al. 1998).
 fn by_samples(block: &DMatrix<f32>, features: usize, penalty: f32) -> Mat<f32> {
     let (x, y) = view(block).split_at_row(features);
     x * solved(x.transpose() * x, penalty, y.transpose().to_owned())
 }
 
-/// An equation for each feature.
+/// Primal form, one equation per feature.
 fn by_features(blocks: &[DMatrix<f32>], features: usize, penalty: f32) -> Mat<f32> {
     let rows = blocks.first().map_or(0, DMatrix::nrows);
-    // From the diagonal down.
+    // Lower triangle only.
     let part = |first: usize| {
         let mut sum = Mat::zeros(rows - first, COLUMNS.min(features - first));
         for block in blocks {

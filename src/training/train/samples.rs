@@ -1,7 +1,7 @@
-//! Training pictures with their truth, and the starts a fit is learnt from.
+//! Training pictures with their truth, and starts of fits.
 //!
-//! A start is what the depth pose would say, disturbed; the head window is cut there, exactly as the appliance cuts it. Then
-//! the window is changed in light, sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
+//! A start is a disturbed depth pose; the head window is cut there as in the appliance, then varied in light,
+//! sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
 
 use image::GrayImage;
 use image::imageops::flip_horizontal;
@@ -25,7 +25,7 @@ use mien_workbench::dataset::{Entry, load_grey};
 use mien_workbench::similarity::Similarity;
 use mien_workbench::still::STUDIO_INVERSE_DISTANCE;
 
-/// Picture pixels per metre that portraits are brought to: a little finer than the head window.
+/// Scale of portraits, picture pixels per metre: a little finer than the head window.
 const PORTRAIT_SCALE: f32 = 900.0;
 
 /// A picture of one face with its truth.
@@ -33,13 +33,13 @@ const PORTRAIT_SCALE: f32 = 900.0;
 pub struct TruePicture {
     /// The picture.
     pub grey: GrayImage,
-    /// View in picture pixels, and shape.
+    /// True view in picture pixels, and shape.
     pub truth: FaceFit,
     /// The 68 points, picture pixels.
     pub points: [[f32; 2]; LANDMARKS],
-    /// Whether nothing stands before the point.
+    /// Whether each point is unoccluded.
     pub visible: [bool; LANDMARKS],
-    /// Whether it is drawn and not photographed.
+    /// Whether it is rendered, not a photograph.
     pub drawn: bool,
 }
 
@@ -55,7 +55,7 @@ impl TruePicture {
         let rough = fit_points(shape, &points, STUDIO_INVERSE_DISTANCE);
         let scale = (PORTRAIT_SCALE / rough.view.log_scale.exp()).min(1.0);
         let grey = load_grey(&entry.path, scale)?;
-        // Pixel centres are integers: scaling is about the corner at -0.5.
+        // Pixel centres are integers, so scaling is about the corner at -0.5.
         let points = points.map(|p| p.map(|v| (v + 0.5) * scale - 0.5));
         Ok(Some(Self {
             truth: fit_points(shape, &points, STUDIO_INVERSE_DISTANCE),
@@ -66,16 +66,16 @@ impl TruePicture {
         }))
     }
 
-    /// A drawn face: its surroundings cut out upright, with the truth in that cut.
+    /// A rendered face, cut out upright, with the truth in the cut.
     pub fn drawn(drawn: &TrainingSample, camera: &Camera, shape: &ShapeModel) -> Option<Self> {
         const MARGIN: u32 = 60;
         const SIDE: u32 = WINDOW as u32 + 2 * MARGIN;
-        let placement = Placement::of_pose(camera, &drawn.sensor_from_head)?;
+        let placement = Placement::from_pose(camera, &drawn.sensor_from_head)?;
         let picture = mien_workbench::dataset::picture(&drawn.grey);
         let margin = MARGIN as f32;
         let grey = GrayImage::from_fn(SIDE, SIDE, |x, y| {
-            let [x, y] = placement.picture_pixel([x, y].map(|at| at as f32 - margin));
-            let level = picture.at(x - drawn.origin[0], y - drawn.origin[1]);
+            let [x, y] = placement.image_pixel([x, y].map(|at| at as f32 - margin));
+            let level = picture.bilinear(x - drawn.origin[0], y - drawn.origin[1]);
             image::Luma([level.round() as u8])
         });
         let points = drawn.points.map(|[x, y]| {
@@ -87,7 +87,7 @@ impl TruePicture {
         let upright = Similarity::between(&drawn.head, &mean);
         let face = drawn.head.map(|p| upright.applied(&p));
         shape.coefficients(&face, &mut coefficients[..shape.modes.len()]);
-        // What the model's shape must undergo to be the head's.
+        // The similarity from the model's shape to the head's.
         let back = Similarity::between(&face, &drawn.head);
         let start = placement.start;
         let moved = start.rotation * back.translation * PIXELS_PER_METRE;
@@ -137,17 +137,17 @@ impl TruePicture {
     }
 }
 
-/// How far starts lie from the truth, uniform within ± these: position as a share of the face's width, then yaw, pitch and roll
-/// in radians, then the logarithm of the scale.
+/// Half widths of the uniform disturbance of a start: position as a share of the face's width, then yaw, pitch and
+/// roll in radians, then the logarithm of the scale.
 pub struct Disturbance(pub [f32; 3]);
 
-/// What a depth pose gets wrong of most people.
+/// Usual errors of a depth pose.
 pub const NEAR: Disturbance = Disturbance([0.06, 0.09, 0.055]);
 
-/// What a depth pose gets wrong at worst, and a box about a face in a still picture.
+/// Largest errors of a depth pose, and of a face box in a still picture.
 pub const COLD: Disturbance = Disturbance([0.10, 0.14, 0.08]);
 
-/// Width of a face, metres: the unit of a [`Disturbance`]'s position.
+/// Width of a face, metres, the unit of a [`Disturbance`]'s position.
 const FACE_WIDTH_M: f32 = 0.145;
 
 impl Disturbance {
@@ -166,32 +166,32 @@ impl Disturbance {
     }
 }
 
-/// One start: the window there and the truth in it.
+/// One start: a window and the truth in it.
 pub struct Sample {
-    /// The window; its maps are made where they are needed, for they are sixteen times as large.
+    /// The window; its maps are sixteen times as large, and computed on demand.
     window: Vec<u8>,
-    /// The view that the disturbed depth pose says.
+    /// View by the disturbed depth pose.
     pub depth: View,
     /// Truth in the window.
     pub truth: FaceFit,
     /// The points in the window.
     pub points: [[f32; 2]; LANDMARKS],
-    /// Whether nothing stands before the point.
+    /// Whether each point is unoccluded.
     pub visible: [bool; LANDMARKS],
 }
 
 defaults! {
-    /// Work space to look at samples.
-    pub struct Eye {
+    /// Reusable buffer for the maps of samples.
+    pub struct MapBuffer {
         window: Vec<f32> = vec![0.0; WINDOW * WINDOW],
-        /// Maps of the sample looked at last.
+        /// Maps of the last sample.
         pub maps: OrientationMaps = OrientationMaps::default(),
     }
 }
 
-impl Eye {
-    /// Makes the maps of a sample.
-    pub fn maps_of(&mut self, sample: &Sample) -> &OrientationMaps {
+impl MapBuffer {
+    /// Computes the maps of a sample.
+    pub fn compute_maps(&mut self, sample: &Sample) -> &OrientationMaps {
         for (value, grey) in self.window.iter_mut().zip(&sample.window) {
             *value = f32::from(*grey);
         }
@@ -200,10 +200,10 @@ impl Eye {
     }
 }
 
-/// Changes light, sharpness and noise of a window.
+/// Varies light, sharpness and noise of a window.
 fn spoil(window: &mut [f32], random: &mut fastrand::Rng) {
     if random.f32() < 0.4 {
-        // A box blur of three, once or twice.
+        // A box blur of width three, once or twice.
         for _ in 0..=random.usize(..2) {
             let before = window.to_vec();
             for row in 1..WINDOW - 1 {
@@ -228,12 +228,12 @@ fn spoil(window: &mut [f32], random: &mut fastrand::Rng) {
         let [x, y] = [k % WINDOW, k / WINDOW].map(|at| at as f32 / 92.0 - 1.0);
         let lit = gain * (1.0 + slope * (x * cos + y * sin));
         let v = 255.0 * (value.max(0.0) / 255.0).powf(gamma) * lit;
-        // Sum of two uniforms: near enough to Gaussian.
+        // The sum of two uniforms approximates a Gaussian.
         *value = (v + noise * 1.2 * (random.f32() + random.f32() - 1.0) * 2.0).clamp(0.0, 255.0);
     }
 }
 
-/// A disturbed start at a picture; the window of a photograph is spoiled if wanted (drawn ones are already).
+/// A disturbed start at a picture; the window of a photograph is varied if `spoiled` (a rendered one already is).
 pub fn sample(
     picture: &TruePicture,
     disturbance: &Disturbance,
@@ -243,7 +243,7 @@ pub fn sample(
 ) -> Sample {
     let mut random = fastrand::Rng::with_seed(seed);
     let view = disturbance.disturbed(&picture.truth.view, &mut random);
-    let placement = Placement::of_view(&view);
+    let placement = Placement::from_view(&view);
     placement.resample(
         &mien_workbench::dataset::picture(&picture.grey),
         &Region::WHOLE,

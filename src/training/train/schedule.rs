@@ -1,8 +1,8 @@
-//! The whole training: what is learnt from what, in which order, and the figures at the end.
+//! The whole training in order, and the final figures.
 //!
-//! Shape modes from the head set; portraits of the people that [`Split`] gives to training, each with its mirror image and
-//! many disturbed starts; drawn faces with known truth; cold stages, warm stages, confidence; then the test people.
-//! The model file is written only at the end.
+//! Shape modes from the head set; portraits of the people that [`Split`] assigns to training, each with its mirror
+//! image and many disturbed starts; rendered faces with known truth; cold stages, warm stages, confidence; then the
+//! test people. The model file is written at the end.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -35,7 +35,7 @@ impl TrainArgs {
         split == Split::Train || (split == Split::Dev && !self.hold_out_dev)
     }
 
-    /// People who are neither trained on nor kept for later: figures are of them.
+    /// The part for figures, neither trained on nor reserved.
     fn strangers(&self) -> Split {
         match self.hold_out_dev {
             true => Split::Dev,
@@ -43,7 +43,7 @@ impl TrainArgs {
         }
     }
 
-    /// So many faces drawn of the people that `keep` accepts.
+    /// Renders faces of the people that `keep` accepts.
     fn drawn_faces(
         &self,
         count: usize,
@@ -52,7 +52,11 @@ impl TrainArgs {
         keep: impl Fn(Split) -> bool,
     ) -> Result<Vec<TruePicture>, Fault> {
         let heads = 1 + count / FACES_A_HEAD;
-        let renderer = Renderer::new(&self.data.data, |person| keep(Split::of(person)), heads)?;
+        let renderer = Renderer::new(
+            &self.data.data,
+            |person| keep(Split::from_index(person)),
+            heads,
+        )?;
         let camera = mien_sensors::kinect::geometry::nominal();
         let samples = renderer.samples(0..count as u64, seed);
         let face = |sample| TruePicture::drawn(sample, &camera, shape);
@@ -60,14 +64,14 @@ impl TrainArgs {
     }
 }
 
-/// Pictures by what they may be used for.
+/// Pictures by their use.
 #[derive(Default)]
 pub struct Pictures {
-    /// To train on, mirror images included.
+    /// For training, mirror images included.
     pub train: Vec<TruePicture>,
-    /// To choose settings on.
+    /// For choosing settings.
     pub dev: Vec<TruePicture>,
-    /// To report on.
+    /// For reporting.
     pub test: Vec<TruePicture>,
 }
 
@@ -78,7 +82,7 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, Fault> {
         entries.extend(read_folder(folder)?);
     }
     let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
-    let splits = Split::of_persons(&persons);
+    let splits = Split::from_persons(&persons);
     let loaded = entries.par_iter().map(|e| TruePicture::portrait(e, shape));
     let loaded: Vec<Option<TruePicture>> = loaded.collect::<Result<_, Fault>>()?;
     let mut pictures = Pictures::default();
@@ -93,18 +97,18 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, Fault> {
             }
         }
     }
-    if pictures.train.len() < LEAST {
-        return Err(too_few(LEAST, pictures.train.len()));
+    if pictures.train.len() < MIN_PICTURES {
+        return Err(too_few(MIN_PICTURES, pictures.train.len()));
     }
     Ok(pictures)
 }
 
-/// Pictures to train on, mirror images included, without which nothing is begun.
-const LEAST: usize = 20;
+/// Least number of training pictures, mirror images included.
+const MIN_PICTURES: usize = 20;
 /// Shape modes.
 const MODES: usize = 44;
-/// Distance of neighbouring cells, window pixels, and shape modes moved by each stage. The view and the coarse shape come
-/// first; lids and lips need the finer maps of the end.
+/// Spacing of neighbouring cells, window pixels, and shape modes moved by each stage. The view and the coarse shape
+/// come first; lids and lips need the finer maps of the end.
 const STAGES: [(f32, usize); 6] = [
     (6.5, 10),
     (5.5, 24),
@@ -113,22 +117,22 @@ const STAGES: [(f32, usize); 6] = [
     (3.2, MAX_MODES),
     (2.4, MAX_MODES),
 ];
-/// How many of them are the model's cold ones.
+/// Number of cold stages among them.
 const COLD_STAGES: usize = 2;
-/// Cells of the patches that confidence looks at, window pixels.
+/// Spacing of the cells of confidence patches, window pixels.
 const CONFIDENCE_CELL_PX: f32 = 4.0;
-/// Starts in turn: mostly as near as the tracker's, some as far as a box about a still face.
+/// Disturbances of starts in turn: mostly a tracker's, some a still picture's box.
 const STARTS: [Disturbance; 3] = [NEAR, NEAR, COLD];
-/// Starts that mostly fail.
+/// Disturbance of starts that mostly fail.
 const FAR: Disturbance = Disturbance([0.35, 0.5, 0.3]);
-/// How much a wrong start, far or beside, counts against one as it is meant: there is one of each for two of those, so
-/// that one fit in twenty starts wrong.
+/// Weight of a wrong start, far or beside, against a regular one: there is one of each for two of those, so that one
+/// fit in twenty starts wrong.
 const WRONG_WEIGHT: f64 = 0.053;
-/// Faces drawn for each head that is made to draw them, and for each person that depth is learnt from: a small training is
-/// small throughout.
+/// Rendered faces per head, which scales small trainings down.
 const FACES_A_HEAD: usize = 8;
+/// Rendered faces per person for the depth correction.
 const FACES_A_PERSON: usize = 500;
-/// Starts beside the face.
+/// Disturbance of starts beside the face.
 const BESIDE: Disturbance = Disturbance([1.6, 0.5, 0.5]);
 
 fn measured(
@@ -148,10 +152,10 @@ fn measured(
     (errors, all)
 }
 
-/// What is told of a step that is done.
+/// Receives a line for each finished step.
 type Log<'a> = &'a mut dyn FnMut(&str);
 
-/// Shape modes of a population that looks as the portraits show people, not as the head set alone.
+/// Shape modes of a population like the portraits' people, not only the head set's.
 fn learn_shape(
     args: &TrainArgs,
     ict: &IctHead,
@@ -159,7 +163,7 @@ fn learn_shape(
     log: Log,
 ) -> Result<ShapeModel, Fault> {
     let mut faces = shape::population(ict, sites, 6000, args.seed);
-    let reference: shape::Face = std::array::from_fn(|i| sites[i].on(&ict.neutral));
+    let reference: shape::Face = std::array::from_fn(|i| sites[i].position(&ict.neutral));
     let rough = shape::principal_components(&faces, &reference, MODES);
     let habit = |p: &TruePicture| shape::left_over(&rough, &p.truth, &p.points);
     let habits: Vec<_> = portraits(args, &rough)?.train.iter().map(habit).collect();
@@ -176,7 +180,7 @@ fn learn_shape(
     Ok(shape)
 }
 
-/// The portraits, with what the shape model leaves of those to test on.
+/// The portraits; also prints the shape model's residual on the test part.
 fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: Log) -> Result<Pictures, Fault> {
     let pictures = portraits(args, shape)?;
     log(&format!(
@@ -198,7 +202,7 @@ fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: Log) -> Result<Pict
     Ok(pictures)
 }
 
-/// The stages, cold and warm, from portraits and drawn faces; the drawn ones join what is trained on.
+/// Trains the cold and warm stages on portraits and rendered faces, which are added to the training pictures.
 fn learn_stages(
     args: &TrainArgs,
     shape: &ShapeModel,
@@ -212,7 +216,7 @@ fn learn_stages(
     pictures.train.extend(drawn);
     log(&format!("{} starts", samples.len()));
 
-    // People not trained on are taken along from stage to stage: what the stages are worth beyond the training people.
+    // People not trained on go through the stages as well, to measure generalisation.
     let strangers = args.strangers();
     let watched = args.drawn_faces(args.drawn / 15, args.seed + 5, shape, |s| s == strangers)?;
     let watched = disturbed(&watched, 1, &[NEAR], false, args.seed + 5);
@@ -240,7 +244,7 @@ fn learn_stages(
     Ok([cold, warm])
 }
 
-/// Errors on portraits of people not trained on.
+/// Prints errors on portraits of people not trained on.
 fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log: Log) {
     for (name, pictures) in [("dev", &pictures.dev), ("test", &pictures.test)] {
         if pictures.is_empty() {
@@ -260,7 +264,7 @@ fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log:
     }
 }
 
-/// Mean offsets per landmark, of people of the same annotation who are not the test people.
+/// Writes mean offsets per landmark, of people with the same annotation outside the test split.
 fn write_offsets(
     args: &TrainArgs,
     model: &FaceModel,
@@ -275,7 +279,7 @@ fn write_offsets(
     write_beside(path, text.as_bytes(), false)
 }
 
-/// Trains a model and writes it; `say` gets one line per step.
+/// Trains a model and writes it; `say` prints one line per step.
 ///
 /// # Errors
 /// If the data cannot be read, is too little, or the result cannot be written.
@@ -285,11 +289,11 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     let log: Log = &mut |what| say(&format!("{:5.0} s {what}", began.elapsed().as_secs_f32()));
     let ict = IctHead::read(&args.data.data.join("ict_facekit"))?;
     let mut model = learn_fits(args, &ict, log)?;
-    // Written before the paper's model as well, which takes longest: what is done is not lost.
+    // Written before the paper's model as well, which takes longest, so that earlier work is not lost.
     write_out(&args.out, file::emit(&model))?;
     model.paper_aam = paper.section(args, &model.shape, log)?;
     if args.drawn > 0 {
-        let keep = |person| args.learns_from(Split::of(person));
+        let keep = |person| args.learns_from(Split::from_index(person));
         let people = PEOPLE.min(1 + args.drawn / FACES_A_PERSON);
         let learnt = learn_refinement(&args.data.data, &model, keep, people, args.seed + 17)?;
         model.refinement = learnt.map(Into::into);
@@ -309,7 +313,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Shape, stages and confidence, with their errors on people not trained on.
+/// Trains shape, stages and confidence, and prints errors on people not trained on.
 fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fault> {
     let sites = mien_baking::heads::plain_head(ict).landmarks;
     let shape = learn_shape(args, ict, &sites, log)?;
@@ -337,7 +341,8 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fa
     Ok(model)
 }
 
-/// From ends of fits on pictures not learnt from: as they are meant, from far starts, and in windows beside the face.
+/// Trains confidence on fits of unseen pictures: from regular starts, from far starts, and in windows beside the
+/// face.
 fn learn_confidence(
     args: &TrainArgs,
     portraits: &[TruePicture],
@@ -352,7 +357,7 @@ fn learn_confidence(
     let first_beside = samples.len();
     samples.extend(disturbed(&fresh, 1, &[BESIDE], true, seed + 2));
     let ends = fit_cold(&samples, model);
-    // A window beside the face whose face lies outside it.
+    // A window beside the face that contains none of it.
     let faceless = |k: usize| {
         let [x, y] = samples[k].truth.view.shift;
         k >= first_beside && (x - 92.0).abs().max((y - 66.0).abs()) > 60.0

@@ -1,10 +1,11 @@
-//! The 3D shape model: a population of faces, rigid motion and size removed, principal components.
+//! The 3D shape model: a population of faces, aligned in rigid motion and size, and its principal components.
 //!
-//! Faces are the 68 landmark vertices of the ICT head under random identity, expression and smooth warps (what its 40
-//! identity modes cannot do), each with its mirror image. Brows also move as curves (raised, tilted, bent), since the head
-//! set has few expressions of them; and what the modes leave of annotated portraits ([`left_over`]) is added to the
-//! population, so that people's own brows, lids and lips can be followed, and the annotators' habits too. Alignment: similarity on the [`scheme::STABLE`] points (Umeyama 1991) to the running mean.
-//! Metres, head frame. Seeded. Limits: expressions add linearly; no correction for combinations.
+//! Faces are the 68 landmark vertices of the ICT head under random identity, expression and smooth warps (beyond its
+//! 40 identity modes), each with its mirror image. Brows also move as curves (raised, tilted, bent), since the head
+//! set has few expressions of them. The residuals of annotated portraits ([`left_over`]) are added, so that people's
+//! own brows, lids and lips can be followed, and the annotators' habits too. Alignment: similarity on the
+//! [`scheme::STABLE`] points (Umeyama 1991). Metres, head frame. Seeded. Limits: expressions add linearly; no
+//! correction for combinations.
 
 use nalgebra::DMatrix;
 
@@ -34,7 +35,7 @@ pub fn mirrored(face: &Face) -> Face {
     })
 }
 
-/// Random weights of the head set's expressions: several at once, sides alike but for an eighth, often one strong one.
+/// Random weights of the head set's expressions: several at once, symmetric but for an eighth, often a strong one.
 fn expression_weights(ict: &IctHead, random: &mut fastrand::Rng) -> Vec<f32> {
     let mut weights = vec![0.0; ict.expressions.len()];
     if random.f32() < 0.2 {
@@ -56,7 +57,7 @@ fn expression_weights(ict: &IctHead, random: &mut fastrand::Rng) -> Vec<f32> {
         }
     }
     if random.f32() < 0.3 {
-        // Both lids, or one of them.
+        // Both lids, or one.
         let blink = random.f32().sqrt() * 1.05;
         let stem = ["eyeBlink", "eyeBlink", "eyeBlink_L", "eyeBlink_R"][random.usize(..4)];
         for (other, weight) in ict.expressions.iter().zip(&mut weights) {
@@ -71,14 +72,14 @@ fn expression_weights(ict: &IctHead, random: &mut fastrand::Rng) -> Vec<f32> {
     {
         weights[k] = random.f32() * 1.05;
     }
-    // The pair opens and closes the lips over the jaw: the second alone would cross the lips.
+    // Both open and close the lips over the jaw: mouthClose alone would cross the lips.
     if let (Some(jaw), Some(close)) = (ict.expression("jawOpen"), ict.expression("mouthClose")) {
         weights[close] = weights[close].min(weights[jaw] * 0.95);
     }
     weights
 }
 
-/// Raises, tilts and bends a brow given by its landmarks in the order outer to inner.
+/// Raises, tilts and bends a brow given by its landmarks, outer to inner.
 fn move_brow(face: &mut Face, brow: [usize; 5], random: &mut fastrand::Rng, both: [f32; 3]) {
     let varied = [0.0012, 0.0010, 0.0008].map(|size| size * normal(random));
     let own = [0, 1, 2].map(|k| both[k] + varied[k]);
@@ -88,7 +89,7 @@ fn move_brow(face: &mut Face, brow: [usize; 5], random: &mut fastrand::Rng, both
     }
 }
 
-/// The terms of second order of a place.
+/// The second-order terms of a point.
 pub(super) fn quadratic(p: &Vector) -> [f32; 6] {
     let (squares, turned) = (p.component_mul(p), p.component_mul(&p.yzx()));
     [
@@ -113,7 +114,7 @@ fn warp(face: &mut Face, random: &mut fastrand::Rng) {
     }
 }
 
-/// A random population with its mirror images: `2 * count` faces, landmarks at `sites` of the mesh.
+/// A random population with its mirror images: `2 * count` faces; landmarks are at `sites` of the mesh.
 pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec<Face> {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut faces = Vec::with_capacity(2 * count);
@@ -147,7 +148,7 @@ pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec
     faces
 }
 
-/// What the model leaves of annotated points, brought back to the head frame: picture axes turned by the view, no depth.
+/// Residual of the model on annotated points, in the head frame: picture axes rotated by the view, without depth.
 pub fn left_over(
     shape: &ShapeModel,
     fit: &FaceFit,
@@ -159,21 +160,21 @@ pub fn left_over(
     std::array::from_fn(|i| {
         let [x, y] = fit.view.project(&head[i]);
         let off = Vector::new(points[i][0] - x, points[i][1] - y, 0.0) / scale;
-        // The jaw is hardly annotated on the same place twice; of the others some is the hand's tremor. Strangers' portraits
-        // are fitted worse with 0.6, drawn faces with 0.9.
+        // Jaw annotation hardly repeats, and part of the others' residual is jitter. Portraits of other people are
+        // fitted worse with 0.6, rendered faces with 0.9.
         let share = if scheme::JAW.contains(&i) { 0.3 } else { 0.75 };
         fit.view.rotation.inverse() * off * share
     })
 }
 
-/// The face moved, turned and scaled so that its stable points lie best on those of `target`.
+/// The face transformed by a similarity so that its stable points best match those of `target`.
 pub fn aligned(face: &Face, target: &Face) -> Face {
     let similarity = Similarity::between(face, target);
     face.map(|p| similarity.applied(&p))
 }
 
-/// Weight of a point's motion in the choice of modes: lids and lips move by a millimetre and mean more than the jaw's
-/// centimetre. Without it 40 modes leave 0.69 of a single upper lid's motion.
+/// Weight of a point's motion in the choice of modes: lids and lips move by a millimetre and matter more than the
+/// jaw's centimetre. Without it 40 modes leave 0.69 of a single upper lid's motion.
 fn emphasis(landmark: usize) -> f64 {
     match landmark {
         37 | 38 | 40 | 41 | 43 | 44 | 46 | 47 => 3.0,
@@ -184,7 +185,7 @@ fn emphasis(landmark: usize) -> f64 {
     }
 }
 
-/// Mean and principal components of a population, aligned; origin between the mean's inner eye corners.
+/// Mean and principal components of an aligned population; origin between the mean's inner eye corners.
 pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> ShapeModel {
     let mut mean = *reference;
     let mut fitted: Vec<Face> = Vec::new();
@@ -199,8 +200,8 @@ pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> S
         f64::from(fitted[row][k / 3][k % 3] - mean[k / 3][k % 3])
     });
     let covariance = rows.transpose() * &rows / fitted.len() as f64;
-    // The space of the modes is that of the largest variance with each point's motion weighed; in it, the principal axes of
-    // the motion as it is.
+    // The modes span the largest weighted variance; within that space they are the principal axes of the unweighted
+    // motion.
     let weight = |k: usize| emphasis(k / 3);
     let weighed = DMatrix::from_fn(dimensions, dimensions, |a, b| {
         covariance[(a, b)] * weight(a) * weight(b)

@@ -1,4 +1,5 @@
-//! The standard head: evenly spread points with normals on the part of a head that a depth camera in front of it sees.
+//! The standard head: evenly spaced points with normals on the part of a head that a depth camera in front of it
+//! sees.
 //!
 //! Made from the mean identity's neutral mesh: face, temples and the front of the cranium. Left out are the neck and the
 //! underside of the chin (they move against the head), the ears (thin, and under hair), the inside of mouth and eyes, and
@@ -13,20 +14,20 @@ use mien_baking::heads::ict::{IctHead, part};
 use mien_simulator::virtual_head::raster::sum_normals;
 use mien_stages::base::geometry::{Point, Vector};
 
-/// Least distance of two points, metres; gives about 1800 points.
+/// Least distance of two points, metres; yields about 1800.
 pub const SPACING_M: f32 = 0.0047;
-/// Behind this depth in the head frame nothing is kept: beyond the temples the surface is ear, hair or hidden.
+/// Largest depth in the head frame: behind the temples the surface is ear, hair or hidden.
 const BACK_M: f32 = 0.085;
-/// Half width beyond which the mesh is ear.
+/// Half width from which the mesh is ear.
 const EAR_M: f32 = 0.079;
 
-/// Whether a place of the head frame belongs to the standard head: in front of the ears and above the line from the
+/// Whether a point of the head frame belongs to the standard head: in front of the ears and above the line from the
 /// chin to below the ear.
 fn wanted(p: &Point) -> bool {
     p.z < BACK_M && p.x.abs() < EAR_M && p.y < 0.110 - 0.75 * (p.z + 0.012).max(0.0)
 }
 
-/// A cell and those beside it.
+/// A cell and its neighbours.
 fn around(cell: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
     let [x, y, z] = cell;
     (0..27).map(move |k| [x + k / 9 - 1, y + k / 3 % 3 - 1, z + k % 3 - 1])
@@ -38,7 +39,7 @@ pub fn standard_head(ict: &IctHead) -> Vec<(Point, Vector)> {
     let mut normals = vec![Vector::zeros(); ict.neutral.len()];
     let triangles = ict.triangles.iter().map(|t| t.map(|v| v as usize));
     sum_normals(triangles, &ict.neutral, &mut normals);
-    // The sign of the winding is taken from the mesh itself: the tip of the nose points to −z.
+    // The winding's sign comes from the mesh: the tip of the nose points to −z.
     let sign = -normals[ict.landmarks[30]].z.signum();
     let mut kept: Vec<(Point, Vector)> = Vec::new();
     let mut cells: HashMap<[i32; 3], Vec<usize>> = HashMap::new();
@@ -94,7 +95,7 @@ mod tests {
         let head = standard_head(&ict);
         println!("{} points", head.len());
         assert!((1500..=2000).contains(&head.len()), "{} points", head.len());
-        // Outward: away from the middle of the head, nearly everywhere.
+        // Outwards: away from the middle of the head, nearly everywhere.
         let middle = Point::new(0.0, 0.02, 0.09);
         let outward = head
             .iter()
@@ -106,7 +107,7 @@ mod tests {
             head.len()
         );
         assert!(head.iter().all(|(_, n)| (n.norm() - 1.0).abs() < 1e-4));
-        // Left and right the same weight: the mean identity is symmetric.
+        // Left and right weigh the same: the mean identity is symmetric.
         let mean_x = head.iter().map(|(p, _)| p.x).sum::<f32>() / head.len() as f32;
         assert!(mean_x.abs() < 1e-3, "{mean_x}");
     }

@@ -1,16 +1,16 @@
-//! A training so small that it serves nobody, held to its figures. Left out where the data sets are absent.
+//! A minimal training, compared with golden figures. Skipped without the data sets.
 
 use super::*;
 use crate::data::{Set, only};
-use crate::golden::{cells, figures, hold, hold_every};
+use crate::golden::{cells, compare_with_golden, equals_golden, figures};
 use crate::train::render::Renderer;
 use mien_stages::face_model::FaceModel;
 use mien_workbench::people_split::Data;
 
-/// A coefficient in so many parts of its table's largest.
+/// Resolution of a coefficient, as parts of its table's largest.
 const FINE: f32 = 200.0;
 
-/// Sizes of some coefficients of a table, against its largest: a mode may point either way.
+/// Absolute values of some coefficients of a table, relative to its largest: a mode's sign is arbitrary.
 fn some(name: &str, table: &[f32]) -> String {
     let largest = table.iter().fold(0f32, |most, one| most.max(one.abs()));
     let every = (table.len() / 64).max(1);
@@ -20,7 +20,7 @@ fn some(name: &str, table: &[f32]) -> String {
 }
 
 #[test]
-fn a_small_training_learns_what_it_learnt() {
+fn a_small_training_gives_the_golden_figures() {
     let Some(data) = only([Set::IctFacekit, Set::FacesFrl189]) else {
         return;
     };
@@ -46,7 +46,7 @@ fn a_small_training_learns_what_it_learnt() {
         lines.extend(figures(line.split_once(" s ").expect("seconds first").1))
     })
     .expect("data are readable");
-    // Where the two files were written, the model's size and its sum.
+    // Lines that state paths, sizes and checksums.
     lines.retain(|line| !line.starts_with("wrote"));
     let offsets = std::fs::read_to_string(args.offsets.expect("given above")).unwrap();
     let ten_thousandths = |word: &str| word.parse().map(|x: f32| (x * 1e4).round().to_string());
@@ -67,7 +67,7 @@ fn a_small_training_learns_what_it_learnt() {
     lines.push(some("face confidence", &model.confidence.face));
     let stages = model.cold.iter().chain(model.warm.iter());
     lines.extend(stages.map(|stage| some("stage", &stage.bias)));
-    hold("train/small", &lines);
+    compare_with_golden("train/small", &lines);
 }
 
 #[test]
@@ -80,12 +80,12 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     let one = renderer.samples(2..3, 9);
     assert_eq!(all[2].grey, one[0].grey);
     assert_ne!(all[2].grey, renderer.samples(2..3, 10)[0].grey);
-    // Hats, hair, beards, glasses and hands: the shipped model learned from such pictures.
+    // Hats, hair, beards, glasses and hands: training pictures of the shipped model.
     let samples = renderer.samples(0..40, 9);
     let grey = samples
         .iter()
         .flat_map(|sample| cells::<16, 16>(&sample.grey, sample.grey.width() as usize));
-    hold_every("heads/training_pictures", &grey.collect::<Vec<_>>());
+    equals_golden("heads/training_pictures", &grey.collect::<Vec<_>>());
     let camera = mien_sensors::kinect::geometry::nominal();
     for sample in &all {
         for k in 0..mien_stages::base::capacity::LANDMARKS {

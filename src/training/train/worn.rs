@@ -1,8 +1,8 @@
-//! What people wear and hold, drawn over the grey picture of a face, each now and then, in this order: beards, glasses, hair,
-//! headwear, and hands and things before the face.
+//! Beards, glasses, hair, headwear, hands and objects painted over the grey training picture, each occasionally, in
+//! this order.
 //!
-//! Drawn from the projected landmarks, so all of it turns and grows with the face; seeded by the caller. Pixels, grey levels.
-//! Limitation: flat drawings without parallax; what they teach is not to lean on one patch alone.
+//! Positioned by the projected landmarks, so that all of it rotates and scales with the face; seeded by the caller.
+//! Pixels, grey levels. Limitation: flat drawings without parallax; they train against reliance on single patches.
 
 use fastrand::Rng;
 
@@ -14,7 +14,7 @@ use mien_stages::face_model::scheme;
 
 type Mark = fn(&mut Rng, &mut Picture);
 
-/// Beard, glasses, hair, headwear and what is before the face, each now and then.
+/// Adds beard, glasses, hair, headwear and occluders, each occasionally.
 pub(super) fn wear(rng: &mut Rng, picture: &mut Picture) {
     let worn: [(f32, Mark); 4] = [
         (0.2, beard),
@@ -33,7 +33,7 @@ pub(super) fn wear(rng: &mut Rng, picture: &mut Picture) {
     }
 }
 
-/// Something in front of the face: a hand's or a cup's worth of flat or noisy grey.
+/// An occluder of about a hand's or a cup's size, flat or noisy grey.
 fn block(rng: &mut Rng, picture: &mut Picture) {
     let points = picture.points;
     let wide = (points[16][0] - points[0][0]).abs();
@@ -65,7 +65,7 @@ fn beard(rng: &mut Rng, picture: &mut Picture) {
         let grows = inside(&outline, x, y) && !inside(&points[48..60], x, y);
         mask.push(f32::from(u8::from(grows)));
     });
-    // Soft edges: a running mean along rows, twice as long along none; beards fade sideways more than their grain.
+    // Soft edges: a running mean along rows; beards fade sideways more than their grain.
     for row in mask.chunks_exact_mut(width) {
         let line = row.to_vec();
         for (column, value) in row.iter_mut().enumerate() {
@@ -85,7 +85,7 @@ fn beard(rng: &mut Rng, picture: &mut Picture) {
     }
 }
 
-/// Where a beard grows.
+/// The outline of a beard.
 fn beard_outline(rng: &mut Rng, points: &Points) -> Vec<[f32; 2]> {
     let between = |a: usize, b: usize, t: f32| {
         [0, 1].map(|k| points[a][k] + t * (points[b][k] - points[a][k]))
@@ -129,7 +129,7 @@ fn glasses(rng: &mut Rng, picture: &mut Picture) {
     let between = distance(eyes[0], eyes[1]).max(4.0);
     let along = [0, 1].map(|k| (eyes[1][k] - eyes[0][k]) / between);
     let down = [-along[1], along[0]];
-    // Each rim as wide as its own eye: the far one is narrower when the head is turned.
+    // Each rim is as wide as its own eye: the far one is narrower in a turned head.
     let wide = [(36, 39), (42, 45)].map(|(a, b)| distance(points[a], points[b]).max(2.0));
     let (grow, tall) = (0.85 + 0.25 * rng.f32(), 0.24 + 0.14 * rng.f32());
     let sharp = 2.0 + 4.0 * rng.f32() * rng.f32();
@@ -173,7 +173,7 @@ fn glasses(rng: &mut Rng, picture: &mut Picture) {
     });
 }
 
-/// Fingers before the face: rounded strips of about the skin's grey, shaded across.
+/// Fingers in front of the face: rounded strips of about the skin's grey, shaded across.
 fn hand(rng: &mut Rng, picture: &mut Picture) {
     let (points, width) = (picture.points, picture.width);
     let face = face_width(points);
@@ -195,7 +195,7 @@ fn hand(rng: &mut Rng, picture: &mut Picture) {
             let beyond = ((v - end) / finger).max(0.0);
             ((u - middle) / finger).hypot(beyond)
         };
-        // Darker towards the edges, nothing beyond them.
+        // Darker towards the edges.
         let far = fingers.iter().map(far).fold(f32::INFINITY, f32::min);
         (far < 1.0).then_some(skin * (1.05 - 0.45 * far * far))
     });

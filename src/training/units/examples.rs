@@ -1,4 +1,5 @@
-//! Training examples: deviations of all inputs in one frame, the true units and what the eyes show; saved as JSON, and mirrored.
+//! Training examples: deviations of all inputs in one frame, the true units and images of the eyes; saved as JSON,
+//! and mirrored.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +12,7 @@ use mien_stages::expression::gaze;
 use mien_stages::expression::readings::{input_name, input_named};
 use mien_stages::landmarks::eyes::{CELLS, Eyes};
 
-/// Departures of all inputs, truth of all units in the order of [`UNITS`], and what the eyes show.
+/// Deviations of all inputs, true weights in the order of [`UNITS`], and images of the eyes.
 #[derive(Clone)]
 pub(super) struct Example {
     pub(super) departures: [f64; INPUTS],
@@ -19,14 +20,14 @@ pub(super) struct Example {
     pub(super) glance: Option<Glance>,
 }
 
-/// One line of JSON for each example: departures, truths, eyes.
+/// Formats examples as lines of JSON: deviations, true weights, eyes.
 pub(super) fn written(examples: &[Example]) -> String {
     let line = |e: &Example| serde_json::to_string(&(&e.departures[..], &e.truth[..], &e.glance));
     let lines: Vec<String> = examples.iter().filter_map(|e| line(e).ok()).collect();
     lines.join("\n")
 }
 
-/// What [`written`] wrote; lines that do not parse or are of another length are left out.
+/// Parses the lines of [`written`], skipping lines that do not parse or have another length.
 pub(super) fn read(text: &str) -> Vec<Example> {
     let example = |line: &str| {
         let (departures, truth, glance): (Vec<f64>, Vec<f64>, Option<Glance>) =
@@ -43,7 +44,7 @@ pub(super) fn read(text: &str) -> Vec<Example> {
     text.lines().filter_map(example).collect()
 }
 
-/// Inputs that change their sign in a mirror.
+/// Inputs that change sign in the mirror image.
 const LATERAL: [&str; 3] = ["lip_shift", "upper_lip_shift", "gaze_left"];
 
 impl Example {
@@ -65,16 +66,16 @@ impl Example {
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Glance {
     who: usize,
-    /// To the left and up.
+    /// True gaze, to the left and up.
     pub(super) looks: [f64; 2],
-    /// The head's turn.
+    /// The head's rotation.
     ahead: [f32; 2],
     right: Vec<f32>,
     left: Vec<f32>,
 }
 
 impl Glance {
-    /// A person's eyes at a pose, looking so far to the left and up; `None` without either.
+    /// A person's eyes at a pose, with their true gaze; `None` without eyes or pose.
     pub(super) fn from_frame(
         who: usize,
         eyes: Option<Eyes>,
@@ -99,7 +100,8 @@ impl Glance {
             .all(|eye| eye.len() == CELLS)
     }
 
-    /// Regression row and target for gaze across (0) or up (1), or for the lids (2, target `lifted`); `at` is the example's index.
+    /// Regression row and target for horizontal (0) or vertical (1) gaze, or for the lids (2, target `lifted`); `at`
+    /// is the example's index.
     pub(super) fn seen(&self, at: usize, axis: usize, lifted: f64) -> Seen {
         let [right, left] = [&self.right, &self.left].map(|eye| core::array::from_fn(|k| eye[k]));
         Seen {
@@ -115,15 +117,15 @@ impl Glance {
 
 /// One direction of one [`Glance`].
 pub(super) struct Seen {
-    /// Which example.
+    /// Index of the example.
     pub(super) at: usize,
     pub(super) who: usize,
-    /// Cells, and the turn of the head.
+    /// Cells, and the rotation of the head.
     pub(super) row: Vec<f64>,
     pub(super) looks: f64,
 }
 
-/// Reads the true direction of a head's eyes.
+/// A function that reads the true gaze of a head.
 pub(super) fn gaze_reader(asset: &HeadAsset) -> impl Fn(&Truth) -> [f64; 2] + use<> {
     let pairs = [
         ["eyeLookOut_L", "eyeLookIn_L"],

@@ -15,20 +15,20 @@ use mien_stages::expression::features;
 use mien_stages::landmarks::eyes::CELLS;
 use mien_workbench::correlation::correlation;
 
-/// Penalty of the regression, in examples of unit contrast: with less, rendered eyes are read better and real ones worse.
+/// Ridge penalty, in examples of unit contrast: with less, rendered eyes are read better and real ones worse.
 const PENALTY: f64 = 10_000.0;
-/// Lids closed further than this hide the iris, truth of AU43.
+/// True AU43 above which lids hide the iris.
 const CLOSED: f64 = 0.3;
-/// How far a lid moves to close fully, in multiples of how far it rises when the eye opens wide (AU5).
+/// Travel of a closing lid as multiple of its rise when the eye opens wide (AU5).
 const CLOSES: f64 = 2.0;
 
-/// What was learnt: lines for `config/units.toml`, and what to say of it.
+/// Results: lines for `config/units.toml`, and a report.
 pub(super) struct Learnt {
     pub text: String,
     pub say: String,
 }
 
-/// Learns the maps and sets what they read in all examples with open eyes.
+/// Learns the maps and writes their readings into all examples with open eyes.
 pub(super) fn learn(examples: &mut [Example]) -> Learnt {
     let sides = |name| (0..UNIT_COUNT).filter(move |&k| UNITS[k].0.starts_with(name));
     let truth = |e: &Example, name| sides(name).map(|k| e.truth[k]).sum::<f64>() / 2.0;
@@ -64,7 +64,7 @@ pub(super) fn learn(examples: &mut [Example]) -> Learnt {
     Learnt { text, say }
 }
 
-/// Which direction of which feature is which unit.
+/// Unit, feature and direction of each gaze unit.
 const DIRECTIONS: [(&str, &str, [f64; 2]); 4] = [
     (features::GAZE[0], "AU61", [1.0, 0.0]),
     (features::GAZE[0], "AU62", [0.0, -1.0]),
@@ -72,7 +72,7 @@ const DIRECTIONS: [(&str, &str, [f64; 2]); 4] = [
     (features::GAZE[1], "AU64", [0.0, -1.0]),
 ];
 
-/// Takes each person's mean off.
+/// Subtracts each person's mean.
 fn centre(seen: &mut [Seen]) {
     let people = seen.iter().map(|s| s.who + 1).max().unwrap_or(0);
     for person in 0..people {
@@ -95,11 +95,11 @@ fn centre(seen: &mut [Seen]) {
     }
 }
 
-/// Regression holds back where the eyes do not tell; `whole`: a full look reads as 1 all the same.
+/// Ridge regression; `whole`: rescaled so that full gaze reads as 1.
 fn regress(seen: &[Seen], whole: bool) -> Vec<f64> {
     let n = CELLS + 1;
     let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
-    // The turn is a sine, of a few tenths: it is not to be held back.
+    // The rotation is a sine, of a few tenths, and not penalised.
     gram[(CELLS, CELLS)] = 1.0;
     let mut right = DVector::zeros(n);
     for one in seen {
@@ -139,7 +139,7 @@ mod tests {
             for frame in 0..200 {
                 let looks = [normal() * 0.4, normal() * 0.3];
                 let closed = frame % 9 == 0;
-                // The third cell of each eye follows the glance; the rest is the person and noise.
+                // The third cell of each eye follows the gaze; the rest is person and noise.
                 let mut eyes: Eyes = [[0.0; CELLS]; 2];
                 for (side, eye) in eyes.iter_mut().enumerate() {
                     let toward = if side == 0 { -looks[0] } else { looks[0] };
@@ -176,7 +176,7 @@ mod tests {
             assert!(r > 0.9, "axis {axis}: {r}");
         }
         assert!(learnt.text.contains("unit = \"AU64\"\nabsolute = true"));
-        // Kept and read again, it is the same; what is cut short is left out.
+        // Saved and read again, it is the same; truncated lines are skipped.
         let text = examples::written(&examples);
         let mut again = examples::read(&text);
         assert_eq!(learn(&mut again).text, learnt.text);

@@ -1,12 +1,14 @@
-//! `mien-studio units`: learns how each unit is read from all measures together, on tracked faces whose expressions are known.
+//! `mien-studio units`: learns how each unit is read from all measures together, on tracked faces with known
+//! expressions.
 //!
-//! People the face model may learn from act random mixtures (`Scene::Mixed`) in front of the simulated sensor, some of
-//! them with hair and accessories, through the whole pipeline. From every frame with a confident face and a learned rest,
-//! the deviations of all inputs and the true units ([`crate::evaluate::acted`]) make an example, and its mirror image
-//! another; real smiles ([`super::smiles`]) are added. Ridge regression on rises and falls gives the shares. A unit is read
-//! from inputs of its own part of the face ([`tells_of`]): others that seem to tell of it in one world do not in another.
-//! A reading is stretched, by [`MOST`] at most, so that the median of full expressions comes to [`FULL`]: what is hardly seen
-//! regresses to small readings. Last, cross-talk is removed (`chosen.toml`). Seeded; eye distances.
+//! People of the training split act random mixtures (`Scene::Mixed`) in front of the simulated sensor, some of them
+//! with hair and accessories, through the whole pipeline. Every frame with a confident face and a learned rest gives
+//! an example, the deviations of all inputs and the true units ([`crate::evaluate::acted`]), and its mirror image
+//! another; real smiles ([`super::smiles`]) are added. Ridge regression on rises and falls gives the shares. A unit
+//! is read from inputs of its own part of the face ([`uses_input`]): correlations with others do not transfer from
+//! renderings. A reading is scaled, by [`MAX_SCALE`] at most, so that the median full expression reads as [`FULL`],
+//! as poorly visible units regress to small readings. Last, cross-talk is removed (`chosen.toml`). Seeded; eye
+//! distances.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -19,11 +21,11 @@ use rayon::prelude::*;
 use super::examples::{self, Example, Glance, gaze_reader, written};
 use super::gaze;
 use crate::evaluate::acted::{Acted, UNIT_COUNT, UNITS};
-use crate::evaluate::sessions::{Trial, lighting, median, seed_of};
+use crate::evaluate::sessions::{Trial, lighting, median, person_seed};
 use crate::frame_time::frame_time;
 use mien_baking::heads::PersonHead;
 use mien_sensors::Frame;
-use mien_simulator::virtual_head::{Look, Scene, Sensor, Simulator};
+use mien_simulator::virtual_head::{Appearance, Scene, Sensor, Simulator};
 use mien_stages::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS};
 use mien_stages::expression::readings::input_name;
 use mien_stages::expression::{Units, features};
@@ -34,31 +36,34 @@ use mien_workbench::fault::Fault;
 use mien_workbench::people_split::Split;
 use mien_workbench::progress::Progress;
 
-/// Seconds after which rest has been learnt.
+/// Seconds after which the rest is learnt.
 const SETTLED_S: f64 = 6.0;
-/// Every so many frames make an example: neighbours say the same.
-const EVERY: usize = 2;
-/// One person of so many wears hair and things: they take four times as long to draw.
+/// Frames per example, as neighbours are redundant.
+const FRAMES_PER_EXAMPLE: usize = 2;
+/// One person in this many wears hair and accessories, which take four times as long to render.
 const DRESSED: usize = 5;
-/// One person of so many has the eyes of the photograph, all others drawn ones.
+/// One person in this many has the photograph's eyes, others synthetic ones.
 const PHOTOGRAPHED: usize = 4;
-/// Penalty of the regression, in examples, on inputs scaled to their deviation.
+/// Ridge penalty, in examples, on inputs scaled to their deviation.
 const PENALTY: f64 = 1000.0;
-/// What real smiles weigh beside everything that is acted, and what they are read as: most are slight. Then the units they
-/// tell of, and those they do not move; whatever else a smile does differs from person to person.
+/// Weight of real smiles relative to all acted examples.
 const SMILES: f64 = 0.03;
+/// Target value of real smiles: most are slight.
 const SMILE: f64 = 0.8;
+/// Units that real smiles raise.
 const SMILERS: [&str; 2] = ["AU12L", "AU12R"];
+/// Units that real smiles do not move; their effect on others differs from person to person.
 const NOT_SMILING: [&str; 5] = ["AU20", "AU18", "AU29", "AU9L", "AU9R"];
-/// What the middle one of full expressions is read as, and the most a reading is stretched for it.
+/// Target reading of the median full expression.
 const FULL: f64 = 0.95;
-const MOST: f64 = 2.0;
-/// Lids that open wide hardly move: read from little, they are stretched by this at most.
-const MOST_OF_LIDS: f64 = 2.4;
-/// A unit that no measure is named after and that comes out with less than this is not seen well enough to be given.
+/// Largest factor that scales a reading to [`FULL`].
+const MAX_SCALE: f64 = 2.0;
+/// Largest factor that scales a reading of lids that open wide, which hardly move.
+const MAX_LID_SCALE: f64 = 2.4;
+/// Least correlation of a unit without a measure of its own for being emitted.
 const LEAST_R: f64 = 0.4;
 
-/// Numbers chosen by hand, from `chosen.toml`.
+/// Manually chosen numbers, from `chosen.toml`.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Chosen {
@@ -76,11 +81,11 @@ pub(super) struct CrossTalk {
 pub(super) static CHOSEN: LazyLock<Chosen> =
     LazyLock::new(|| toml::from_str(include_str!("chosen.toml")).expect("a test reads it"));
 
-/// Truth from which an expression is full.
-const FULLY: f64 = 0.8;
+/// True weight from which an expression is full.
+const FULL_TRUTH: f64 = 0.8;
 
-/// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`; what is acted is
-/// `kept` in a file, or read from there if it exists.
+/// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`; acted
+/// examples are saved to the file `kept`, or read from it if it exists.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
@@ -126,7 +131,7 @@ pub fn learn(
     Ok(text)
 }
 
-/// What people act, or what they acted when it was kept in a file.
+/// Examples of all people, from the file if they were saved.
 fn examples(
     trial: &Trial,
     heads: Vec<PersonHead>,
@@ -156,17 +161,17 @@ fn unusable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
 }
 
 fn practise(trial: &Trial, number: usize, mut head: PersonHead) -> Result<Vec<Example>, Fault> {
-    let seed = seed_of(trial.sessions.seed, head.person);
+    let seed = person_seed(trial.sessions.seed, head.person);
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     if number % PHOTOGRAPHED != 1 {
         mien_baking::heads::eyes::paint(&mut head.asset, seed);
     }
     let acted = Acted::new(&head.asset);
-    let mut simulator = Simulator::new(head.asset, Scene::Mixed, seed).lit(light, exposure);
+    let mut simulator = Simulator::new(head.asset, Scene::Mixed, seed).with_light(light, exposure);
     if number % DRESSED == 1 {
         simulator = simulator
-            .dressed([Look::numbered(number, seed)])
-            .seen_by(Sensor {
+            .dressed([Appearance::numbered(number, seed)])
+            .with_sensor(Sensor {
                 faults: 1.0,
                 ..Sensor::default()
             });
@@ -183,10 +188,10 @@ fn practise(trial: &Trial, number: usize, mut head: PersonHead) -> Result<Vec<Ex
         let (Some(shown), true) = (shown, followed) else {
             continue;
         };
-        if (index as f64) < SETTLED_S * 30.0 || index % EVERY != 0 {
+        if (index as f64) < SETTLED_S * 30.0 || index % FRAMES_PER_EXAMPLE != 0 {
             continue;
         }
-        let Some(&departures) = pipeline.expression(0).departures() else {
+        let Some(&departures) = pipeline.expression(0).deviations() else {
             continue;
         };
         let report = pipeline.report();
@@ -194,21 +199,24 @@ fn practise(trial: &Trial, number: usize, mut head: PersonHead) -> Result<Vec<Ex
         examples.push(Example {
             departures,
             glance: Glance::from_frame(number, eyes, report.sensor_from_face, look(&shown)),
-            truth: core::array::from_fn(|k| acted.truth_of(UNITS[k].0, &shown).unwrap_or(0.0)),
+            truth: core::array::from_fn(|k| acted.true_weight(UNITS[k].0, &shown).unwrap_or(0.0)),
         });
     }
     Ok(examples)
 }
 
-/// How the names of inputs begin, by part of the face; nose and upper lip move with what brows and lids do.
+/// Prefixes of inputs of the brows.
 const BROWS: [&str; 2] = ["brow_", "inner_brow_"];
+/// Prefixes of inputs of the outer brows.
 const OUTER_BROWS: [&str; 1] = ["outer_brow_"];
+/// Prefixes of inputs of the lids.
 const LIDS: [&str; 4] = ["lid_", "upper_lid_", "lower_lid_", "gaze_"];
+/// Prefixes of inputs of nose and upper lip, which brows and lids move as well.
 const NOSE_AND_LIP: [&str; 4] = ["nostril_", "nose_width", "upper_lip_L", "upper_lip_R"];
 
-/// Whether an input's part of the face tells of a unit. A brow's lowering is read from measures alone, a wrinkled nose from
-/// brows too, and a wide eye from lids and gaze alone: lids follow a glance.
-fn tells_of(unit: &str, input: usize) -> bool {
+/// Whether a unit is read from an input, by part of the face. A brow's lowering is read from measures alone, a
+/// wrinkled nose from brows too, and a wide eye from lids and gaze alone, as lids follow the gaze.
+fn uses_input(unit: &str, input: usize) -> bool {
     let name = input_name(input);
     let is = |names: &[&str]| names.iter().any(|start| name.starts_with(start));
     let (outer_brows, lids) = (is(&OUTER_BROWS), is(&LIDS));
@@ -224,14 +232,14 @@ fn tells_of(unit: &str, input: usize) -> bool {
     }
 }
 
-/// Shares by input and side of one unit, their correlation with the truth, and what to say of them.
+/// Shares of one unit by input and side, their correlation with the truth, and a report.
 fn regress(
     examples: &[Example],
     smiles: &[Example],
     unit: usize,
 ) -> ([[f64; 2]; INPUTS], f64, String) {
     let side = |d: f64, s: usize| if s == 0 { d.max(0.0) } else { d.min(0.0) };
-    let inputs = (0..INPUTS).filter(|&i| tells_of(UNITS[unit].0, i));
+    let inputs = (0..INPUTS).filter(|&i| uses_input(UNITS[unit].0, i));
     let kept: Vec<(usize, usize)> = inputs.flat_map(|i| [(i, 0), (i, 1)]).collect();
     let scale = |&(i, s): &(usize, usize)| {
         let squares = examples.iter().map(|e| side(e.departures[i], s).powi(2));
@@ -243,7 +251,7 @@ fn regress(
     let n = kept.len();
     let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
     if let Some(error) = CHOSEN.errors.get(stem(UNITS[unit].0)) {
-        // An error falls on either side of rest.
+        // Errors are on either side of rest.
         let squares = 0.5 * examples.len() as f64 * error.powi(2);
         for (k, scale) in scales.iter().enumerate() {
             gram[(k, k)] += squares / scale.powi(2);
@@ -253,10 +261,10 @@ fn regress(
     let mut row = vec![0.0; n];
     let (name, _) = UNITS[unit];
     let smiled = if SMILERS.contains(&name) { SMILE } else { 0.0 };
-    let told = smiled > 0.0 || NOT_SMILING.contains(&name);
+    let is_judged = smiled > 0.0 || NOT_SMILING.contains(&name);
     let weight = SMILES * examples.len() as f64 / smiles.len().max(1) as f64;
     let practised = examples.iter().map(|e| (e, 1.0, e.truth[unit]));
-    let real = smiles.iter().filter(|_| told);
+    let real = smiles.iter().filter(|_| is_judged);
     for (e, weight, truth) in practised.chain(real.map(|e| (e, weight, smiled))) {
         for ((x, &(i, s)), scale) in row.iter_mut().zip(&kept).zip(&scales) {
             *x = side(e.departures[i], s) / scale;
@@ -281,21 +289,21 @@ fn regress(
     (shares, correlation(pairs), line)
 }
 
-/// What shares make of an example.
+/// Reading of an example by these shares.
 fn read(e: &Example, shares: &[[f64; 2]; INPUTS]) -> f64 {
     let sum = shares.iter().zip(&e.departures);
     sum.map(|(s, &d)| s[usize::from(d <= 0.0)] * d).sum()
 }
 
-/// Stretches a reading until the middle one of full expressions is read as [`FULL`], within bounds; says by how much.
+/// Scales a reading until the median full expression reads as [`FULL`], within bounds; returns a report.
 fn stretch(shares: &mut [[f64; 2]; INPUTS], examples: &[Example], unit: usize) -> String {
-    let full = examples.iter().filter(|e| e.truth[unit] > FULLY);
+    let full = examples.iter().filter(|e| e.truth[unit] > FULL_TRUTH);
     let full: Vec<f64> = full.map(|e| read(e, shares)).collect();
     let middle = if full.is_empty() { FULL } else { median(&full) };
     let most = if UNITS[unit].0.starts_with("AU5") {
-        MOST_OF_LIDS
+        MAX_LID_SCALE
     } else {
-        MOST
+        MAX_SCALE
     };
     let stretch = (FULL / middle.max(1e-3)).clamp(1.0, most);
     for share in shares.iter_mut().flatten() {
@@ -331,7 +339,7 @@ fn feature_priors(heads: &[PersonHead]) -> String {
         let n = rests.len() as f64;
         let mean = rests.iter().sum::<f64>() / n;
         let sd = (rests.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / n).sqrt();
-        // People differ by more than this head set's.
+        // People vary more than this head set.
         let sd = 1.2 * sd + 0.01;
         let _ = write!(
             text,
@@ -340,7 +348,7 @@ fn feature_priors(heads: &[PersonHead]) -> String {
             0.5 * span
         );
     }
-    // People look ahead, and look about.
+    // Gaze is centred and varies in every person.
     for name in features::GAZE {
         text += &format!(
             "\n[[feature]]\nname = \"{name}\"\nrest = 0.000\nrest_sd = 0.300\nspan = 0.500\n"
@@ -360,7 +368,7 @@ fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
         }
     }
     for (by, share) in cross_talk.iter().flat_map(|cross_talk| &cross_talk.loses) {
-        // Of the same side if both have sides, else all there are.
+        // Inputs of the same side if both have sides, else all.
         let side = &unit[stem(unit).len()..];
         let counts = |other: &&str| {
             let sided = !side.is_empty() && other.len() > by.len();
@@ -383,5 +391,5 @@ fn stem(unit: &str) -> &str {
     unit.trim_end_matches(['L', 'R'])
 }
 
-/// The measures come first among the inputs.
+/// Measures come first among the inputs.
 const _: () = assert!(INPUTS == LEARNT_MEASURES + FEATURES);

@@ -1,8 +1,9 @@
-//! What real smiles do to all inputs of the readings: smiling portraits against neutral ones of the same person, both fitted.
+//! Effect of real smiles on all inputs of the readings: smiling portraits against neutral ones of the same person,
+//! both fitted.
 //!
-//! A modelled head's smile lifts the corners of the mouth and does little else; real smiles are wider and lift them less.
-//! Uses people a face model may learn from; eye distances. Smiling portraits have no annotated points, so their fit starts in
-//! the neutral portrait's box, and again where it ended. Cheeks, which only depth tells of, stay as they are.
+//! A modelled smile lifts the corners of the mouth and does little else; real smiles are wider and lift them less.
+//! Uses people of the training split; eye distances. Smiling portraits have no annotated points, so their fit starts
+//! in the neutral portrait's box, and again at its own result. Cheeks, which require depth, stay unchanged.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,10 +18,10 @@ use mien_workbench::fault::Fault;
 use mien_workbench::people_split::Split;
 use mien_workbench::still::{FaceBox, StillFitter};
 
-/// A fit below this confidence tells nothing.
+/// Least confidence of a usable fit.
 const LEAST_CONFIDENCE: f32 = 0.5;
 
-/// All inputs of the readings, as [`mien_stages::expression`] takes them from a face.
+/// All inputs of the readings, computed as [`mien_stages::expression`] does.
 fn inputs(head: &[Point; LANDMARKS]) -> [f64; INPUTS] {
     let raw = measures::with_cheeks(head, [0.0; PUFFS]);
     let w = raw[Measure::EyeDistance as usize];
@@ -33,7 +34,7 @@ fn inputs(head: &[Point; LANDMARKS]) -> [f64; INPUTS] {
     })
 }
 
-/// Departures of each person's smile from their neutral face.
+/// Deviations of each person's smile from their neutral face.
 ///
 /// # Errors
 /// If the portraits cannot be read.
@@ -41,7 +42,7 @@ pub(super) fn departures(portraits: &Path, model: &FaceModel) -> Result<Vec<[f64
     let entries = read_folder(portraits)?;
     let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
     let mut pairs: BTreeMap<&str, [Option<&Entry>; 2]> = BTreeMap::new();
-    for (entry, split) in entries.iter().zip(Split::of_persons(&persons)) {
+    for (entry, split) in entries.iter().zip(Split::from_persons(&persons)) {
         let which = ["neutral", "smile"]
             .iter()
             .position(|e| *e == entry.expression);

@@ -1,9 +1,10 @@
-//! Priors of each measure from the ICT head: rest over random identities, and how far each expression at full weight moves it.
-//! `config/units.toml` has the rounded numbers, with `rest_sd` widened by a fifth, at the brows to 0.08, and anatomical sizes
-//! (16, 8, 6, -, 1.7 and 6 mm) over w = 37 mm for mouth_width.down, lip_shift, lip_thrust.up, lip_protrusion.down, lid.up and part
-//! of brow.up.
+//! Priors of each measure from the ICT head: rest over random identities, and its change by each expression at full
+//! weight. `config/units.toml` has the rounded numbers, with `rest_sd` widened by a fifth, at the brows to 0.08, and
+//! anatomical sizes (16, 8, 6, -, 1.7 and 6 mm) over w = 37 mm for mouth_width.down, lip_shift, lip_thrust.up,
+//! lip_protrusion.down, lid.up and part of brow.up.
 //!
-//! Identities are drawn as neutral + Σ c_n mode_n, c_n ~ N(0, 1). Units: the inner-eye-corner distance w, of the neutral.
+//! Identities are drawn as neutral + Σ c_n mode_n, c_n ~ N(0, 1). Units: the inner-eye-corner distance w of the
+//! neutral.
 
 use nalgebra::Vector3;
 
@@ -11,7 +12,7 @@ use super::readings::{CHOSEN, learn};
 use crate::data::{Set, folder, only};
 use crate::evaluate::acted::UNITS;
 use crate::evaluate::sessions::{Sessions, Trial};
-use crate::golden::{figures, hold};
+use crate::golden::{compare_with_golden, figures};
 use mien_baking::heads::ict::IctHead;
 use mien_simulator::virtual_head::Scene;
 use mien_stages::base::capacity::{LANDMARKS, MEASURES};
@@ -130,9 +131,8 @@ fn prints_the_priors() {
     assert!(gap > 0.3, "opening the jaw opens the lips, by {gap} w");
 }
 
-/// Unit, the expressions whose strongest it should follow, and the least r.
-/// AU20 and AU18 share one measure with the funnel and the rolled lips, which the head model acts as well: they are
-/// told apart no better than this.
+/// Unit, the expressions whose strongest it should follow, and the least r. AU20 and AU18 share one measure with the
+/// funnel and the rolled lips, which the head model also acts, hence their low bounds.
 const FOLLOWS: [(&str, &[&str], f64); 20] = [
     ("AU26", &["jawOpen"], 0.9),
     ("AU20", &["mouthStretch_L", "mouthStretch_R"], 0.8),
@@ -156,7 +156,7 @@ const FOLLOWS: [(&str, &[&str], f64); 20] = [
     ("AU9R", &["noseSneer_R"], 0.8),
 ];
 const PEOPLE: u64 = 5;
-/// Of the outer eye-corner distance.
+/// Standard deviation of jitter as part of the outer eye-corner distance.
 const JITTER: f32 = 0.0025;
 const OUTER_M: f32 = 0.098;
 
@@ -178,7 +178,7 @@ fn play(head: &IctHead, person: u64) -> Vec<Vec<[f64; 2]>> {
         let modes = head.identities.iter().zip(&c);
         modes.fold(head.neutral[v], |p, (mode, &c)| p + mode.offsets[v] * c)
     });
-    // The priors are those of measures; readings have learnt from other faces than these.
+    // By measures alone, as readings were learnt from other faces.
     let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     let mut slow = [Vector3::zeros(); LANDMARKS];
     let keep = (-1.0f32 / 30.0 / 0.25).exp();
@@ -206,7 +206,7 @@ fn play(head: &IctHead, person: u64) -> Vec<Vec<[f64; 2]>> {
         let landmarks = Landmarks::certain(points);
         expression.observe(
             &landmarks,
-            &SensorFromFace::of(pose),
+            &SensorFromFace::assume_frames(pose),
             Timestamp::from_us(n * 33_333),
         );
         if n < 600 {
@@ -244,9 +244,9 @@ fn the_acted_scene_is_read_right_on_people_of_the_head_model() {
     assert!(low.is_empty(), "too low: {low:?}");
 }
 
-/// Two people who act for some seconds teach nothing that is worth shipping, but always the same.
+/// Two people who act for some seconds give useless readings, but always the same.
 #[test]
-fn a_short_practice_teaches_what_it_taught() {
+fn a_short_practice_gives_the_golden_readings() {
     let Some(data) = only([Set::IctFacekit, Set::FacesFrl189]) else {
         return;
     };
@@ -265,5 +265,5 @@ fn a_short_practice_teaches_what_it_taught() {
     let mut say = |line: &str| lines.extend(figures(line));
     let text = learn(&trial, None, &mut say).expect("data are readable");
     lines.extend(figures(&text));
-    hold("units/short", &lines);
+    compare_with_golden("units/short", &lines);
 }

@@ -28,7 +28,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use mien_appliance::source::Source;
+use mien_appliance::source;
 use mien_sensors::kinect::device::{Model, PacketSource, Stream};
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_simulator::virtual_kinect::VirtualKinect;
@@ -149,7 +149,7 @@ fn scene(name: &str) -> Result<Scene> {
             true
         }));
     }
-    let mut source = Source::simulated(name.strip_prefix("simulated:"))?;
+    let mut source = source::simulated(name.strip_prefix("simulated:"))?;
     Ok(Box::new(move |frame| {
         matches!(source.next_frame(frame), Ok(true))
     }))

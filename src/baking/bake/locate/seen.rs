@@ -1,4 +1,4 @@
-//! What of a mesh may be skin with a face and what may be its eyes, and the head drawn from one direction.
+//! Parts of a mesh that may be face skin or eyes, and the head rendered from one direction.
 //!
 //! Units: the mesh's; pictures in pixels.
 
@@ -6,49 +6,51 @@ use image::GrayImage;
 use nalgebra::Matrix3;
 
 use super::super::looks::Surfaces;
-use super::super::mesh::{Mesh, Rings, Vec3, extent_of};
+use super::super::mesh::{Mesh, Rings, Vec3, bounding_box};
 use super::super::render::{Canvas, paint};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_workbench::still::FaceBox;
 
 /// Side of the picture, pixels.
 pub(super) const PIXELS: u32 = 360;
-/// Cosine of the cone that an iris fills on an eyeball seen from its centre.
+/// Cosine of the half angle of the iris, seen from the eyeball's centre.
 const IRIS: f64 = 0.87;
-/// Parts with a smaller share of the vertices of the largest are not its skin; so many are tried.
-const SMALLEST_SKIN: usize = 12;
-const SKINS: usize = 3;
-/// Least and largest extent of an eyeball, also of half a one; more of them than this are not looked through.
+/// Parts with fewer vertices than the largest part's over this are not tried as skin.
+const SKIN_DIVISOR: usize = 12;
+/// Most parts tried as skin.
+const MAX_SKINS: usize = 3;
+/// Least ratio of the extents of an eyeball, or of half of one.
 const ROUND: f64 = 0.4;
-const MOST_ROUND: usize = 100;
-/// A part is small up to this share of the skin's extent.
+/// Most round parts that are compared in pairs.
+const MAX_ROUND_PARTS: usize = 100;
+/// Extent of a small part, as share of the skin's.
 const SMALL: f64 = 0.35;
 
-/// What hangs together in a mesh.
+/// Connected parts of a mesh.
 pub(super) struct Parts<'a> {
-    /// Part of every vertex.
+    /// Part of each vertex.
     pub(super) of: Vec<u32>,
-    /// What may carry the face, the likeliest first.
+    /// Parts that may carry the face, the likeliest first.
     pub(super) skins: Vec<u32>,
-    /// Those that are eyeballs, or lie in them, and the centres of the two.
+    /// Parts that are eyeballs or lie inside them, and the centres of the two.
     pub(super) balls: Option<(Vec<u32>, [Vec3; 2])>,
-    /// Whether each is small beside the skin: brows, lashes, eyes that are no balls.
+    /// Whether each part is small beside the skin: brows, lashes, flat eyes.
     pub(super) small: Vec<bool>,
-    /// What is known of colours.
+    /// Colours, if known.
     pub(super) surfaces: Option<Surfaces<'a>>,
 }
 
 impl Parts<'_> {
     pub(super) fn new(mesh: &Mesh, rings: &Rings) -> Self {
         let (of, count) = mesh.components(rings);
-        let (mut boxes, mut size) = (vec![extent_of([]); count], vec![0_usize; count]);
+        let (mut boxes, mut size) = (vec![bounding_box([]); count], vec![0_usize; count]);
         for (p, &c) in mesh.positions.iter().zip(&of) {
             let b = &mut boxes[c as usize];
             *b = (b.0.inf(p), b.1.sup(p));
             size[c as usize] += 1;
         }
         let balls = eyeballs(&boxes);
-        // Skin goes round both eyes; hair and clothes may have more vertices.
+        // Skin surrounds both eyes; hair and clothes may have more vertices.
         let holds = |c: u32| {
             let (low, high) = boxes[c as usize];
             let within = |p: &Vec3| p.inf(&high) == *p && p.sup(&low) == *p;
@@ -58,8 +60,8 @@ impl Parts<'_> {
         let mut skins: Vec<u32> = (0..count as u32).collect();
         skins.sort_by_key(|&c| std::cmp::Reverse((holds(c), size[c as usize])));
         let most = skins.iter().map(|&c| size[c as usize]).max().unwrap_or(0);
-        skins.retain(|&c| size[c as usize] * SMALLEST_SKIN > most);
-        skins.truncate(SKINS);
+        skins.retain(|&c| size[c as usize] * SKIN_DIVISOR > most);
+        skins.truncate(MAX_SKINS);
         let wide = |c: usize| (boxes[c].1 - boxes[c].0).max();
         let skin = skins.first().map_or(0.0, |&c| wide(c as usize));
         Self {
@@ -71,7 +73,7 @@ impl Parts<'_> {
         }
     }
 
-    /// Views to try: up is y or z; four ways to face, but only those with the eyes level, where there are eyes.
+    /// Views to try: up is y or z; four ways to face, and with eyes only those in which they are level.
     pub(super) fn frames(&self, by_eyes: bool) -> Vec<Matrix3<f64>> {
         let balls = self.balls.as_ref().filter(|_| by_eyes);
         let across = balls.map(|(_, [a, b])| (b - a).normalize());
@@ -90,7 +92,7 @@ impl Parts<'_> {
     }
 }
 
-/// The pair of round parts of one size that lie level beside each other, and what else is round and in them.
+/// The pair of round parts of one size level beside each other, and the round parts inside them.
 fn eyeballs(boxes: &[(Vec3, Vec3)]) -> Option<(Vec<u32>, [Vec3; 2])> {
     let middle = |c: usize| (boxes[c].0 + boxes[c].1) / 2.0;
     let wide = |c: usize| (boxes[c].1 - boxes[c].0).max();
@@ -103,14 +105,14 @@ fn eyeballs(boxes: &[(Vec3, Vec3)]) -> Option<(Vec<u32>, [Vec3; 2])> {
     let round: Vec<usize> = (0..boxes.len()).filter(round).collect();
     let whole = (0..boxes.len()).map(wide).fold(0.0, f64::max);
     let mut best: Option<(f64, usize, usize)> = None;
-    for (k, &a) in round.iter().enumerate().take(MOST_ROUND) {
-        for &b in round[k + 1..].iter().take(MOST_ROUND) {
+    for (k, &a) in round.iter().enumerate().take(MAX_ROUND_PARTS) {
+        for &b in round[k + 1..].iter().take(MAX_ROUND_PARTS) {
             let (size, apart) = (0.5 * (wide(a) + wide(b)), middle(b) - middle(a));
             let along = apart.amax();
             let off = (apart.norm_squared() - along * along).max(0.0).sqrt();
             let alike = (wide(a) - wide(b)).abs() < 0.15 * size && off < 0.3 * size;
             let is_pair = alike && (1.4..4.5).contains(&(along / size)) && size < 0.3 * whole;
-            // Of several in each other the largest.
+            // Of nested ones the largest.
             if is_pair && best.is_none_or(|(most, ..)| size > most) {
                 best = Some((size, a, b));
             }
@@ -125,7 +127,7 @@ fn eyeballs(boxes: &[(Vec3, Vec3)]) -> Option<(Vec<u32>, [Vec3; 2])> {
     Some((all, centers))
 }
 
-/// The head from one direction.
+/// The head rendered from one direction.
 pub(super) struct Seen {
     /// Mesh to (right, up, towards the viewer).
     pub(super) to_view: Matrix3<f64>,
@@ -133,7 +135,7 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    /// Pixels, and depth in pixels towards the viewer.
+    /// Pixel of a point, and depth in pixels towards the viewer.
     pub(super) fn screen(&self, p: &Vec3) -> Vec3 {
         self.canvas.screen(&(self.to_view * p))
     }
@@ -142,7 +144,7 @@ impl Seen {
         image::imageops::grayscale(&self.canvas.image)
     }
 
-    /// Pixels of a square in the view.
+    /// Pixels of a square given in the view.
     pub(super) fn square(&self, middle: &Vec3, side: f64) -> FaceBox {
         let (at, side) = (self.canvas.screen(middle), side * self.canvas.scale);
         FaceBox {
@@ -153,7 +155,7 @@ impl Seen {
         }
     }
 
-    /// The square in the view that points fill, its middle and side.
+    /// The bounding square of points, in the view: middle and side.
     pub(super) fn unsquare(&self, points: &[[f32; 2]; LANDMARKS]) -> (Vec3, f64) {
         let b = FaceBox::around(points);
         let half = f64::from(PIXELS) / 2.0;
@@ -165,8 +167,8 @@ impl Seen {
     }
 }
 
-/// Draws the head: skin, and eyes with an iris.
-pub(super) fn look(
+/// Renders the head: skin, and eyes with an iris.
+pub(super) fn draw_head(
     mesh: &Mesh,
     parts: &Parts<'_>,
     skin: u32,
@@ -198,7 +200,7 @@ pub(super) fn look(
     };
     let mut canvas = draw(None, &|t, _| tint(t));
     if let Some(surfaces) = &parts.surfaces {
-        // Depth stays that of the skin, which points are cast on.
+        // Depth stays the skin's, onto which points are cast.
         let small = |t: [u32; 3]| parts.small[parts.of[t[0] as usize] as usize];
         let tint = |t, known| tint(t).or((known && small(t)).then_some([0.0; 3]));
         canvas.image = draw(Some(surfaces), &tint).image;
@@ -209,7 +211,7 @@ pub(super) fn look(
     }
 }
 
-/// Pixels between two points.
-pub(super) fn apart(a: [f32; 2], b: [f32; 2]) -> f32 {
+/// Distance of two points, pixels.
+pub(super) fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }

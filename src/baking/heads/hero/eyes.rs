@@ -6,17 +6,17 @@ use crate::bake::mesh::Vec3;
 pub(super) const PICTURE: &[u8] = include_bytes!("eyes.jpg");
 /// Middle of the left eyeball; of the right one x is negative.
 const BALL: Vec3 = Vec3::new(0.031, 0.0035, -0.0135);
-/// Middle of the iris from there, towards the nose: who looks at somebody an arm away converges.
+/// Offset of the iris's middle from there towards the nose: eyes that look at somebody at arm's length converge.
 const INWARD_M: f64 = 0.0007;
-/// What the picture shows from its middle to its edge.
+/// Distance from the image's middle to its edge.
 const REACH_M: f64 = 0.0165;
 
-/// Place of a vertex of an eyeball in the picture.
+/// Texture coordinates of a vertex of an eyeball.
 pub(super) fn place_in_picture(p: &Vec3) -> [f32; 2] {
     let side = p.x.signum();
     let x = p.x - side * (BALL.x - INWARD_M);
     let mut flat = nalgebra::Vector2::new(x, p.y - BALL.y);
-    // What looks back is white.
+    // The back of the ball is white.
     if p.z < BALL.z {
         flat = flat.try_normalize(1e-9).unwrap_or_default() * REACH_M;
     }

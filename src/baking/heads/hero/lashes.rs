@@ -1,13 +1,13 @@
 //! Lashes: thin blades along the lines that the head's file has for the left eye, mirrored for the right.
 //!
-//! Each is a part of its own beside the lid, so that the baker lets it follow the skin next to it.
+//! Each is a separate part beside the lid, so that the baker attaches it to the nearest skin.
 
 use super::layer::Layer;
 use super::look;
 use super::make::{COLUMNS, ROWS};
 use crate::bake::mesh::Vec3;
 
-/// For the upper lid, then the lower: how many, how much of the line each has, width at the root.
+/// For the upper, then the lower lid: number, length as share of the guide line, width at the root in metres.
 const LIDS: [(usize, f64, f64); 2] = [(44, 0.62, 0.00042), (26, 0.40, 0.00026)];
 /// Points of a blade from root to tip.
 const STEPS: usize = 5;
@@ -62,7 +62,7 @@ fn blade(face: &mut Layer, card: &[Vec3], [across, long, wide]: [f64; 3], side: 
     }
 }
 
-/// A number 0…1 that belongs to `k`.
+/// A pseudorandom number 0…1 for `k`.
 fn dice(k: u32) -> f64 {
     let mut x = k.wrapping_mul(0x9E37_79B9) ^ 0x85EB_CA6B;
     for shift in [16, 13] {

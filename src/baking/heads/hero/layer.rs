@@ -5,11 +5,11 @@ use crate::bake::mesh::{Corner, Mesh, Vec3};
 /// A mesh with a colour and a place in its picture for every vertex.
 #[derive(Default)]
 pub struct Layer {
-    /// Faces; their materials are numbers of looks.
+    /// Faces; their materials are indices of looks.
     pub mesh: Mesh,
-    /// What the look's colour is multiplied with, linear.
+    /// Vertex factors of the look's colour, linear.
     pub tints: Vec<[f32; 3]>,
-    /// Place in the picture, origin at the top left.
+    /// Texture coordinates, origin at the top left.
     pub uv: Vec<[f32; 2]>,
 }
 

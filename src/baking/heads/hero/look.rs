@@ -1,7 +1,7 @@
-//! Places of the looks in the list of a head's looks.
+//! Indices of a head's looks.
 
 pub(super) const SKIN: usize = 0;
-/// Skin where the picture does not reach: back of head and neck.
+/// Skin outside the image: back of head and neck.
 pub(super) const BEHIND: usize = 1;
 pub(super) const MOUTH: usize = 2;
 pub(super) const GUMS: usize = 3;

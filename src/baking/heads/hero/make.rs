@@ -1,10 +1,11 @@
-//! Makes `config/hero.head` from ICT-FaceKit: what of its neutral mesh is seen, how much light reaches each vertex, and the
-//! lines along which lashes grow.
+//! Makes `config/hero.head` from ICT-FaceKit: the visible part of its neutral mesh, ambient light per vertex, and
+//! guide lines of the lashes.
 //!
-//! The file is one of [`HeadAsset`], used in its own way. Red of a vertex is the share of light (255: open sky); its other
-//! bytes say where it lies within the file's step of 10 µm, in sixteenths ([`exact_place`]): small triangles at the lids need it.
-//! The last [`GUIDES`] vertices belong to no triangle: lashes of the left eye, upper lid then lower, [`COLUMNS`] of them
-//! with [`ROWS`] points from root to tip. The lips, which the source has a little apart, are closed. Cost: about a second.
+//! The file is a [`HeadAsset`] with special use of vertex colours: red is the share of light (255: open sky); green
+//! and blue refine the position within the file's step of 10 µm, in sixteenths ([`exact_place`]), which small
+//! triangles at the lids need. The last [`GUIDES`] vertices belong to no triangle: lashes of the left eye, upper lid
+//! then lower, [`COLUMNS`] of them with [`ROWS`] points from root to tip. The lips, slightly open in the source, are
+//! closed. Cost: about a second.
 
 use std::ops::Range;
 use std::path::Path;
@@ -23,28 +24,30 @@ use mien_workbench::fault::Fault;
 pub const COLUMNS: usize = 19;
 /// Points of a lash.
 pub const ROWS: usize = 6;
-/// Vertices that are lines of lashes.
+/// Vertices of the guide lines of lashes.
 pub const GUIDES: usize = 2 * COLUMNS * ROWS;
 
-/// White of the eyes with the cornea, left and right; the lens behind is not kept.
+/// White of the eyes with the cornea, left and right; the lens behind is dropped.
 const EYES: [Range<usize>; 2] = [21451..22221, 23021..23791];
-/// One card of lashes of the left upper lid and one of the lower.
+/// First vertices of one card of lashes of the left upper lid and one of the lower.
 const CARDS: [usize; 2] = [25351, 25693];
-/// Directions from which light comes.
+/// Number of directions of light.
 const DIRECTIONS: usize = 160;
-/// Pixels of a depth picture's side, and what it shows, metres.
+/// Side of a shadow map, pixels.
 const SIDE: usize = 512;
+/// Extent of a shadow map, metres.
 const EXTENT_M: f32 = 0.42;
-/// A vertex this far behind what is nearest to the light still is in the light, metres.
+/// Depth behind the shadow map's surface up to which a vertex is lit, metres.
 const BIAS_M: f32 = 0.0012;
 
-/// A step of places in the file, and the parts of it that are written beside, metres.
+/// Step of positions in the file, metres.
 const STEP_M: f32 = 1e-5;
+/// Parts of a step, stored in the colours.
 const PARTS: f32 = 16.0;
-/// How far each lip goes to meet the other, metres.
+/// Displacement of each lip to close the gap, metres.
 const CLOSE_M: f32 = 0.00042;
 
-/// Place of vertex `v`, to a sixteenth of the file's step; head frame.
+/// Position of vertex `v`, to a sixteenth of the file's step; head frame, metres.
 pub fn exact_place(asset: &HeadAsset, v: usize) -> Point {
     let [_, y, z] = asset.colour[v];
     let x = asset.photo_share[v] * 255.0;
@@ -52,7 +55,7 @@ pub fn exact_place(asset: &HeadAsset, v: usize) -> Point {
     asset.neutral[v] + fine
 }
 
-/// Where a coordinate lies within its step, 0…16.
+/// Offset of a coordinate within its step, 0…16.
 fn within(c: f32) -> f32 {
     let steps = c / STEP_M;
     ((steps - steps.round() + 0.5) * PARTS).round()
@@ -67,7 +70,7 @@ pub fn make(data: &Path, out: &Path) -> Result<usize, Fault> {
     heads::write(&lit_head(&ict), out)
 }
 
-/// What of the set is kept, with its lips closed, its light and the lines of its lashes.
+/// The visible part of the set, with closed lips, light and guide lines of lashes.
 fn lit_head(ict: &IctHead) -> HeadAsset {
     let eyes = EYES.into_iter().flatten();
     let kept: Vec<usize> = (0..part::TEETH.end).chain(eyes).collect();
@@ -76,7 +79,7 @@ fn lit_head(ict: &IctHead) -> HeadAsset {
         number[v] = k as u32;
     }
     let numbered = |v: u32| Some(number[v as usize]).filter(|&k| k != u32::MAX);
-    let (triangles, parts) = heads::shown(ict, numbered);
+    let (triangles, parts) = heads::renumbered_triangles(ict, numbered);
     let mut neutral: Vec<Point> = kept.iter().map(|&v| ict.neutral[v]).collect();
     close(ict, &kept, &mut neutral);
     let light = light(&neutral, &triangles);
@@ -102,7 +105,7 @@ fn lit_head(ict: &IctHead) -> HeadAsset {
     }
 }
 
-/// Brings the lips together: skin above the line between them goes down, skin below it up, less and less with distance.
+/// Closes the lips: skin above the line between them moves down, skin below it up, fading with distance.
 fn close(ict: &IctHead, kept: &[usize], neutral: &mut [Point]) {
     const FADE_M: f32 = 0.010;
     let at = |k: usize| ict.neutral[ict.landmarks[k]];
@@ -122,7 +125,7 @@ fn close(ict: &IctHead, kept: &[usize], neutral: &mut [Point]) {
     }
 }
 
-/// Points of a card of lashes, column by column, from the lid outwards; the card's own texture coordinates are its grid.
+/// Points of a card of lashes, column by column, outwards from the lid; the card's texture coordinates are its grid.
 fn lashes(ict: &IctHead, card: usize) -> Vec<Point> {
     let size = COLUMNS * ROWS;
     let mut uv = vec![[0.0f32; 2]; size];
@@ -153,7 +156,7 @@ fn middle(places: &[Point]) -> Vector3<f32> {
     sum / places.len().max(1) as f32
 }
 
-/// Share of the light of an even sky that reaches each vertex, 0…1, weighted as a dull surface is lit.
+/// Share of uniform ambient light that reaches each vertex, 0…1, with Lambertian weights.
 fn light(places: &[Point], triangles: &[[u32; 3]]) -> Vec<f32> {
     let mut normals = vec![Vector3::<f32>::zeros(); places.len()];
     let corners = triangles.iter().map(|t| t.map(|v| v as usize));
@@ -166,12 +169,12 @@ fn light(places: &[Point], triangles: &[[u32; 3]]) -> Vec<f32> {
     }
     let middle = middle(places);
     let from = |k: usize| {
-        // A spiral over the sphere.
+        // Directions on a spiral over the sphere.
         let z = 1.0 - 2.0 * (k as f32 + 0.5) / DIRECTIONS as f32;
         let (sin, cos) = (2.399_963 * k as f32).sin_cos();
         let r = (1.0 - z * z).sqrt();
         let towards = Vector3::new(r * cos, r * sin, z);
-        let seen = seen(places, triangles, &middle, &towards);
+        let seen = visible(places, triangles, &middle, &towards);
         let lit = |(n, seen): (&Vector3<f32>, bool)| {
             let facing = n.dot(&towards).max(0.0);
             [facing, if seen { facing } else { 0.0 }]
@@ -190,8 +193,8 @@ fn light(places: &[Point], triangles: &[[u32; 3]]) -> Vec<f32> {
     sums.iter().map(share).collect()
 }
 
-/// Which vertices nothing hides from a far light.
-fn seen(
+/// Whether each vertex is unoccluded from a distant light.
+fn visible(
     places: &[Point],
     triangles: &[[u32; 3]],
     middle: &Vector3<f32>,
@@ -208,7 +211,7 @@ fn seen(
     let on_screen = |p: &Point| {
         let d = p.coords - middle;
         let [x, y] = [u, v].map(|axis| d.dot(&axis) * scale + half);
-        // The nearer to the light, the more; all of the head is within a metre.
+        // Inverse depth grows towards the light; all of the head is within a metre.
         let inverse = 1.0 + d.dot(towards);
         Corner { x, y, inverse }
     };
@@ -237,7 +240,7 @@ mod tests {
             [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
                 .map(|(x, z)| Point::new(x * side, y, z * side))
         };
-        // y points down: the lid at -5 mm is above; the plate that faces up lies at the bottom.
+        // y points down: the lid at -5 mm is above; the upward-facing plate lies at the bottom.
         let mut places = plate(0.0, 0.01).to_vec();
         places.extend(plate(-0.005, 0.04));
         let faces = |first: u32| [[first, first + 2, first + 1], [first, first + 3, first + 2]];

@@ -1,16 +1,16 @@
-//! The head that a user meets first: page, `mien-studio head`, examples and pictures. Nobody's head, with hair, lashes, eyes that
-//! look at one, and a shirt.
+//! The default head of page, `mien-studio head`, examples and images: a synthetic person with hair, lashes, eyes that
+//! meet the viewer's, and a shirt.
 //!
 //! ```text
 //! make      ICT-FaceKit's neutral mesh ─► config/hero.head
-//! layer     a mesh with colours; look: numbers of what its faces look like
-//! skin      colours of skin, brows and lips: one picture, wrapped around the head
-//! eyes      white, iris and pupil: one picture
-//! lashes    blades along the lines of the file
+//! layer     a mesh with colours; look: indices of its materials
+//! skin      colours of skin, brows and lips: one image wrapped around the head
+//! eyes      white, iris and pupil: one image
+//! lashes    blades along the guide lines of the file
 //! ```
-//! Hair and shirt (`dress.glb`) and the pictures of skin and eyes are stored. They fit the mesh of `config/hero.head` only: after a
-//! new `--make` they must be made again. Frame: glTF's (x to the head's left, y up, z out of the face), metres, origin between the
-//! inner eye corners.
+//! Hair and shirt (`dress.glb`) and the images of skin and eyes are stored. They fit the mesh of `config/hero.head`
+//! only: after a new `--make` they must be remade. Frame: glTF's (x to the head's left, y up, z out of the face),
+//! metres, origin between the inner eye corners.
 
 mod eyes;
 mod lashes;
@@ -28,25 +28,25 @@ use mien_simulator::virtual_head::{HeadAsset, Part};
 use mien_workbench::fault::Fault;
 use mien_workbench::srgb;
 
-/// What a surface looks like.
+/// Material of a surface.
 pub struct Look {
     /// Name of the material.
     pub name: &'static str,
-    /// How it scatters light: 0 mirror, 1 chalk.
+    /// Roughness: 0 mirror, 1 chalk.
     pub rough: f32,
     /// Colour, linear.
     pub colour: [f32; 3],
-    /// Picture that the colour is multiplied with, a JPEG.
+    /// Image that multiplies the colour, a JPEG.
     pub picture: Option<&'static [u8]>,
-    /// Whether it is seen from both sides.
+    /// Whether it is visible from both sides.
     pub thin: bool,
 }
 
 /// The head.
 pub struct Hero {
-    /// What moves with a face: skin, mouth, eyes, lashes.
+    /// Parts that move with a face: skin, mouth, eyes, lashes.
     pub face: Layer,
-    /// What does not: hair, shirt.
+    /// Parts that do not: hair, shirt.
     pub dress: Layer,
     /// Vertices of `face` that are the 68 landmarks.
     pub landmarks: Vec<u64>,
@@ -59,9 +59,9 @@ pub const JOINT: Vec3 = Vec3::new(0.0, -0.055, -0.098);
 /// Lower end of the neck.
 pub const NECK: Vec3 = Vec3::new(0.0, -0.165, -0.112);
 
-/// Share of the head's turns that a place takes, 0 at the lower end of the neck to 1 from the jaw on.
+/// Share of the head's rotation at a point, from 0 at the lower end of the neck to 1 from the jaw up.
 pub fn turns(p: &Vec3) -> f64 {
-    // The neck leans: its front is higher than its back by a third of how far it is in front.
+    // The border slants: it rises towards the front by a third of the depth.
     smoothstep(-0.172, -0.098, p.y + 0.35 * (p.z + 0.085))
 }
 
@@ -88,7 +88,7 @@ impl Hero {
         let mut face = Layer::default();
         face.mesh.positions = places.to_vec();
         for (corners, part) in quads(triangles.zip(parts)) {
-            face.face(&corners, look_of(&corners, part, places));
+            face.face(&corners, look_index(&corners, part, places));
         }
         let kind = kinds(asset, places.len());
         let normals = face.mesh.vertex_normals(places);
@@ -139,8 +139,8 @@ fn linear(v: f32) -> f32 {
     srgb::linear(f64::from(v)) as f32
 }
 
-/// Look of a face of the file.
-fn look_of(corners: &[u32], part: Part, places: &[Vec3]) -> usize {
+/// Index of the look of a face.
+fn look_index(corners: &[u32], part: Part, places: &[Vec3]) -> usize {
     let all = |holds: fn(&Vec3) -> bool| corners.iter().all(|&v| holds(&places[v as usize]));
     match part {
         Part::Skin if all(skin::is_under_shirt) => look::SHIRT,
@@ -181,21 +181,21 @@ fn looks() -> Vec<Look> {
     ]
 }
 
-/// What the colour of a vertex is multiplied with: how much light comes there, and where skin is redder.
+/// Factor of a vertex's colour: ambient light, and redder skin.
 fn tint(part: Part, light: f32, p: &Vec3, normal: &Vec3, marks: &[Vec3]) -> [f32; 3] {
-    // Little light reaches the back of a mouth, opened as it may be.
+    // Little light reaches the back of an open mouth.
     let behind = (1.15 - (marks[62].z - p.z) as f32 / 0.034).clamp(0.10, 1.0);
     match part {
         Part::Skin => {
-            // Hollows are dark, the rest is left to the lamps of whoever shows it.
+            // Only hollows are darkened, other shading is left to the renderer's lights.
             let light = f64::from(light);
             let shade = (0.12 + 0.88 * smoothstep(0.0, 0.5, light)) * (0.84 + 0.16 * light);
             let shade = shade as f32 * (1.0 - 0.62 * lid(p, marks));
-            // Light that has been through skin is red.
+            // Light scattered in skin is red.
             let [r, g, b] = [0.60, 1.0, 1.08].map(|k: f32| shade.powf(k));
             let ear = smoothstep(0.070, 0.082, p.x.abs()) as f32;
             let ear = ear * smoothstep(-0.075, -0.055, p.y) as f32;
-            // The inner side of the lips is as red as they are; the nape is as high and looks back too.
+            // The inner lips are as red as the outer; the nape, at the same height, also faces back.
             let front = smoothstep(-0.060, -0.040, p.z);
             let near = front
                 * smoothstep(0.012, 0.006, (p.y + 0.0665).abs())
@@ -213,7 +213,7 @@ fn tint(part: Part, light: f32, p: &Vec3, normal: &Vec3, marks: &[Vec3]) -> [f32
     }
 }
 
-/// How near to the lashes' roots a place is, 0…1: there lids are darker, more so above.
+/// Nearness to the roots of the lashes, 0…1: lids are darker there, the upper ones more.
 fn lid(p: &Vec3, marks: &[Vec3]) -> f32 {
     const WIDE_M: f64 = 0.0017;
     let mut best: f64 = 0.0;
@@ -240,7 +240,7 @@ fn kinds(asset: &HeadAsset, count: usize) -> Vec<Part> {
     let mut kind = vec![Part::Skin; count];
     for (t, &part) in asset.triangles.iter().zip(asset.parts.iter()).rev() {
         for &v in t {
-            // Where parts meet, the skin has it.
+            // Vertices shared by parts belong to the skin.
             if kind[v as usize] == Part::Skin {
                 kind[v as usize] = part;
             }
@@ -254,8 +254,7 @@ fn kinds(asset: &HeadAsset, count: usize) -> Vec<Part> {
     kind
 }
 
-/// Faces as they were before four-sided ones were cut along their first diagonal: both halves follow each other and are of one
-/// kind.
+/// Faces before quads were cut along their first diagonal: both halves are consecutive and of one kind.
 fn quads<K: PartialEq>(triangles: impl Iterator<Item = ([u32; 3], K)>) -> Vec<(Vec<u32>, K)> {
     let mut faces: Vec<(Vec<u32>, K)> = Vec::new();
     for ([a, b, c], kind) in triangles {

@@ -1,5 +1,5 @@
-//! Commands and their replies, bounded in time and tries; calibration, registers and image sensor on top of them. LED and
-//! tilt: of the motor device, or through the audio device of the later models.
+//! Commands and replies, bounded in time and tries, and on top of them calibration, registers and image sensor. LED and tilt, by
+//! the motor device, or through the audio device of the later models.
 
 use core::time::Duration;
 
@@ -10,16 +10,17 @@ use crate::kinect::device::{DeviceError, Model, PacketSource, Request};
 use crate::kinect::motor::{self, Light, audio};
 use crate::kinect::registration::Registration;
 
-/// Between two looks for a reply.
+/// Interval at which a reply is polled.
 const REPLY_STEP: Duration = Duration::from_millis(1);
-/// A reply comes within this or not at all.
+/// Time limit for a reply.
 const REPLY_LIMIT: Duration = Duration::from_secs(1);
-/// Times a command is sent before its failure counts.
+/// Number of times a command is sent before it fails.
 const TRIES: usize = 3;
+
 impl<S: PacketSource> Kinect<S> {
     pub(super) fn read_calibration(&mut self) -> Result<(), KinectError> {
         let mut registration = Registration::default();
-        // The camera's own driver asks in this order: padding, optics, registration, shift.
+        // Order of the manufacturer's driver: padding, optics, registration, shift.
         let model = self.source.model();
         self.algorithm_block(Block::Padding, &mut registration)?;
         registration.zero_plane = self.exchange(Command::FixedParameters, &[0; 5], |body| {
@@ -40,21 +41,24 @@ impl<S: PacketSource> Kinect<S> {
         const RATE: u16 = 30;
         let words = [block as u16, 0, RESOLUTION, RATE, 0];
         let (status, parsed) = self.exchange(Command::AlgorithmParameters, &words, |body| {
-            let (status, content) = status_of(body)?;
+            let (status, content) = split_status(body)?;
             Ok((status, parse_block(block, content, registration)))
         })?;
-        refused_unless_zero(Command::AlgorithmParameters, block as u16, status)?;
+        check_status(Command::AlgorithmParameters, block as u16, status)?;
         Ok(parsed?)
     }
 
-    pub(super) fn set(&mut self, register: u16, value: u16) -> Result<(), KinectError> {
+    pub(super) fn set_register(&mut self, register: u16, value: u16) -> Result<(), KinectError> {
         let status = self.exchange(Command::SetParameter, &[register, value], |body| {
-            Ok(status_of(body)?.0)
+            Ok(split_status(body)?.0)
         })?;
-        refused_unless_zero(Command::SetParameter, register, status)
+        check_status(Command::SetParameter, register, status)
     }
 
-    /// One command and its reply, bounded in time and tries.
+    /// Sends a command and passes the body of its reply to `read`.
+    ///
+    /// # Errors
+    /// If all tries fail or the device is gone.
     fn exchange<T>(
         &mut self,
         command: Command,
@@ -64,7 +68,7 @@ impl<S: PacketSource> Kinect<S> {
         let mut failure = KinectError::NoReply(command as u16);
         for _ in 0..TRIES {
             let tag = self.tag;
-            // A new tag for every try: a late reply to the last one cannot be taken for this one's.
+            // A new tag for every try, so that a late reply is not mistaken for this one's.
             self.tag = self.tag.wrapping_add(1);
             command::emit_command(command, tag, words, &mut self.command);
             match self.source.request(Request::Command(&self.command)) {
@@ -103,7 +107,7 @@ impl<S: PacketSource> Kinect<S> {
                     Ok(value) => return Ok(value),
                     Err(problem) => {
                         failure = KinectError::BadReply(command as u16, problem);
-                        // The reply to an older question: ours may still come.
+                        // A reply to an older command: ours may still arrive.
                         if !matches!(problem, BadReply::Tag(..) | BadReply::Command(_)) {
                             return Err(failure);
                         }
@@ -117,10 +121,10 @@ impl<S: PacketSource> Kinect<S> {
         }
     }
 
-    /// Holds (`true`) or frees (`false`) exposure and white balance.
+    /// Locks (`true`) or frees (`false`) exposure and white balance.
     ///
     /// # Errors
-    /// The camera refuses; the pictures go on.
+    /// If the camera refuses; the pictures continue.
     pub fn freeze(&mut self, frozen: bool) -> Result<(), KinectError> {
         const BOTH: u16 = image_sensor::AUTO_EXPOSURE | image_sensor::AUTO_WHITE_BALANCE;
         let read = self.image_sensor(image_sensor::AUTOMATIC, None)?;
@@ -138,24 +142,27 @@ impl<S: PacketSource> Kinect<S> {
         };
         self.exchange(Command::ImageSensor, &words, |body| match *body {
             [_, _, _, _, low, high, ..] => Ok(u16::from_le_bytes([low, high])),
-            _ => Err(short(body, 6)),
+            _ => Err(too_short(body, 6)),
         })
     }
 }
 
-fn short(body: &[u8], expected: usize) -> BadReply {
+fn too_short(body: &[u8], expected: usize) -> BadReply {
     BadReply::Length(command::HEADER + body.len(), command::HEADER + expected)
 }
 
-/// Status word and the rest of a reply's body.
-fn status_of(body: &[u8]) -> Result<(u16, &[u8]), BadReply> {
+/// Status word of a reply's body, and the remaining bytes.
+///
+/// # Errors
+/// If the body is too short.
+fn split_status(body: &[u8]) -> Result<(u16, &[u8]), BadReply> {
     match body {
         [low, high, rest @ ..] => Ok((u16::from_le_bytes([*low, *high]), rest)),
-        _ => Err(short(body, 2)),
+        _ => Err(too_short(body, 2)),
     }
 }
 
-fn refused_unless_zero(command: Command, register: u16, status: u16) -> Result<(), KinectError> {
+fn check_status(command: Command, register: u16, status: u16) -> Result<(), KinectError> {
     if status == 0 {
         return Ok(());
     }
@@ -166,23 +173,23 @@ impl<S: PacketSource> Kinect<S> {
     /// Sets the LED.
     ///
     /// # Errors
-    /// This Kinect has no reachable motor device; the pictures go on.
+    /// If this Kinect has no reachable motor device; the pictures continue.
     pub fn set_light(&mut self, light: Light) -> Result<(), DeviceError> {
         let value = light.values().0;
-        self.move_or_tell(motor::SET_LIGHT, value, |tag| audio::light(tag, light))
+        self.send_to_motor(motor::SET_LIGHT, value, |tag| audio::light(tag, light))
     }
 
-    /// Tilts to `degrees` above the horizon, limited to ±31. Not more often than once a second.
+    /// Tilts to `degrees` above the horizon, limited to ±31. To be called at most once a second.
     ///
     /// # Errors
-    /// This Kinect has no reachable motor device; the pictures go on.
+    /// If this Kinect has no reachable motor device; the pictures continue.
     pub fn tilt(&mut self, degrees: f32) -> Result<(), DeviceError> {
         let value = motor::tilt_value(degrees);
-        self.move_or_tell(motor::SET_TILT, value, |tag| audio::tilt(tag, degrees))
+        self.send_to_motor(motor::SET_TILT, value, |tag| audio::tilt(tag, degrees))
     }
 
-    /// Sends the motor device a request, or the audio device the `message` that does the same.
-    fn move_or_tell(
+    /// Sends a request to the motor device, or the equivalent `message` to the audio device.
+    fn send_to_motor(
         &mut self,
         request: u8,
         value: u16,

@@ -1,11 +1,10 @@
-//! `device.json`: the calibration of the sensor that was recorded, in libfreenect's form.
+//! `device.json`: the calibration of the recorded sensor, in libfreenect's format.
 //!
 //! ```json
 //! {"reg_info": {"ax": 1964, …, "pad_info": {"start_lines": 0, …}, "zero_plane_info": {"reference_distance": 120, …}},
 //!  "const_shift": 200}
 //! ```
-//! An integer of `reg_info` that is absent is 0; everything else that is absent keeps its nominal value; unknown names are
-//! ignored.
+//! Missing integers of `reg_info` are 0; other missing values are nominal; unknown names are ignored.
 
 use std::path::Path;
 
@@ -15,19 +14,19 @@ use crate::kinect::registration::{PADDING, Registration, integer_names};
 use crate::picture_file::RecordingError;
 use mien_stages::base::bounded_read;
 
-/// Larger files are no calibration.
-const LARGEST_BYTES: usize = 64 * 1024;
-/// A length beyond this is none of a sensor, cm.
+/// Largest file, bytes.
+const FILE_MAX: usize = 64 * 1024;
+/// Largest plausible length, centimetres.
 const LONGEST_CM: f32 = 1000.0;
 
 /// Reads the calibration at `path`; `None` if there is no such file.
 ///
 /// # Errors
-/// If the file is there and cannot be read or understood.
+/// If the file exists but cannot be read or parsed.
 pub fn read(path: &Path) -> Result<Option<Registration>, RecordingError> {
-    match bounded_read::regular(path, LARGEST_BYTES) {
+    match bounded_read::read_regular(path, FILE_MAX) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(problem) => Err(RecordingError::of_file(path, &problem)),
+        Err(problem) => Err(RecordingError::from_io(path, &problem)),
         Ok(text) => from_json(&text).map(Some).map_err(|problem| {
             let advice = "correct it, or remove the file to use the nominal calibration";
             RecordingError(path.into(), format!("{problem}; {advice}"))
@@ -46,17 +45,17 @@ fn from_json(text: &[u8]) -> Result<Registration, String> {
         return Err("expected an object { … }".to_string());
     }
     let mut registration = Registration::default();
-    whole(&file, "const_shift", &mut registration.const_shift)?;
+    read_integer(&file, "const_shift", &mut registration.const_shift)?;
     let block = &file["reg_info"];
     if block.is_null() {
         return Ok(registration);
     }
     registration.integers = [0; 29];
     for (name, integer) in integer_names().zip(&mut registration.integers) {
-        whole(block, name, integer)?;
+        read_integer(block, name, integer)?;
     }
     for (name, lines) in PADDING.into_iter().zip(&mut registration.padding) {
-        whole(&block["pad_info"], name, lines)?;
+        read_integer(&block["pad_info"], name, lines)?;
     }
     let (plane, from) = (&mut registration.zero_plane, &block["zero_plane_info"]);
     for (name, field) in [
@@ -78,8 +77,11 @@ fn from_json(text: &[u8]) -> Result<Registration, String> {
     Ok(registration)
 }
 
-/// Sets `field` to the number of that name, if there is one.
-fn whole<T: TryFrom<i64>>(from: &Value, name: &str, field: &mut T) -> Result<(), String> {
+/// Sets `field` to the number called `name`, if there is one.
+///
+/// # Errors
+/// If it is not an integer in the range of `T`.
+fn read_integer<T: TryFrom<i64>>(from: &Value, name: &str, field: &mut T) -> Result<(), String> {
     if let Some(value) = from.get(name) {
         *field = value
             .as_i64()
@@ -92,7 +94,7 @@ fn whole<T: TryFrom<i64>>(from: &Value, name: &str, field: &mut T) -> Result<(),
     Ok(())
 }
 
-/// The calibration as text that [`read`] reads back exactly.
+/// Formats a calibration; [`read`] restores it exactly.
 pub fn to_json(registration: &Registration) -> String {
     use std::fmt::Write;
     let mut text = String::from("{\n  \"reg_info\": {\n");

@@ -1,53 +1,53 @@
-//! The index of a recording: which pictures there are, when they were taken, and which belong together.
+//! The index of a recording: its pictures, their times, and the pairing of depth and colour.
 //!
-//! Ticks are unwrapped along the index (they wrap every 71.6 s). Each depth picture goes with the colour picture nearest in
-//! ticks, at most half a frame period away (the recording's own, at most 33 ms): the two cameras may run at a constant
-//! offset. A depth picture without one is a frame without colour.
+//! Ticks are unwrapped along the index (they wrap every 71.6 s). A depth picture is paired with the colour picture nearest in ticks,
+//! at most half a frame period away, since the two cameras may have a constant offset. A depth picture without one is a frame
+//! without colour.
 //!
-//! Recordings from elsewhere, copied or merged, may be out of order; wall times, otherwise unused, then help:
-//! * an index whose pictures step back in time is played in the order of wall times if those step back less often, and
-//!   by ticks alone if they are shuffled too;
-//! * a single stamp that fits neither its neighbours before nor those after it is a fault, and skipped;
-//! * colour finds its turn of the counter, and its run of the sensor, by the depth picture nearest in wall time; if those are
-//!   uninformative, by the order of the index, since one sorted by name lists one stream after the other.
+//! Recordings that were copied or merged may be out of order. Wall times, otherwise unused, then help:
+//! * if ticks step back along the index, it is sorted by wall time if that gives fewer steps back, or by ticks if it is shuffled
+//!   even then;
+//! * a single time stamp that matches neither the pictures before nor those after is a fault; its picture is skipped;
+//! * colour is assigned to a wrap of the counter and a run of the sensor by the depth picture nearest in wall time. Without usable
+//!   wall times it is assigned by the order of the index, which lists one stream after the other if sorted by name.
 //!
-//! Degenerate: ticks that step back by more than a second mean that the sensor was restarted, and time continues one frame
-//! period later; a gap of more than half the counter's range (35.8 s) cannot be told from that. A depth picture that is not
-//! later than the one before is marked to be skipped.
+//! Ticks that step back by more than a second mean a restart of the sensor; time then continues one frame period later. A gap of
+//! more than half the counter's range (35.8 s) is indistinguishable from that. A depth picture that is not later than the previous
+//! one is skipped.
 
 use std::collections::BinaryHeap;
 
 use crate::kinect::picture_clock::FRAME_TICKS;
 use crate::picture_file::nearest;
 
-/// A step back beyond this many ticks (a second) is a restart, not pictures out of order.
+/// A larger step back (one second, in ticks) is a restart, a smaller one pictures out of order.
 const RESTART_TICKS: i64 = 60_000_000;
-/// Longest gap between the neighbours of a stamp that is held to be a fault (10 s).
+/// Longest gap between the neighbours of a faulty stamp (10 s, in ticks).
 const NEIGHBOURS_TICKS: i64 = 10 * RESTART_TICKS;
-/// With one step back in this many pictures the index is shuffled.
+/// An index with more than one step back in this many pictures is shuffled.
 const SHUFFLED: usize = 20;
 
-/// A file the index names.
+/// A file in the index.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Entry {
     start: usize,
     end: usize,
-    /// Number among its kind in the index, from 0.
+    /// Number among the pictures of its stream in the index, from 0.
     pub(super) number: usize,
-    /// The counter as in the name; `None` if the name cannot be understood.
+    /// The counter in the name; `None` if the name is malformed.
     pub(super) ticks: Option<u32>,
-    /// Wall time as in the name, µs.
+    /// Wall time in the name, µs.
     wall_us: Option<i64>,
-    /// Whether the counter fits neither the pictures before nor those after.
+    /// Whether the counter matches neither the pictures before nor those after.
     pub(super) stray: bool,
-    /// Unwrapped ticks since the first depth picture; `None` if the name cannot be understood, the stamp is stray or the
-    /// picture comes too late.
+    /// Unwrapped ticks since the first depth picture; `None` if the name is malformed, the stamp is stray, or the picture is not later
+    /// than the previous one.
     pub(super) time: Option<i64>,
-    /// For a depth picture: its colour picture in [`Index::colour`].
+    /// Index in [`Index::colour`] of a depth picture's colour picture.
     pub(super) colour: Option<usize>,
 }
 
-/// Sorts what is equal as it stands. A heap, because that is a tenth of the code of the usual sort.
+/// Stable sort. Uses a heap, whose code is a tenth of the standard sort's.
 fn sort(list: &mut [Entry], key: fn(&Entry) -> Option<i64>) {
     let before = list.to_vec();
     let keys = before.iter().enumerate();
@@ -61,7 +61,7 @@ fn sorted(keys: impl Iterator<Item = (Option<i64>, usize)>) -> Vec<(Option<i64>,
     keys.collect::<BinaryHeap<_>>().into_sorted_vec()
 }
 
-/// The lines of an index that name pictures.
+/// File names of the pictures in the text of an index.
 pub(super) fn names(text: &str) -> impl Iterator<Item = &str> {
     let lines = text.lines().map(str::trim);
     lines.filter(|line| line.starts_with("d-") || line.starts_with("r-"))
@@ -70,9 +70,9 @@ pub(super) fn names(text: &str) -> impl Iterator<Item = &str> {
 /// All pictures of a recording.
 pub(super) struct Index {
     text: String,
-    /// Every line that starts with `d-`, in the order to be played, whether it can be understood or not.
+    /// All depth pictures in playing order, including malformed names.
     pub(super) depth: Vec<Entry>,
-    /// Colour pictures by time.
+    /// Colour pictures with a time, sorted by it.
     pub(super) colour: Vec<Entry>,
 }
 
@@ -90,7 +90,7 @@ impl Index {
                 (&mut index.colour, ".ppm")
             };
             let start = line.as_ptr() as usize - text.as_ptr() as usize;
-            let (wall, ticks) = stamps_of(line, ending).unzip();
+            let (wall, ticks) = parse_stamps(line, ending).unzip();
             list.push(Entry {
                 start,
                 end: start + line.len(),
@@ -104,12 +104,12 @@ impl Index {
         }
         let Self { depth, colour, .. } = &mut index;
         for list in [&mut *depth, &mut *colour] {
-            order(list);
+            sort_by_time(list);
             mark_strays(list);
         }
-        let starts = unwrap(depth, &[]);
-        if !time_by_walls(colour, depth) {
-            unwrap(colour, &starts);
+        let starts = unwrap_ticks(depth, &[]);
+        if !time_by_wall_clock(colour, depth) {
+            unwrap_ticks(colour, &starts);
         }
         colour.retain(|entry| entry.time.is_some());
         sort(colour, |entry| entry.time);
@@ -138,8 +138,8 @@ impl Index {
     }
 }
 
-/// Wall time (µs) and counter in a name like `d-1700000000.033333-2000000.pgm`, which must not lead out of the directory.
-fn stamps_of(name: &str, ending: &str) -> Option<(Option<i64>, u32)> {
+/// Wall time (µs) and counter in a name such as `d-1700000000.033333-2000000.pgm`; `None` if it is malformed or has a path.
+fn parse_stamps(name: &str, ending: &str) -> Option<(Option<i64>, u32)> {
     let (front, ticks) = name.strip_suffix(ending)?.rsplit_once('-')?;
     let ticks = ticks.parse().ok().filter(|_| !name.contains(['/', '\\']))?;
     let wall = front.get(2..).and_then(|wall| wall.parse().ok());
@@ -147,20 +147,22 @@ fn stamps_of(name: &str, ending: &str) -> Option<(Option<i64>, u32)> {
     Some((wall.map(|wall| (wall * 1e6) as i64), ticks))
 }
 
-/// From one state of the wrapping counter to another, as a signed number.
-fn step(from: u32, to: u32) -> i64 {
+/// Signed difference of two states of the wrapping counter.
+fn tick_difference(from: u32, to: u32) -> i64 {
     i64::from(to.wrapping_sub(from).cast_signed())
 }
 
-/// Times the counter steps back along a list.
+/// Number of steps back of the counter along a list.
 fn steps_back(list: &[Entry]) -> usize {
     let known = || list.iter().filter_map(|entry| entry.ticks);
     let pairs = known().zip(known().skip(1));
-    pairs.filter(|&(one, next)| step(one, next) < 0).count()
+    pairs
+        .filter(|&(one, next)| tick_difference(one, next) < 0)
+        .count()
 }
 
-/// Brings a list into the order in which its pictures were taken, if it is in another.
-fn order(list: &mut [Entry]) {
+/// Sorts a list by the time of its pictures, if it is out of order.
+fn sort_by_time(list: &mut [Entry]) {
     let mut back = steps_back(list);
     let mut known = list.iter().filter(|entry| entry.ticks.is_some());
     if back > 0 && known.all(|entry| entry.wall_us.is_some()) {
@@ -173,7 +175,7 @@ fn order(list: &mut [Entry]) {
         }
     }
     if back > 1 && back * SHUFFLED > list.len() {
-        // The counter is a ring: the widest stretch without a picture is before the first.
+        // The counter is cyclic: the widest gap is before the first picture.
         sort(list, |entry| entry.ticks.map(i64::from));
         let known = list.iter().enumerate();
         let known = known.filter_map(|(at, entry)| Some((at, entry.ticks?)));
@@ -185,7 +187,7 @@ fn order(list: &mut [Entry]) {
     }
 }
 
-/// Marks single stamps that are faults.
+/// Marks single faulty time stamps.
 fn mark_strays(list: &mut [Entry]) {
     let mut last = None;
     for at in 0..list.len() {
@@ -196,12 +198,19 @@ fn mark_strays(list: &mut [Entry]) {
         if let (Some(one), Some(two)) = (next.next(), next.next()) {
             list[at].stray = match last {
                 Some(last) => {
-                    // Both go on from the one before, and this one is not on the way.
-                    let (here, one, two) = (step(last, ticks), step(last, one), step(last, two));
+                    // The next two continue from the last one, and this one is not in between.
+                    let (here, one, two) = (
+                        tick_difference(last, ticks),
+                        tick_difference(last, one),
+                        tick_difference(last, two),
+                    );
                     let goes_on = 0 < one && one < two && two <= NEIGHBOURS_TICKS;
                     goes_on && (here > two || here < -RESTART_TICKS)
                 }
-                None => step(ticks, one) < 0 && (1..=RESTART_TICKS).contains(&step(one, two)),
+                None => {
+                    tick_difference(ticks, one) < 0
+                        && (1..=RESTART_TICKS).contains(&tick_difference(one, two))
+                }
             };
         }
         if !list[at].stray {
@@ -210,9 +219,9 @@ fn mark_strays(list: &mut [Entry]) {
     }
 }
 
-/// Gives colour pictures the time of the depth pictures nearest in wall time, and their counters' difference; `false` if
-/// wall times are missing or stand still.
-fn time_by_walls(colour: &mut [Entry], depth: &[Entry]) -> bool {
+/// Times colour pictures relative to the depth pictures nearest in wall time, by the difference of the counters; `false` if wall
+/// times are missing or constant.
+fn time_by_wall_clock(colour: &mut [Entry], depth: &[Entry]) -> bool {
     let mut all = colour.iter().chain(depth);
     if all.any(|entry| entry.ticks.is_some() && entry.wall_us.is_none()) {
         return false;
@@ -226,25 +235,26 @@ fn time_by_walls(colour: &mut [Entry], depth: &[Entry]) -> bool {
     let times = || anchors.iter().filter_map(|anchor| anchor.time);
     let span = times().max().unwrap_or(0) - times().min().unwrap_or(0);
     let wall = |entry: &Entry| entry.wall_us.unwrap_or(0);
-    // A quarter of the pictures' own time at least.
+    // Wall times must span at least a quarter of the ticks' time (60 ticks per µs).
     if wall(last).saturating_sub(wall(first)) < span / 240 {
         return false;
     }
     for entry in colour.iter_mut().filter(|entry| !entry.stray) {
         let near = nearest(&anchors, wall(entry), wall).map(|near| anchors[near]);
-        entry.time = near.and_then(|near| Some(near.time? + step(near.ticks?, entry.ticks?)));
+        entry.time =
+            near.and_then(|near| Some(near.time? + tick_difference(near.ticks?, entry.ticks?)));
     }
     true
 }
 
-/// The usual time from picture to picture: a frame period, or up to two where there are fewer pictures.
+/// Median time between depth pictures, ticks: a frame period, or up to two at lower rates.
 fn period(depth: &[Entry]) -> i64 {
     let times = || depth.iter().filter_map(|entry| entry.time);
     let steps = times().zip(times().skip(1));
     let steps = sorted(steps.map(|(before, time)| (Some(time - before), 0)));
     let usual = steps.get(steps.len() / 2).and_then(|step| step.0);
     let usual = usual.unwrap_or(FRAME_TICKS);
-    // The cameras' own rate is not quite 30.
+    // The cameras' rate is not exactly 30 Hz.
     if usual * 4 > FRAME_TICKS * 5 {
         usual.min(2 * FRAME_TICKS)
     } else {
@@ -252,20 +262,21 @@ fn period(depth: &[Entry]) -> i64 {
     }
 }
 
-/// Unwraps the counter of one stream of pictures. What comes back is where each run of the sensor began: counter and unwrapped
-/// ticks. The depth stream makes them, from 0; colour follows them as its `leader`, so that both streams keep one time over a
-/// restart, in whatever order the index lists them.
-fn unwrap(list: &mut [Entry], leader: &[(u32, i64)]) -> Vec<(u32, i64)> {
+/// Unwraps the counter of one stream. Returns the start of each run of the sensor: counter and unwrapped ticks. Depth starts at 0;
+/// colour takes the starts of depth as `leader`, so that both streams have the same time after a restart.
+fn unwrap_ticks(list: &mut [Entry], leader: &[(u32, i64)]) -> Vec<(u32, i64)> {
     let (mut last, mut total, mut starts) = (None, 0, Vec::new());
     for entry in list.iter_mut().filter(|entry| !entry.stray) {
         let Some(ticks) = entry.ticks else { continue };
-        match last.map(|last| step(last, ticks)) {
+        match last.map(|last| tick_difference(last, ticks)) {
             Some(step) if step >= -RESTART_TICKS => total += step,
             other => {
                 // A new run: the first one, or one after a step back.
                 let gap = if other.is_some() { FRAME_TICKS } else { 0 };
                 let start = leader.get(starts.len());
-                total = start.map_or(total + gap, |&(first, at)| at + step(first, ticks));
+                total = start.map_or(total + gap, |&(first, at)| {
+                    at + tick_difference(first, ticks)
+                });
                 starts.push((ticks, total));
             }
         }
@@ -395,7 +406,7 @@ mod tests {
     fn partners(index: &Index) -> usize {
         let colour = |depth: &Entry| {
             let colour = index.colour[depth.colour?];
-            Some(step(depth.ticks?, colour.ticks?) == 700_000)
+            Some(tick_difference(depth.ticks?, colour.ticks?) == 700_000)
         };
         index
             .depth

@@ -1,6 +1,5 @@
-//! Writing a recording, frame by frame. A picture is added to the index only once it is complete; one that cannot be written
-//! is removed again. Colour is stored demosaiced, from which the mosaic comes back exactly, so that depth and luma replay
-//! bit for bit.
+//! Writes a recording, frame by frame. A picture is added to the index when its file is complete; a file that cannot be completed is
+//! removed. Colour is stored demosaiced; the mosaic can be restored exactly, so depth and luma replay bit for bit.
 
 use std::fs::File;
 use std::io::Write;
@@ -19,12 +18,12 @@ pub(super) const INDEX_NAME: &str = "INDEX.txt";
 /// Name of the file with the sensor's calibration.
 pub(super) const DEVICE_NAME: &str = "device.json";
 
-/// A recording that is being made.
+/// A recording being written.
 pub struct Recorder {
     directory: PathBuf,
     index: File,
     started_unix_s: f64,
-    /// Colour pictures may serve two depth pictures: the last one written.
+    /// Time stamp of the last colour picture written, which may belong to two depth pictures.
     last_colour: Option<u32>,
     rgb: Box<[u8]>,
     depth: Box<[u8]>,
@@ -32,8 +31,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Starts a recording in `directory`, which is made if it is not there. `started_unix_s` is the wall time of frame
-    /// time 0, in seconds; it goes into the names of the files and nowhere else.
+    /// Starts a recording in `directory`, which is created if missing. `started_unix_s` is the wall time of frame time 0, seconds; it
+    /// is used in file names only.
     ///
     /// # Errors
     /// If there is a recording already, or the directory cannot be written.
@@ -42,7 +41,7 @@ impl Recorder {
         registration: &Registration,
         started_unix_s: f64,
     ) -> Result<Self, RecordingError> {
-        let failed = |path: &Path, problem| RecordingError::of_file(path, &problem);
+        let failed = |path: &Path, problem| RecordingError::from_io(path, &problem);
         std::fs::create_dir_all(directory).map_err(|problem| failed(directory, problem))?;
         let path = directory.join(INDEX_NAME);
         let index = File::create_new(&path).map_err(|problem| match problem.kind() {
@@ -67,7 +66,7 @@ impl Recorder {
         })
     }
 
-    /// Frames written.
+    /// Number of frames written.
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -75,7 +74,7 @@ impl Recorder {
     /// Appends a frame.
     ///
     /// # Errors
-    /// If a file cannot be written; what was recorded before stays usable.
+    /// If a file cannot be written; earlier frames stay usable.
     pub fn write(&mut self, frame: &KinectFrame) -> Result<(), RecordingError> {
         let wall = self.started_unix_s + frame.at.as_us() as f64 * 1e-6;
         if frame.has_colour && self.last_colour != Some(frame.original.colour_ticks) {
@@ -86,7 +85,7 @@ impl Recorder {
         }
         let (depth, _) = self.depth.as_chunks_mut();
         for (bytes, &raw) in depth.iter_mut().zip(frame.depth.iter()) {
-            // Whatever else has no distance either.
+            // Larger values are no distance.
             *bytes = raw.min(NO_DEPTH).to_le_bytes();
         }
         let name = format!("d-{wall:.6}-{}.pgm", frame.original.ticks);
@@ -95,7 +94,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes a picture, and its name into the index.
+    /// Writes the file of a picture and adds its name to the index.
     fn add(
         &mut self,
         name: &str,
@@ -110,9 +109,9 @@ impl Recorder {
         let line = format!("{name}\n");
         let written = written.and_then(|()| self.index.write_all(line.as_bytes()));
         written.map_err(|problem| {
-            // Not being able to remove it adds nothing to what the user must already do.
+            // A failure to remove it needs no message of its own.
             std::fs::remove_file(&path).ok();
-            RecordingError::of_file(&path, &problem)
+            RecordingError::from_io(&path, &problem)
         })
     }
 }

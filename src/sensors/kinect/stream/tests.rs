@@ -5,7 +5,7 @@ type Packets = Vec<(bool, Vec<u8>)>;
 
 fn picture(stream: Stream, number: u32) -> Vec<u8> {
     let mut random = fastrand::Rng::with_seed(u64::from(number));
-    (0..Layout::of(stream).bytes)
+    (0..Layout::new(stream).bytes)
         .map(|_| random.u8(..))
         .collect()
 }
@@ -23,10 +23,10 @@ fn cut(cutter: &mut Cutter, picture: &[u8], ticks: u32) -> Packets {
 #[test]
 fn sizes_are_the_cameras() {
     for (stream, packets, last) in [(Stream::Depth, 242, 1132), (Stream::Colour, 162, 12)] {
-        let layout = Layout::of(stream);
+        let layout = Layout::new(stream);
         assert_eq!(layout.packets(), packets);
         assert_eq!(layout.range(packets - 1).len(), last);
-        assert_eq!(layout.place(packets - 1), Place::Last);
+        assert_eq!(layout.position(packets - 1), Position::Last);
     }
 }
 
@@ -48,7 +48,7 @@ fn undisturbed_pictures_come_out_as_they_went_in() {
         }
         let expected = Tally {
             pictures: 4,
-            packets: 4 * Layout::of(stream).packets() as u64,
+            packets: 4 * Layout::new(stream).packets() as u64,
             ..Tally::default()
         };
         assert_eq!(assembler.tally, expected);

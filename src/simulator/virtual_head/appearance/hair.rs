@@ -1,12 +1,12 @@
-//! Hair: a shell that stands off the skull within a hairline, and locks that fall from it.
+//! Hair: a shell around the skull within the hairline, and locks that hang from it.
 
-use super::look::{HairStyle, Headgear, Look};
-use super::outfit::{Cloth, FREE, Knot, Outfit, path};
+use super::material::{along, grain, part_seed, share, slope};
+use super::options::{Appearance, HairStyle, Headgear};
+use super::outfit::{FREE, Outfit, Surface, Vertex, path};
 use super::skull::{HANGS, Skull};
-use super::stuff::{along, grain, part, share, slope};
 use mien_stages::base::geometry::{Point, Vector};
 
-/// Height of the hairline (y, metres) by angle from the face: forehead, temples, before the ear, above it, behind, nape.
+/// Hairline: angle from the face (degrees), height (y, metres); forehead, temples, before, above and behind the ear, nape.
 const LINE: [[f32; 2]; 8] = [
     [0.0, -0.066],
     [30.0, -0.066],
@@ -17,7 +17,7 @@ const LINE: [[f32; 2]; 8] = [
     [115.0, -0.012],
     [140.0, 0.055],
 ];
-/// Likewise where hair covers the ears.
+/// Hairline of styles that cover the ears, as [`LINE`].
 const LINE_OVER_EARS: [[f32; 2]; 5] = [
     [0.0, -0.066],
     [30.0, -0.066],
@@ -32,21 +32,21 @@ fn degrees_from_face(phi: f32) -> f32 {
 }
 
 impl Outfit {
-    pub(super) fn hair(&mut self, skull: &Skull, look: &Look) {
-        let cloth = Cloth {
-            stuff: look.hair_stuff(),
-            colour: look.hair_colour,
-            stays: 0.0,
+    pub(super) fn hair(&mut self, skull: &Skull, appearance: &Appearance) {
+        let surface = Surface {
+            material: appearance.hair_material(),
+            colour: appearance.hair_colour,
+            torso_share: 0.0,
             cells: [300.0, 9.0],
         };
-        let seed = part(look.seed, 1);
-        let covered = matches!(look.headgear, Headgear::Cap | Headgear::Hood);
-        // Under a cap hair lies flat.
+        let seed = part_seed(appearance.seed, 1);
+        let covered = matches!(appearance.headgear, Headgear::Cap | Headgear::Hood);
+        // Hair under a cap or hood is flat.
         let flat = if covered { 0.35 } else { 1.0 };
         let mut shell = |lift, over_ears, frizz| {
-            self.shell(skull, &cloth, lift, over_ears, frizz, seed);
+            self.shell(skull, &surface, lift, over_ears, frizz, seed);
         };
-        match look.hair {
+        match appearance.hair {
             HairStyle::Bald => return,
             HairStyle::Cropped => shell(0.005 * flat, false, 0.0),
             HairStyle::Short | HairStyle::Fringe => shell(0.012 * flat, false, 0.0),
@@ -55,31 +55,31 @@ impl Outfit {
             HairStyle::Curly => shell(0.022 * flat, true, 0.35),
             HairStyle::Bun => shell(0.006, false, 0.0),
         }
-        if matches!(look.hair, HairStyle::Short | HairStyle::Fringe) {
-            self.tufts(skull, &cloth, 0.014 * flat, seed);
+        if matches!(appearance.hair, HairStyle::Short | HairStyle::Fringe) {
+            self.tufts(skull, &surface, 0.014 * flat, seed);
         }
         let long = 0.10 + 0.16 * share(seed, 1);
-        match look.hair {
+        match appearance.hair {
             HairStyle::Long | HairStyle::LongFringe => {
-                self.locks(skull, &cloth, long, 0.0, seed);
+                self.locks(skull, &surface, long, 0.0, seed);
             }
-            HairStyle::Curly => self.locks(skull, &cloth, 0.8 * long, 0.012, seed),
+            HairStyle::Curly => self.locks(skull, &surface, 0.8 * long, 0.012, seed),
             HairStyle::Bun => {
                 let up = skull.point(0.75, std::f32::consts::PI, 0.018);
-                self.ball(up.into(), [0.038, 0.034, 0.034], &cloth);
+                self.ball(up.into(), [0.038, 0.034, 0.034], &surface);
             }
             _ => {}
         }
-        if matches!(look.hair, HairStyle::Fringe | HairStyle::LongFringe) && !covered {
-            self.fringe(skull, &cloth, seed);
+        if matches!(appearance.hair, HairStyle::Fringe | HairStyle::LongFringe) && !covered {
+            self.fringe(skull, &surface, seed);
         }
     }
 
-    /// The scalp's cover, lifted by metres; `frizz`: share of loose hair standing off it.
+    /// Adds the shell, at `lift` metres from the skull; `frizz`: share of loose hair outside of it, 0…1.
     fn shell(
         &mut self,
         skull: &Skull,
-        cloth: &Cloth,
+        surface: &Surface,
         lift: f32,
         over_ears: bool,
         frizz: f32,
@@ -94,35 +94,35 @@ impl Outfit {
             if loose && frizz == 0.0 {
                 continue;
             }
-            self.grid([ROWS, COLUMNS], true, cloth.stuff, |row, column| {
+            self.grid([ROWS, COLUMNS], true, surface.material, |row, column| {
                 let theta = 2.35 * row as f32 / (ROWS - 1) as f32;
                 let phi = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
                 let foot = skull.point(theta, phi, 0.0);
-                // Noise on the sphere: no seam where the angle begins again.
+                // Noise over the sphere, so that there is no seam at phi = 0.
                 let d = super::skull::direction(theta, phi) * 4.0;
                 let clump = grain(d.x * 1.7 + d.z + shift, d.y * 1.7 + d.z * 0.6);
                 let tuft = grain(d.x * 4.3 + d.z * 2.7 - shift, d.y * 4.1 - d.z * 1.9);
                 let edge = along(table, degrees_from_face(phi)) - receding + 0.006 * tuft;
                 let within = (edge - foot.y) / 0.006 + 0.5;
-                // Thin at its edge, thickest on top.
+                // Thin at the edge, thickest on top.
                 let body = slope(edge - foot.y, -0.004, 0.03).sqrt();
                 let mut high = 0.0035 + lift * body * (1.0 + 0.28 * clump + 0.14 * tuft);
-                let mut cover = within.clamp(0.0, 1.0);
+                let mut coverage = within.clamp(0.0, 1.0);
                 if loose {
                     high += 0.004 + 0.35 * lift * (0.6 + 0.4 * tuft);
-                    cover = cover.min(1.0) * frizz * (0.7 + 0.5 * clump);
+                    coverage = coverage.min(1.0) * frizz * (0.7 + 0.5 * clump);
                 }
                 let p = skull.point(theta, phi, high);
-                let mut knot = cloth.knot(p, [phi * 0.5, theta], cover);
+                let mut vertex = surface.vertex(p, [phi * 0.5, theta], coverage);
                 let shade = 0.8 + 0.35 * slope(clump + tuft, -1.2, 1.2);
-                knot.colour = knot.colour.map(|c| c * shade);
-                knot
+                vertex.colour = vertex.colour.map(|c| c * shade);
+                vertex
             });
         }
     }
 
-    /// Short locks all over the head, combed to one side.
-    fn tufts(&mut self, skull: &Skull, cloth: &Cloth, lift: f32, seed: u64) {
+    /// Adds short locks all over the head, combed to one side.
+    fn tufts(&mut self, skull: &Skull, surface: &Surface, lift: f32, seed: u64) {
         const TUFTS: u64 = 170;
         const STEPS: usize = 6;
         let comb = if share(seed, 6) < 0.5 { -0.5 } else { 0.5 };
@@ -139,14 +139,14 @@ impl Outfit {
             let end = path[STEPS - 1];
             if end.y < along(&LINE, degrees_from_face(phi)) + 0.004 {
                 let wide = 0.005 + 0.004 * chance(4);
-                self.lock(&path, wide, 0.78 + 0.4 * chance(5), cloth, k as f32 * 3.0);
+                self.lock(&path, wide, 0.78 + 0.4 * chance(5), surface, k as f32 * 3.0);
             }
         }
     }
 
-    /// Locks that fall from a parting beside the face and behind onto the shoulders; `below`: metres under the ears,
-    /// `curl`: metres from side to side.
-    fn locks(&mut self, skull: &Skull, cloth: &Cloth, below: f32, curl: f32, seed: u64) {
+    /// Adds locks that hang from a parting onto the shoulders. `below`: length below the ears, metres; `curl`: amplitude of curls,
+    /// metres.
+    fn locks(&mut self, skull: &Skull, surface: &Surface, below: f32, curl: f32, seed: u64) {
         const LOCKS: u64 = 96;
         const STEPS: usize = 16;
         let front = 44.0 + 22.0 * share(seed, 4);
@@ -155,7 +155,7 @@ impl Outfit {
             let side = if k % 2 == 0 { -1.0 } else { 1.0 };
             let spread = (k / 2) as f32 / (LOCKS / 2 - 1) as f32;
             let end = (front + (180.0 - front) * spread + 5.0 * (chance(0) - 0.5)).to_radians();
-            // From a parting on top, towards its place at the side.
+            // From a parting on top towards the side.
             let start = end * 0.85 + 0.2;
             let ends = below * (0.82 + 0.26 * chance(1)) * slope(spread, -0.5, 0.2);
             let lift = 0.011 + 0.007 * chance(2);
@@ -170,7 +170,7 @@ impl Outfit {
                 let swing = (curl + 0.002) * slope(t, 0.15, 0.5);
                 p.x += side * swing * turn.sin();
                 p.z += swing * turn.cos();
-                // Over the shoulder, in front of it or behind.
+                // In front of the shoulder or behind it.
                 let out = slope(p.y, 0.10, 0.26) * 0.06;
                 p.z += if end < 1.75 { -out } else { out };
                 p.x -= side * slope(p.y, 0.02, 0.14) * 0.008;
@@ -178,12 +178,12 @@ impl Outfit {
             });
             let wide = 0.006 + 0.006 * chance(5);
             let shade = 0.75 + 0.45 * chance(6);
-            self.lock(&path, wide, shade, cloth, k as f32 * 7.0);
+            self.lock(&path, wide, shade, surface, k as f32 * 7.0);
         }
     }
 
-    /// Strands over the brow.
-    fn fringe(&mut self, skull: &Skull, cloth: &Cloth, seed: u64) {
+    /// Adds strands over the brow.
+    fn fringe(&mut self, skull: &Skull, surface: &Surface, seed: u64) {
         const LOCKS: u64 = 34;
         let lowest = -0.034 + 0.022 * share(seed, 5);
         for k in 0..LOCKS {
@@ -203,13 +203,19 @@ impl Outfit {
                 }
             }
             if path.len() > 2 {
-                self.lock(&path, 0.007, 0.8 + 0.35 * chance(3), cloth, k as f32 * 5.0);
+                self.lock(
+                    &path,
+                    0.007,
+                    0.8 + 0.35 * chance(3),
+                    surface,
+                    k as f32 * 5.0,
+                );
             }
         }
     }
 
-    /// One lock: flat, round at the sides, thin at its end.
-    fn lock(&mut self, path: &[Point], wide: f32, shade: f32, cloth: &Cloth, weave: f32) {
+    /// Adds a lock: a flat tube, thin at its end. `wide`: half width, metres; `shade`: gain of the colour.
+    fn lock(&mut self, path: &[Point], wide: f32, shade: f32, surface: &Surface, uv: f32) {
         let steps = path.len();
         let middle = Vector::new(0.0, 0.0, 0.085);
         self.tube(
@@ -225,16 +231,16 @@ impl Outfit {
                 [wide * thin, 0.45 * wide * thin]
             },
             6,
-            cloth.stuff,
+            surface.material,
             |i, p, turn| {
                 let t = i as f32 / (steps - 1) as f32;
-                Knot {
+                Vertex {
                     base: FREE,
                     offset: p.coords,
-                    stays: 0.85 * slope(p.y, 0.06, 0.22),
-                    colour: cloth.colour.map(|c| c * shade),
-                    weave: [weave + 14.0 * turn, 7.0 * t + weave],
-                    cover: 1.0 - 0.55 * slope(t, 0.6, 1.0),
+                    torso_share: 0.85 * slope(p.y, 0.06, 0.22),
+                    colour: surface.colour.map(|c| c * shade),
+                    uv: [uv + 14.0 * turn, 7.0 * t + uv],
+                    coverage: 1.0 - 0.55 * slope(t, 0.6, 1.0),
                 }
             },
         );

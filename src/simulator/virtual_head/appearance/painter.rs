@@ -1,7 +1,7 @@
-//! How an outfit is drawn.
+//! Draws an outfit.
 
-use super::outfit::{Knot, Outfit};
-use super::stuff::{Stuff, grain};
+use super::material::{Material, grain};
+use super::outfit::{Outfit, Vertex};
 use crate::virtual_head::draw::{Canvas, Light};
 use crate::virtual_head::raster::{Corner, DepthBuffer, Window, mix, project, sum_normals};
 use mien_stages::base::geometry::{Point, Rigid, Vector};
@@ -17,9 +17,13 @@ pub(crate) struct OutfitPainter {
 
 impl OutfitPainter {
     pub(crate) fn new(outfit: Outfit) -> Self {
-        let n = outfit.knots.len();
+        let n = outfit.vertices.len();
         Self {
-            placed: outfit.knots.iter().map(|k| Point::from(k.offset)).collect(),
+            placed: outfit
+                .vertices
+                .iter()
+                .map(|k| Point::from(k.offset))
+                .collect(),
             normals: vec![Vector::zeros(); n],
             lit: vec![[0.0; 3]; n],
             corners: vec![Corner::default(); n],
@@ -27,46 +31,47 @@ impl OutfitPainter {
         }
     }
 
-    /// Puts it on; `face`: the deformed vertices of the head, head frame.
+    /// Moves the outfit to the sensor frame; `face`: deformed vertices of the head, head frame.
     pub(crate) fn place(
         &mut self,
         face: &[Point],
         sensor_from_head: &Rigid,
         sensor_from_torso: &Rigid,
     ) {
-        for (placed, knot) in self.placed.iter_mut().zip(&self.outfit.knots) {
-            let p = match face.get(knot.base as usize) {
-                Some(vertex) => vertex + knot.offset,
-                None => Point::from(knot.offset),
+        for (placed, vertex) in self.placed.iter_mut().zip(&self.outfit.vertices) {
+            let p = match face.get(vertex.base as usize) {
+                Some(base) => base + vertex.offset,
+                None => Point::from(vertex.offset),
             };
             let moved = sensor_from_head * p;
-            *placed = moved + (sensor_from_torso * p - moved) * knot.stays;
+            *placed = moved + (sensor_from_torso * p - moved) * vertex.torso_share;
         }
     }
 
-    /// Draws depth, and what is there into `stuff`, one per pixel.
+    /// Draws depth, and the material of each pixel into `material`.
     pub(crate) fn draw_depth(
         &mut self,
         pixel: impl Fn(&Point) -> [f32; 2],
         buffer: &mut DepthBuffer,
-        stuff: &mut [Stuff],
+        material: &mut [Material],
     ) {
         project(&self.placed, pixel, &mut self.corners);
-        for &(triangle, made) in &self.outfit.triangles {
+        for &(triangle, material_of_triangle) in &self.outfit.triangles {
             let corners = triangle.map(|k| self.corners[k as usize]);
-            let knots = triangle.map(|k| &self.outfit.knots[k as usize]);
+            let vertices = triangle.map(|k| &self.outfit.vertices[k as usize]);
             buffer.triangle_where(corners, |index, u, v| {
-                let kept = made != Stuff::Glass && is_there(knots, u, v);
-                // Glass lets what is behind be measured, badly.
-                if kept || made == Stuff::Glass {
-                    stuff[index] = made;
+                let is_solid =
+                    material_of_triangle != Material::Glass && is_covered(vertices, u, v);
+                // Glass has no depth, but spoils the measurement behind it.
+                if is_solid || material_of_triangle == Material::Glass {
+                    material[index] = material_of_triangle;
                 }
-                kept
+                is_solid
             });
         }
     }
 
-    /// Draws colour.
+    /// Draws colour; returns the window drawn to.
     pub(crate) fn draw_colour(
         &mut self,
         light: &Light,
@@ -77,55 +82,55 @@ impl OutfitPainter {
         self.light(light);
         let mut window = Window::NOTHING;
         let Canvas { depth, rgb } = canvas;
-        for &(triangle, made) in &self.outfit.triangles {
+        for &(triangle, material_of_triangle) in &self.outfit.triangles {
             let corners = triangle.map(|k| self.corners[k as usize]);
-            let knots = triangle.map(|k| &self.outfit.knots[k as usize]);
+            let vertices = triangle.map(|k| &self.outfit.vertices[k as usize]);
             let lit = triangle.map(|k| self.lit[k as usize]);
-            let [contrast, ..] = made.answers();
-            // Stubble on the skin, the glint on glass: one looks through.
-            let thin = matches!(made, Stuff::Skin | Stuff::Glass);
+            let [contrast, ..] = material_of_triangle.properties();
+            // Stubble and glass are blended with what is behind.
+            let thin = matches!(material_of_triangle, Material::Skin | Material::Glass);
             window.include(depth.triangle_where(corners, |index, u, v| {
-                let cover = mix(knots.map(|knot| knot.cover), u, v);
-                let kept = cover >= 0.99 || (!thin && is_there(knots, u, v));
-                if kept || thin {
-                    let [x, y] = [0, 1].map(|k| mix(knots.map(|knot| knot.weave[k]), u, v));
+                let coverage = mix(vertices.map(|vertex| vertex.coverage), u, v);
+                let is_solid = coverage >= 0.99 || (!thin && is_covered(vertices, u, v));
+                if is_solid || thin {
+                    let [x, y] = [0, 1].map(|k| mix(vertices.map(|vertex| vertex.uv[k]), u, v));
                     let fine = grain(x, y);
                     let gain = 1.0 + contrast * fine;
-                    let part = cover * (1.0 + 0.4 * fine);
-                    let share = if kept { 1.0 } else { part };
+                    let blend = coverage * (1.0 + 0.4 * fine);
+                    let share = if is_solid { 1.0 } else { blend };
                     for (k, level) in rgb[index].iter_mut().enumerate() {
                         let behind = f32::from(*level);
                         let own = mix(lit.map(|lit| lit[k]), u, v) * gain;
                         *level = (behind + share * (own - behind) + 0.5) as u8;
                     }
                 }
-                kept
+                is_solid
             }));
         }
         window
     }
 
-    /// Light at each knot.
+    /// Lights each vertex.
     fn light(&mut self, light: &Light) {
         let triangles = self.outfit.triangles.iter();
         let triangles = triangles.map(|(corners, _)| corners.map(|k| k as usize));
         sum_normals(triangles, &self.placed, &mut self.normals);
-        for &(triangle, made) in &self.outfit.triangles {
-            let [_, sheen, ..] = made.answers();
+        for &(triangle, material_of_triangle) in &self.outfit.triangles {
+            let [_, sheen, ..] = material_of_triangle.properties();
             for k in triangle.map(|k| k as usize) {
                 let normal = self.normals[k] / self.normals[k].norm().max(1e-12);
                 let shine = normal.dot(&light.towards).max(0.0).powi(6) * sheen;
                 let bright = light.brightness_on(&normal) + shine;
-                let colour = self.outfit.knots[k].colour;
+                let colour = self.outfit.vertices[k].colour;
                 self.lit[k] = [0, 1, 2].map(|ch| colour[ch] * bright * light.tint[ch]);
             }
         }
     }
 }
 
-/// Whether the surface is there at these shares of its second and third corner.
-fn is_there(knots: [&Knot; 3], u: f32, v: f32) -> bool {
-    let cover = mix(knots.map(|knot| knot.cover), u, v);
-    let weave = |k: usize| mix(knots.map(|knot| knot.weave[k]), u, v);
-    cover >= 0.99 || cover > 0.5 + 0.5 * grain(weave(0) + 0.37, weave(1))
+/// Whether the surface is opaque at the shares `u` and `v` of the second and third corner.
+fn is_covered(vertices: [&Vertex; 3], u: f32, v: f32) -> bool {
+    let coverage = mix(vertices.map(|vertex| vertex.coverage), u, v);
+    let uv = |k: usize| mix(vertices.map(|vertex| vertex.uv[k]), u, v);
+    coverage >= 0.99 || coverage > 0.5 + 0.5 * grain(uv(0) + 0.37, uv(1))
 }

@@ -1,23 +1,23 @@
-//! The outside of a head as a distance from its middle in every direction: what hair and hats stand on.
+//! The surface of a head as a distance from its middle by direction, as a base for hair and hats.
 
 use crate::virtual_head::asset::{HeadAsset, Part};
 use mien_stages::base::geometry::{Point, Vector};
 
-/// Middle of the skull, head frame.
+/// Middle of the skull, head frame, metres.
 const MIDDLE: [f32; 3] = [0.0, -0.02, 0.08];
-/// Lowest vertices that count, metres: the neck is no skull.
+/// Height (y) below which vertices belong to the neck, metres.
 const LOWEST_M: f32 = 0.13;
 const ROWS: usize = 32;
 const COLUMNS: usize = 64;
 
-/// Unit vector `theta` from straight up, `phi` from the face to the image right.
+/// Unit vector: `theta` from straight up, `phi` from the face towards the image right, radians.
 pub(super) fn direction(theta: f32, phi: f32) -> Vector {
     let (sin_t, cos_t) = theta.sin_cos();
     let (sin_p, cos_p) = phi.sin_cos();
     Vector::new(sin_t * sin_p, -cos_t, -sin_t * cos_p)
 }
 
-/// Distance of the surface from the middle, by direction.
+/// Distance of the surface from the middle by direction, metres.
 pub(super) struct Skull {
     radius: Vec<f32>,
 }
@@ -49,7 +49,7 @@ impl Skull {
             }
         }
         let mut skull = Self { radius };
-        // Directions that no triangle lies in take the mean of their neighbours.
+        // Directions without a triangle take the mean of their neighbours.
         for _ in 0..8 {
             skull.relax(|here, around| if here > 0.0 { here } else { around });
         }
@@ -81,7 +81,7 @@ impl Skull {
         }
     }
 
-    /// Surface in a direction, lifted by metres.
+    /// Point `lift` metres above the surface in a direction, head frame.
     pub(super) fn point(&self, theta: f32, phi: f32, lift: f32) -> Point {
         let row = (theta / std::f32::consts::PI * ROWS as f32).clamp(0.0, ROWS as f32 - 0.001);
         let turn = phi / std::f32::consts::TAU;
@@ -94,8 +94,8 @@ impl Skull {
         Point::from(MIDDLE) + direction(theta, phi) * (radius + lift)
     }
 
-    /// Follows the skull down to the ears, and hangs straight down from there: `along` is an angle up to [`HANGS`], then
-    /// metres beyond it.
+    /// Point on a cloth that follows the skull to the angle [`HANGS`] and hangs straight down from there: angle `along`, then `below_m`
+    /// metres down.
     pub(super) fn drape(&self, along: f32, below_m: f32, phi: f32, lift: f32) -> Point {
         let mut p = self.point(along.min(HANGS), phi, lift);
         p.y += below_m;
@@ -103,5 +103,5 @@ impl Skull {
     }
 }
 
-/// Angle from straight up from which things hang.
+/// Angle from straight up at which things begin to hang, radians.
 pub(super) const HANGS: f32 = 1.65;

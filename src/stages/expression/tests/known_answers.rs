@@ -1,9 +1,10 @@
 //! Known answers: edges of a window, the first weights shown.
 
+use super::super::estimator::is_warming;
 use super::super::measures::tests::toy_face;
 use super::super::nodes::Nodes;
 use super::super::units::{Kind, Prior};
-use super::super::{Expression, Settings, Units, is_warming, rest};
+use super::super::{Expression, Settings, Units, rest_mode};
 use crate::base::capacity::LEARNT_MEASURES;
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Rigid;
@@ -11,7 +12,7 @@ use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
 
 #[test]
-fn rest_moves_to_the_middle_of_all_within_its_window_both_ends_counted() {
+fn rest_is_the_mean_within_the_closed_window() {
     let prior = Prior {
         kind: Kind::TwoWay,
         rest: 1.0,
@@ -23,13 +24,13 @@ fn rest_moves_to_the_middle_of_all_within_its_window_both_ends_counted() {
     let mut nodes: Nodes<64> = Nodes::default();
     nodes.push(1.0, 2.0, 2.0);
     nodes.push(1.25, 2.0, 2.0);
-    let mode = rest::mode(nodes.as_slice(), nodes.growth(), 0.25, &prior, 1.0);
+    let mode = rest_mode::mode(nodes.as_slice(), nodes.growth(), 0.25, &prior, 1.0);
     assert_eq!((mode.value, mode.seconds), (1.125, 4.0));
 }
 
 #[test]
-fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
-    // Frozen, so that nothing is learned of it either.
+fn filters_restart_when_weights_fade_in() {
+    // Frozen, so that it is not learned from either.
     let shown_after = |first_mm: f32| {
         let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
         expression.freeze(true);
@@ -46,7 +47,7 @@ fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
             head[48].x -= 0.5e-3 * mm;
             let landmarks = Landmarks::certain(head);
             let at = Timestamp::from_us(k * 33_333);
-            let facing = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.7));
+            let facing = SensorFromFace::assume_frames(Rigid::translation(0.0, 0.0, 0.7));
             expression.observe(&landmarks, &facing, at);
             assert!(k > 6 || hidden, "frame {k} is shown");
             shown.push(expression.weights().units);
@@ -68,9 +69,9 @@ fn warming_ends_with_half_of_the_rests_known_by_half() {
     let known = |readiness: f64| -> [f64; LEARNT_MEASURES] {
         core::array::from_fn(|m| if m % 2 == 1 { 0.0 } else { readiness })
     };
-    assert!(!is_warming(known(0.5)));
-    assert!(is_warming(known(0.5_f64.next_down())));
+    assert!(!is_warming(known(0.5).into_iter()));
+    assert!(is_warming(known(0.5_f64.next_down()).into_iter()));
     let mut too_few = known(1.0);
     too_few[0] = 0.0;
-    assert!(is_warming(too_few));
+    assert!(is_warming(too_few.into_iter()));
 }

@@ -1,23 +1,23 @@
-//! The grey values compared by the fit, normalised to their surroundings.
+//! Local normalisation of the grey values compared by the fit.
 //!
-//! The paper compares pixel values. Light from one side and another person's skin change them over whole cheeks by more than
-//! an eyelid does, and a model that has never seen the person moves its points to compensate. So the mean of its
-//! surroundings is subtracted from every value, which is then divided by their spread (local normalisation).
+//! The paper compares pixel values. Side light and another person's skin change them over whole cheeks by more than an eyelid
+//! does, and a model not trained on the person moves its points to compensate. So every value is reduced by the mean of its
+//! surroundings and divided by their standard deviation.
 //! Window pixels. Cost: ten passes over the window. Degenerate: where all pixels are equal the values are 0.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::vectors::wide;
+use crate::base::vectors::with_avx2;
 use crate::landmarks::window::WINDOW;
 
-/// Surroundings: half the side of the square, averaged twice.
+/// Half the side of the surroundings' square, averaged twice, window pixels.
 const AROUND: usize = 6;
-/// Smoothing against the sensor's noise: half the side of the square.
+/// Half the side of the square averaged against sensor noise, window pixels.
 const SMOOTH: usize = 1;
-/// Variance that is noise, squared grey values.
+/// Variance of noise, squared grey values.
 const NOISE: f32 = 9.0;
 
-/// Mean over a square of `2 radius + 1` pixels of the window, the edge repeated.
+/// Box blur of the window in place, `2 radius + 1` pixels wide; the edge is repeated. `spare` is scratch.
 pub(crate) fn blur(plane: &mut [f32], spare: &mut [f32], radius: usize) {
     let share = 1.0 / (2 * radius + 1) as f32;
     let last = WINDOW - 1;
@@ -39,7 +39,7 @@ pub(crate) fn blur(plane: &mut [f32], spare: &mut [f32], radius: usize) {
     for (y, line) in plane.chunks_exact_mut(WINDOW).enumerate() {
         let ahead = &spare[(y + radius + 1).min(last) * WINDOW..][..WINDOW];
         let behind = &spare[y.saturating_sub(radius) * WINDOW..][..WINDOW];
-        wide(|| {
+        with_avx2(|| {
             for (((out, sum), ahead), behind) in
                 line.iter_mut().zip(&mut sums).zip(ahead).zip(behind)
             {
@@ -50,7 +50,7 @@ pub(crate) fn blur(plane: &mut [f32], spare: &mut [f32], radius: usize) {
     }
 }
 
-/// The window's grey values as they are compared, into `plane`; `other` and `spare` are scratch.
+/// Writes the window's normalised grey values to `plane`; `other` and `spare` are scratch. All [`WINDOW`]² values.
 pub fn normalised(window: &[f32], plane: &mut [f32], other: &mut [f32], spare: &mut [f32]) {
     plane.copy_from_slice(window);
     blur(plane, spare, SMOOTH);
@@ -72,7 +72,7 @@ pub fn normalised(window: &[f32], plane: &mut [f32], other: &mut [f32], spare: &
 mod tests {
     use super::*;
 
-    fn of(window: &[f32]) -> Vec<f32> {
+    fn normalised_plane(window: &[f32]) -> Vec<f32> {
         let room = || vec![0.0; WINDOW * WINDOW];
         let (mut plane, mut other, mut spare) = (room(), room(), room());
         normalised(window, &mut plane, &mut other, &mut spare);
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn a_square_has_its_mean_and_the_edge_is_repeated() {
+    fn box_blur_is_a_mean_with_repeated_edges() {
         let mut plane = vec![0.0; WINDOW * WINDOW];
         plane[0] = 9.0;
         plane[50 * WINDOW + 60] = 9.0;
@@ -98,14 +98,14 @@ mod tests {
         assert!(
             (plane[51 * WINDOW + 59] - 1.0).abs() < 1e-5 && plane[52 * WINDOW + 60].abs() < 1e-5
         );
-        // The corner stands for itself, two at each side and one beyond both.
+        // The corner counts four times: itself, two edge repetitions and one of the corner.
         assert!((plane[0] - 4.0).abs() < 1e-5);
     }
 
     #[test]
-    fn light_from_one_side_changes_little_and_a_flat_picture_is_nothing() {
-        let even = of(&pattern(|_, _| [40.0, 120.0]));
-        let side = of(&pattern(|x, _| {
+    fn side_light_changes_little_and_a_flat_image_is_zero() {
+        let even = normalised_plane(&pattern(|_, _| [40.0, 120.0]));
+        let side = normalised_plane(&pattern(|x, _| {
             let gain = 0.4 + x / 184.0;
             [40.0 * gain, 120.0 * gain]
         }));
@@ -113,7 +113,7 @@ mod tests {
         let size: f32 = even.iter().map(|a| a * a).sum();
         assert!((off / size).sqrt() < 0.1, "{}", (off / size).sqrt());
         assert!(
-            of(&vec![77.0; WINDOW * WINDOW])
+            normalised_plane(&vec![77.0; WINDOW * WINDOW])
                 .iter()
                 .all(|v| v.abs() < 1e-4)
         );

@@ -4,14 +4,13 @@
 //! appearance is `A0 + Σ λ_i A_i`. The fit ([`solver`]) minimises the difference between the image inside the shape and the
 //! appearance (Matthews and Baker, *Active appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time
 //! combined 2D+3D active appearance models*, CVPR 2004), starting from the depth pose and regularised by it. 2D and 3D share
-//! their shape parameters. How a face sits in its head is a constant of the person: after the first frames the picture moves the
-//! face little from there. How far lips and eye corners stand out is read from depth: no frontal picture shows it.
+//! their shape parameters. The pose of a face within its head is a constant of the person: after the first frames the image
+//! moves the face little from there. The protrusion of lips and eye corners is measured by depth, as no frontal image shows it.
 //!
 //! Works in the head window ([`super::window`]), window pixels, radians, standard deviations; grey values are compared
-//! relative to their surroundings ([`grey`]). One step costs pixels x parameters x modes ≈ 6 M operations; some scratch is
-//! allocated per frame, unlike the default method. Limitation: a mouth that is open when a person is first seen may be taken
-//! for a closed one until it closes. Degenerate: a flat window, a pose outside the picture or an implausibly large residual
-//! gives `None`.
+//! relative to their surroundings ([`grey`]). One step costs pixels × parameters × modes ≈ 6 M operations; unlike the default
+//! method it allocates scratch per frame. Limitation: an open mouth of a person first seen may be taken for a closed one until
+//! it closes. Degenerate: a flat window, a pose outside the image or an implausibly large residual gives `None`.
 
 mod grey;
 mod model;
@@ -20,41 +19,43 @@ pub mod warp;
 
 pub use model::{MOST_APPEARANCE_MODES, MOST_HEAD_MODES, PaperAam};
 pub use solver::{AamFit, Expected, Solver};
-#[cfg(feature = "studio")]
 pub use {grey::normalised, solver::sample};
 
 use super::points::Landmarks;
 use super::refine;
 use super::view::View;
-use super::window::{Placement, Region, WINDOW, sensor_picture};
+use super::window::{Placement, Region, WINDOW, sensor_image};
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::frames::{HeadFromFace, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::camera::Camera;
-use crate::face_model::refinement::place_of;
+use crate::face_model::refinement::site_of;
 use crate::face_model::scheme::{
     INNER_EYE_CORNERS, LOWER_LIP, NOSE_LINE, OUTER_EYE_CORNERS, UPPER_LIP,
 };
 use crate::face_model::{ModelError, VIEW_PARAMETERS};
 use crate::pose::HeadPose;
 
-/// Spread of a known person's face about where it usually is, as a share of a stranger's; frames that the mean is taken over.
+/// Spread of a known person's face about its mean pose within the head, as a share of an unknown person's.
 const KNOWN_SPREAD: f32 = 0.125;
-const USUAL_FRAMES: u16 = 600;
-/// What the model leaves of a person starts from nothing, as if seen over so many frames before.
-const STRANGE_FRAMES: f32 = 30.0;
-/// Least confidence of a frame that teaches it, and share of the face seen: who walks in is blurred and from the side.
+/// Most frames of that mean pose.
+const MEAN_FRAMES: u16 = 600;
+/// Weight of zero in the person's mean residual, frames.
+const RESIDUAL_PRIOR_FRAMES: f32 = 30.0;
+/// Least confidence of a frame that is learned from: a person walking in is blurred.
 const TEACHING_CONFIDENCE: f32 = 0.8;
+/// Least visible share of the face in a frame that is learned from: a person walking in is seen from the side.
 const TEACHING_SEEN: f32 = 0.8;
-/// After so many of them the fit of a face that came in from the side starts cold once more; what it leaves counts from then on.
-const RESTARTED: u16 = 20;
+/// Learned frames after which the fit of a face first seen from the side restarts cold, and the residual is learned.
+const RESTART_AFTER: u16 = 20;
 
-/// Confidence of the face below which it is lost, 0…1.
+/// Least confidence of a face, 0…1.
 const MIN_CONFIDENCE: f32 = 0.3;
-/// Most iterations from a cold start, and from the last frame's shape.
+/// Most iterations from a cold start.
 const COLD_STEPS: usize = 20;
+/// Most iterations from the last frame's shape.
 const WARM_STEPS: usize = 8;
 
 /// Fits the landmarks of one face, frame by frame, by the paper's method.
@@ -63,13 +64,14 @@ pub struct PaperAamFitter {
     window: Vec<f32>,
     /// The last frame's fit, and the view of its depth pose.
     last: Option<(AamFit, View)>,
-    /// How far this person's face usually is from the depth pose, and over how many frames that was seen.
+    /// Mean displacement of this person's face from the depth pose, in [`super::view::UNITS`].
     usual: [f32; VIEW_PARAMETERS],
+    /// Frames averaged in `usual`.
     seen: u16,
-    /// How much nearer the base of their nose and their inner and outer eye corners usually are than the model's, metres.
-    bone: [f32; 3],
-    /// Whether they were first seen from the side.
-    guessed: bool,
+    /// Mean distance of the nose's base, inner and outer eye corners before the model's, metres.
+    bone_offsets: [f32; 3],
+    /// Whether the person was first seen from the side.
+    first_seen_sideways: bool,
     landmarks: Landmarks,
 }
 
@@ -77,7 +79,7 @@ impl PaperAamFitter {
     /// A fitter without history.
     ///
     /// # Errors
-    /// If the bytes are not such a model.
+    /// As [`PaperAam::parse`].
     pub fn new(bytes: &[u8]) -> Result<Self, ModelError> {
         Ok(Self {
             solver: Solver::new(PaperAam::parse(bytes)?),
@@ -85,8 +87,8 @@ impl PaperAamFitter {
             last: None,
             usual: [0.0; VIEW_PARAMETERS],
             seen: 0,
-            bone: [0.0; 3],
-            guessed: false,
+            bone_offsets: [0.0; 3],
+            first_seen_sideways: false,
             landmarks: Landmarks::default(),
         })
     }
@@ -95,12 +97,12 @@ impl PaperAamFitter {
     pub fn reset(&mut self) {
         self.last = None;
         (self.usual, self.seen) = ([0.0; VIEW_PARAMETERS], 0);
-        self.bone = [0.0; 3];
-        self.guessed = false;
-        self.solver.usual_left.fill(0.0);
+        self.bone_offsets = [0.0; 3];
+        self.first_seen_sideways = false;
+        self.solver.usual_residual.fill(0.0);
     }
 
-    /// Fits one frame; `None` if there is no face to be found at the pose.
+    /// Fits one frame of grey and raw depth at a head pose; `None` if no face is found there.
     pub fn fit(
         &mut self,
         luma: &[u8; PIXELS],
@@ -108,11 +110,11 @@ impl PaperAamFitter {
         camera: &Camera,
         pose: &HeadPose,
     ) -> Option<&Landmarks> {
-        let Some(placement) = Placement::of_pose(camera, &pose.sensor_from_head) else {
+        let Some(placement) = Placement::from_pose(camera, &pose.sensor_from_head) else {
             self.last = None;
             return None;
         };
-        placement.resample(&sensor_picture(luma), &Region::WHOLE, &mut self.window);
+        placement.resample(&sensor_image(luma), &Region::WHOLE, &mut self.window);
         let start = placement.start;
         let believed = |fit: &AamFit| fit.confidence >= MIN_CONFIDENCE;
         let expected = self.expected(&start);
@@ -131,21 +133,21 @@ impl PaperAamFitter {
             return None;
         }
         for i in 0..LANDMARKS {
-            self.landmarks.pixels[i] = placement.picture_pixel(fit.shape[i]);
+            self.landmarks.pixels[i] = placement.image_pixel(fit.shape[i]);
         }
         self.landmarks.head = self.solver.head(&fit);
         self.learn_usual(&fit, &start);
-        self.stand_out(&fit, &start, depth, camera, &pose.sensor_from_head);
+        self.correct_protrusion(&fit, &start, depth, camera, &pose.sensor_from_head);
         self.landmarks.point_confidence = fit.point_confidence;
         self.landmarks.confidence = fit.confidence;
-        // What a stranger was taken for from the side would stay.
-        self.guessed |= self.seen == 0 && fit.seen < TEACHING_SEEN;
-        let restarts = self.seen == RESTARTED && core::mem::take(&mut self.guessed);
+        // A wrong first fit from the side would persist.
+        self.first_seen_sideways |= self.seen == 0 && fit.seen < TEACHING_SEEN;
+        let restarts = self.seen == RESTART_AFTER && core::mem::take(&mut self.first_seen_sideways);
         self.last = (!restarts).then_some((fit, start));
         Some(&self.landmarks)
     }
 
-    /// Where depth expects the face.
+    /// Expected view of the face, from the view of the depth pose.
     fn expected(&self, depth: &View) -> Expected {
         let known = f32::from(self.seen);
         Expected {
@@ -154,14 +156,14 @@ impl PaperAamFitter {
         }
     }
 
-    /// Learns how the face sits in the head.
+    /// Learns the mean pose of the face within the head, and the residual.
     fn learn_usual(&mut self, fit: &AamFit, start: &View) {
         if fit.confidence < TEACHING_CONFIDENCE || fit.seen < TEACHING_SEEN {
             return;
         }
-        self.seen = (self.seen + 1).min(USUAL_FRAMES);
-        if self.seen > RESTARTED {
-            let frames = f32::from(self.seen - RESTARTED) + STRANGE_FRAMES;
+        self.seen = (self.seen + 1).min(MEAN_FRAMES);
+        if self.seen > RESTART_AFTER {
+            let frames = f32::from(self.seen - RESTART_AFTER) + RESIDUAL_PRIOR_FRAMES;
             self.solver.learn(1.0 / frames);
         }
         for (usual, off) in self.usual.iter_mut().zip(fit.view.step_from(start)) {
@@ -169,9 +171,9 @@ impl PaperAamFitter {
         }
     }
 
-    /// Eye corners stand out as far as depth usually shows, being on bone; lips as far as it shows now, less the deviation of the
-    /// nose above them from its usual, which is the pose's error.
-    fn stand_out(
+    /// Corrects the protrusion of points by depth: eye corners, which are on bone, by their mean measurement; lips by this frame's, less
+    /// the deviation of the nose from its mean, which is the pose's error.
+    fn correct_protrusion(
         &mut self,
         fit: &AamFit,
         start: &View,
@@ -186,10 +188,10 @@ impl PaperAamFitter {
         let size = (fit.view.log_scale - start.log_scale).exp();
         let head = &mut self.landmarks.head;
         let face = *sensor_from_head * head_from_face;
-        let nearer = refine::nearer(head, size, depth, camera, &face);
-        // Along the line of sight, so that the picture's points stay where they are.
+        let nearer = refine::surface_offsets(head, size, depth, camera, &face);
+        // Along the line of sight, so that the projection is unchanged.
         let sight = face.rotation.inverse() * (face * Point::origin()).coords;
-        // Each as a whole: their points' distances stay the picture's.
+        // Each group as a whole, to keep the distances within it.
         let parts: [&[usize]; 5] = [
             &NOSE_LINE,
             &INNER_EYE_CORNERS,
@@ -200,13 +202,13 @@ impl PaperAamFitter {
         let mut error = 0.0;
         for (part, points) in parts.into_iter().enumerate() {
             let (mut sum, mut count) = (0.0, 0.0);
-            for by in points.iter().map(|&i| nearer[place_of(i)]) {
+            for by in points.iter().map(|&i| nearer[site_of(i)]) {
                 if by.is_finite() {
                     (sum, count) = (sum + by, count + 1.0);
                 }
             }
             let seen = (count > 0.0).then(|| sum / count);
-            let by = if let Some(usual) = self.bone.get_mut(part) {
+            let by = if let Some(usual) = self.bone_offsets.get_mut(part) {
                 if let Some(by) = seen {
                     *usual += (by - *usual) / f32::from(self.seen.max(1));
                 }

@@ -5,7 +5,7 @@
 //! f32: mean head 204 · k deviations · k x 204 modes · base shape 136 · noise · residual middle, width · m deviations
 //! u8 triangles 3 each · per row (trust, mean appearance, m modes): f32 unit, i8 values
 //! ```
-//! Little endian. Everything is validated: counts, finiteness, indices, and that the pixels match the shape.
+//! Little-endian. Everything is validated: counts, finiteness, indices, and that the pixels match the shape.
 
 use super::warp::{BasePixel, Shape2, base_pixels};
 use crate::base::capacity::LANDMARKS;
@@ -25,27 +25,27 @@ pub const MOST_HEAD_MODES: usize = 40;
 pub struct PaperAam {
     /// Base shape S0, head frame, metres; its projection is s0 of equation (1).
     pub head: Vec<Point>,
-    /// Shape bases S_i, orthonormal; their projections are s_i of equation (1), so that p_i is the same for both.
+    /// Shape bases S_i, orthonormal; their projections are s_i of equation (1), so both share p_i.
     pub head_modes: Vec<Vec<Vector>>,
-    /// Their standard deviations, metres.
+    /// Standard deviations of the shape bases, metres.
     pub head_deviations: Vec<f32>,
-    /// Where appearance is compared: the base shape from the front with its lips parted, window pixels.
+    /// Base shape for appearance, frontal with parted lips, window pixels.
     pub base: Shape2,
-    /// Its triangles.
+    /// Triangles of `base`, by landmark.
     pub triangles: Vec<[u8; 3]>,
-    /// Weight of each pixel: the inverse of the residual deviation there, scaled to mean square 1.
+    /// Weight of each pixel: the inverse of its residual deviation, scaled to mean square 1.
     pub trust: Vec<f32>,
     /// Mean appearance A0 (equation 2), of zero mean and unit variance before trust.
     pub appearance: Vec<f32>,
     /// Appearance modes A_i, near orthonormal, times trust.
     pub appearance_modes: Vec<Vec<f32>>,
-    /// Their standard deviations.
+    /// Standard deviations of the appearance modes.
     pub appearance_deviations: Vec<f32>,
     /// Residual variance per pixel.
     pub noise: f32,
     /// Residual at which the confidence is 0.5, and the width of the transition.
-    pub belief: [f32; 2],
-    /// Pixels of the base shape; not stored, they follow from it and the triangles.
+    pub confidence_curve: [f32; 2],
+    /// Pixels of the base shape, derived from it and the triangles.
     pub pixels: Vec<BasePixel>,
 }
 
@@ -53,7 +53,7 @@ impl PaperAam {
     /// Reads the bytes of [`PaperAam::to_bytes`].
     ///
     /// # Errors
-    /// If the bytes are not exactly such a model.
+    /// If the bytes are too few, too many, or any value is invalid.
     pub fn parse(bytes: &[u8]) -> Result<Self, ModelError> {
         let section = "PAAM";
         let mut from = Reader { section, bytes };
@@ -69,7 +69,7 @@ impl PaperAam {
         let head_modes = from.floats_within(k * 3 * LANDMARKS, 2.0, "head modes within 2")?;
         let base = from.floats_within(2 * LANDMARKS, 1e4, "a base shape within 10000 px")?;
         let noise = from.positive(1, "appearance noise above 0")?[0];
-        let belief = from.positive(2, "a belief above 0")?;
+        let confidence_curve = from.positive(2, "a belief above 0")?;
         let appearance_deviations = from.positive(m, "deviations of appearance above 0")?;
         let triangles = from.take(3 * triangles)?.as_chunks::<3>().0.to_vec();
         let corners = triangles.iter().flatten();
@@ -102,12 +102,12 @@ impl PaperAam {
             appearance_modes,
             appearance_deviations,
             noise,
-            belief: [belief[0], belief[1]],
+            confidence_curve: [confidence_curve[0], confidence_curve[1]],
             pixels: inside,
         })
     }
 
-    /// The model as bytes; see the module header. Appearance is rounded to 8 bits.
+    /// Bytes of the model, as in the module's description; appearance is rounded to 8 bits.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = b"PAM2".to_vec();
         let counts = [
@@ -124,7 +124,7 @@ impl PaperAam {
         floats.extend(self.head_modes.iter().flatten().flatten());
         floats.extend(self.base.iter().flatten());
         floats.push(self.noise);
-        floats.extend(self.belief);
+        floats.extend(self.confidence_curve);
         floats.extend(&self.appearance_deviations);
         floats.iter().for_each(|v| out.extend(v.to_le_bytes()));
         out.extend(self.triangles.iter().flatten());

@@ -6,17 +6,16 @@
 //! + Σ (λ_i / d_i)² + Σ p_k²                                    priors of appearance and shape
 //! ```
 //!
-//! with u the variance of a grey value times [`PIXELS_PER_OBSERVATION`] and spread that of [`Expected`]. The 2D shape that the
-//! warp W follows is the projection of the 3D shape, P_view(S0 + Σ p_k d_k S_k): 2D and 3D share their parameters, as
-//! in the paper, no unknowns are added, and the reprojection error, the paper's second term, is zero instead of small.
-//! (With separate 2D bases, tied to the 3D ones, it cannot be made small: a test below has the figures.)
+//! with u the variance of a grey value times [`PIXELS_PER_OBSERVATION`] and spread that of [`Expected`]. The 2D shape of the
+//! warp W is the projection of the 3D shape, P_view(S0 + Σ p_k d_k S_k): 2D and 3D share their parameters, as in the paper, no
+//! unknowns are added, and the reprojection error, the paper's second term, is zero instead of small. (With separate 2D bases,
+//! tied to the 3D ones, it cannot be made small: a test below has the figures.)
 //!
 //! As in expectation maximisation the two kinds of unknowns alternate: λ is Gaussian, so given the shape its expectation is
-//! linear in the image (E), and with λ integrated out the shape takes one Gauss–Newton step (M). Brightness and contrast
-//! are two more λ without a prior. Sums are over the pixels seen: where the face turns away from the camera, the warp would read
-//! what lies before or beside it. What the modes leave of a person's face on average, of their eyes while open, is part of A0
-//! from then on, as its own mean image would be. Window pixels, metres, standard deviations. Some scratch is allocated per step.
-//! One file: both steps share the warp and its derivatives.
+//! linear in the image (E), and with λ integrated out the shape takes one Gauss–Newton step (M). Brightness and contrast are
+//! two more λ without a prior. Sums are over visible pixels: where the face turns away from the camera, the warp would sample
+//! other surfaces. The person's mean residual (of the eyes while open) is added to A0. Window pixels, metres, standard
+//! deviations. Some scratch is allocated per step.
 
 use super::grey;
 use super::model::{MOST_HEAD_MODES, PaperAam};
@@ -25,7 +24,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::vectors::wide;
+use crate::base::vectors::with_avx2;
 use crate::face_model::VIEW_PARAMETERS;
 use crate::face_model::scheme::{LOWER_LID_L, LOWER_LID_R, UPPER_LID_L, UPPER_LID_R};
 use crate::landmarks::view::{UNITS, View};
@@ -34,44 +33,44 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Errors of neighbouring pixels are correlated: this many count as one observation.
 const PIXELS_PER_OBSERVATION: f32 = 18.0;
-/// Spread of a stranger's face about its depth pose, in units of the view ([`UNITS`]): scale 7 %, 0.1 rad, 7 window pixels.
+/// Spread of an unknown person's face about its depth pose, in [`UNITS`]: scale 7 %, 0.1 rad, 7 window pixels.
 const POSE_SPREAD: [f32; VIEW_PARAMETERS] = [1.4, 1.0, 1.0, 1.0, 1.4, 1.4];
-/// A step that moves the points less than this, window pixels, ends the fit.
-const SETTLED_PX: f32 = 0.1;
-/// Blur for the first look at a face: half the side of the square, window pixels.
-const COARSE: usize = 3;
-/// Most standard deviations of a shape mode.
+/// A step that moves all points less than this ends the fit, window pixels.
+const CONVERGED_PX: f32 = 0.1;
+/// Blur of a cold start's first iterations: half the side of the square, window pixels.
+const COARSE_BLUR: usize = 3;
+/// Limit of a shape parameter, standard deviations.
 const MOST_DEVIATIONS: f32 = 3.5;
-/// A part of the face that appears narrower than this share of its width from the front is not seen.
-const SEEN: f32 = 0.3;
-/// Brightness and contrast.
+/// Least foreshortening of a visible triangle, as a share of its frontal area.
+const MIN_SEEN_WIDTH: f32 = 0.3;
+/// Number of light parameters: brightness and contrast.
 const LIGHT: usize = 2;
 
-/// One fit, and where the next frame starts.
+/// Result of a fit, and start of the next frame's.
 #[derive(Clone, Debug)]
 pub struct AamFit {
     /// 2D shape, window pixels: the projection of the 3D shape.
     pub shape: Shape2,
-    /// View of the 3D shape.
+    /// View of the 3D shape, window pixels.
     pub view: View,
     /// Shape parameters p, standard deviations.
     pub head: [f32; MOST_HEAD_MODES],
     /// Root mean square residual of the appearance, in standard deviations of grey.
     pub residual: f32,
-    /// 0…1.
+    /// Confidence of the face, 0…1.
     pub confidence: f32,
-    /// 0…1 per landmark.
+    /// Confidence of each landmark, 0…1.
     pub point_confidence: [f32; LANDMARKS],
-    /// Share of the face that is seen.
+    /// Visible share of the face's pixels, 0…1.
     pub seen: f32,
 }
 
-/// Where depth expects the face.
+/// Prior of the view, from depth.
 #[derive(Clone, Copy, Debug)]
 pub struct Expected {
-    /// There.
+    /// Expected view.
     pub view: View,
-    /// Its spread as a share of a stranger's.
+    /// Spread as a share of an unknown person's.
     pub spread: f32,
 }
 
@@ -84,40 +83,43 @@ impl From<View> for Expected {
 /// The model and its scratch.
 pub struct Solver {
     model: PaperAam,
-    /// Directions of brightness and contrast, then appearance modes; orthonormal rows.
+    /// Orthonormal rows: brightness, contrast, then appearance modes.
     appearance: DMatrix<f32>,
-    /// Their normal matrix with their priors, if all pixels are seen: 1 without a prior.
-    certain: DVector<f32>,
-    /// The same, of the pixels seen.
+    /// Diagonal of their normal matrix with priors, if all pixels are visible.
+    full_normal: DVector<f32>,
+    /// Factorised normal matrix over the visible pixels.
     normal: Option<Cholesky<f32, Dyn>>,
-    /// Of each pixel: the direction in which its part of the mean face looks, and 1 if it is seen, else 0.
+    /// Normal of the mean face at each pixel, not normalised.
     outward: Vec<Vector>,
+    /// 1 for each visible pixel, else 0.
     seen: DVector<f32>,
-    /// What the appearance modes usually leave of the person, and how far the last fit shows it, 0…1.
-    pub usual_left: DVector<f32>,
-    usual_seen: DVector<f32>,
-    /// Grey values in the face.
+    /// The person's mean residual per pixel.
+    pub usual_residual: DVector<f32>,
+    /// Share of `usual_residual` in the last fit, per pixel, 0…1: of an eye's, how far it is open.
+    usual_visible: DVector<f32>,
+    /// Normalised grey values of the face's pixels.
     values: DVector<f32>,
-    /// Their residual after the appearance.
-    left: DVector<f32>,
-    /// Their derivatives by the parameters, a column a pixel.
+    /// Residual of `values` after the appearance.
+    residual: DVector<f32>,
+    /// Derivatives of `values` by view and shape parameters, one column per pixel.
     slopes: DMatrix<f32>,
-    /// The compared values over the whole window, and their gradients along x and y.
+    /// Locally normalised grey values of the whole window.
     plane: Vec<f32>,
+    /// Gradients of `plane` along x and y.
     gradient: Vec<[f32; 2]>,
     spare: [Vec<f32>; 2],
 }
 
-/// Bilinear weights at a place in the window, whose edge is repeated.
+/// Index of the upper left pixel, and bilinear shares to the right and down, of a position in the window; clamped to its edge.
 #[inline(always)]
-fn place_of([x, y]: [f32; 2]) -> (usize, [f32; 2]) {
+fn bilinear_weights([x, y]: [f32; 2]) -> (usize, [f32; 2]) {
     let most = (WINDOW - 1) as f32 - 1e-3;
     let (x, y) = (x.clamp(0.0, most), y.clamp(0.0, most));
     let (column, row) = (x as usize, y as usize);
     (row * WINDOW + column, [x - column as f32, y - row as f32])
 }
 
-/// Bilinear value at a place in the window.
+/// Bilinear value of the window.
 #[inline(always)]
 fn value_at(window: &[f32], (at, [fx, fy]): (usize, [f32; 2])) -> f32 {
     let top = window[at] * (1.0 - fx) + window[at + 1] * fx;
@@ -125,7 +127,7 @@ fn value_at(window: &[f32], (at, [fx, fy]): (usize, [f32; 2])) -> f32 {
     top * (1.0 - fy) + bottom * fy
 }
 
-/// The same for the gradients.
+/// Bilinear value of the gradients.
 #[inline(always)]
 fn slope_at(gradient: &[[f32; 2]], (at, [fx, fy]): (usize, [f32; 2])) -> [f32; 2] {
     let [a, b, c, d] = [at, at + 1, at + WINDOW, at + WINDOW + 1].map(|k| gradient[k]);
@@ -136,11 +138,11 @@ fn slope_at(gradient: &[[f32; 2]], (at, [fx, fy]): (usize, [f32; 2])) -> [f32; 2
     })
 }
 
-/// What is compared, at the face's pixels: zero mean, unit variance, times trust. Returns the factor that scaled the plane;
-/// `None` if all pixels are alike.
+/// Samples `plane` at the face's pixels into `values`: zero mean, unit variance, times trust. Returns the factor applied to the
+/// plane; `None` if the variance is 0.
 pub fn sample(model: &PaperAam, plane: &[f32], shape: &Shape2, values: &mut [f32]) -> Option<f32> {
     for (value, pixel) in values.iter_mut().zip(&model.pixels) {
-        *value = value_at(plane, place_of(pixel.place(shape)));
+        *value = value_at(plane, bilinear_weights(pixel.position(shape)));
     }
     let n = values.len().max(1) as f32;
     let mean = values.iter().sum::<f32>() / n;
@@ -152,7 +154,7 @@ pub fn sample(model: &PaperAam, plane: &[f32], shape: &Shape2, values: &mut [f32
     (variance > 1e-4).then_some(factor)
 }
 
-/// Orthogonalises a row against the rows before it, and scales it to unit length.
+/// Orthogonalises a row against `rows`, scales it to unit length and appends it.
 fn orthonormal(rows: &mut Vec<Vec<f32>>, mut row: Vec<f32>) {
     for other in rows.iter() {
         let along: f32 = row.iter().zip(other).map(|(a, b)| a * b).sum();
@@ -167,7 +169,7 @@ fn orthonormal(rows: &mut Vec<Vec<f32>>, mut row: Vec<f32>) {
 }
 
 impl Solver {
-    /// A solver of the model.
+    /// A solver for a model; allocates its scratch.
     pub fn new(model: PaperAam) -> Self {
         let pixels = model.trust.len();
         let mut rows = Vec::with_capacity(LIGHT + model.appearance_modes.len());
@@ -185,14 +187,14 @@ impl Solver {
         });
         Self {
             appearance: DMatrix::from_fn(rows.len(), pixels, |i, k| rows[i][k]),
-            certain: DVector::from_iterator(rows.len(), priors.map(|prior| 1.0 + prior)),
+            full_normal: DVector::from_iterator(rows.len(), priors.map(|prior| 1.0 + prior)),
             normal: None,
             outward: outward.collect(),
             seen: DVector::repeat(pixels, 1.0),
-            usual_left: DVector::zeros(pixels),
-            usual_seen: DVector::zeros(pixels),
+            usual_residual: DVector::zeros(pixels),
+            usual_visible: DVector::zeros(pixels),
             values: DVector::zeros(pixels),
-            left: DVector::zeros(pixels),
+            residual: DVector::zeros(pixels),
             slopes: DMatrix::zeros(VIEW_PARAMETERS + model.head_modes.len(), pixels),
             plane: vec![0.0; WINDOW * WINDOW],
             gradient: vec![[0.0; 2]; WINDOW * WINDOW],
@@ -201,26 +203,26 @@ impl Solver {
         }
     }
 
-    /// Takes a share of what the last fit left into what is usual of the person.
+    /// Adds a share of the last fit's residual to the person's mean residual.
     pub fn learn(&mut self, share: f32) {
-        for (k, left) in self.left.iter().enumerate() {
-            self.usual_left[k] += self.usual_seen[k] * left * share;
+        for (k, left) in self.residual.iter().enumerate() {
+            self.usual_residual[k] += self.usual_visible[k] * left * share;
         }
     }
 
     /// The mean face at the depth pose.
     pub fn cold(&self, start: &View) -> AamFit {
-        self.at(*start, [0.0; MOST_HEAD_MODES])
+        self.fit_from(*start, [0.0; MOST_HEAD_MODES])
     }
 
-    /// The last frame's shape at the depth pose, corrected as the picture corrected the last frame's (`depth`).
+    /// The last frame's shape at the depth pose `start`, with the last fit's displacement from its depth pose (`depth`).
     pub fn warm(&self, last: &AamFit, depth: &View, start: &View) -> AamFit {
-        let mut fit = self.at(start.moved(&last.view.step_from(depth)), last.head);
+        let mut fit = self.fit_from(start.moved(&last.view.step_from(depth)), last.head);
         fit.residual = last.residual;
         fit
     }
 
-    fn at(&self, view: View, head: [f32; MOST_HEAD_MODES]) -> AamFit {
+    fn fit_from(&self, view: View, head: [f32; MOST_HEAD_MODES]) -> AamFit {
         let mut fit = AamFit {
             shape: self.model.base,
             view,
@@ -234,7 +236,7 @@ impl Solver {
         fit
     }
 
-    /// Shape modes and their deviations, metres.
+    /// Shape modes with their standard deviations, metres.
     fn modes(&self) -> impl Iterator<Item = (&Vec<Vector>, &f32)> {
         let deviations = &self.model.head_deviations;
         self.model.head_modes.iter().zip(deviations)
@@ -257,7 +259,7 @@ impl Solver {
         self.head(fit).map(|p| project(&p))
     }
 
-    /// At most `steps` iterations from `fit`. A cold start uses a blurred window first.
+    /// At most `steps` iterations from `fit` on a window of [`WINDOW`]² grey values; a cold start first runs on the blurred window.
     pub fn run(
         &mut self,
         window: &[f32],
@@ -270,13 +272,13 @@ impl Solver {
         grey::normalised(window, &mut self.plane, other, spare);
         if !fit.residual.is_finite() {
             let fine = self.plane.clone();
-            grey::blur(&mut self.plane, spare, COARSE);
-            self.descend_to_rest(&mut fit, &expected, steps);
+            grey::blur(&mut self.plane, spare, COARSE_BLUR);
+            self.iterate(&mut fit, &expected, steps);
             self.plane = fine;
         }
-        self.descend_to_rest(&mut fit, &expected, steps);
-        if self.look(&mut fit).is_some() {
-            self.believe(&mut fit);
+        self.iterate(&mut fit, &expected, steps);
+        if self.sample_residual(&mut fit).is_some() {
+            self.set_confidence(&mut fit);
         } else {
             fit.residual = f32::INFINITY;
         }
@@ -284,20 +286,20 @@ impl Solver {
     }
 
     /// Iterates until convergence.
-    fn descend_to_rest(&mut self, fit: &mut AamFit, expected: &Expected, steps: usize) {
-        self.slope();
+    fn iterate(&mut self, fit: &mut AamFit, expected: &Expected, steps: usize) {
+        self.compute_gradient();
         for _ in 0..steps {
-            let Some(factor) = self.look(fit) else {
+            let Some(factor) = self.sample_residual(fit) else {
                 return;
             };
-            if self.step(factor, fit, expected) < SETTLED_PX {
+            if self.step(factor, fit, expected) < CONVERGED_PX {
                 return;
             }
         }
     }
 
-    /// Gradients of the compared values by central differences.
-    fn slope(&mut self) {
+    /// Gradients of `plane` by central differences.
+    fn compute_gradient(&mut self) {
         let plane = &self.plane;
         for y in 1..WINDOW - 1 {
             let at = y * WINDOW;
@@ -310,25 +312,25 @@ impl Solver {
         }
     }
 
-    /// Samples the face's pixels and subtracts the expected appearance (E).
-    fn look(&mut self, fit: &mut AamFit) -> Option<f32> {
+    /// Samples the face's pixels and subtracts the expected appearance (E); returns the factor of [`sample`].
+    fn sample_residual(&mut self, fit: &mut AamFit) -> Option<f32> {
         let values = self.values.as_mut_slice();
         let factor = sample(&self.model, &self.plane, &fit.shape, values)?;
-        self.see_usual(fit);
-        let hidden = self.hide(&fit.view);
+        self.subtract_usual(fit);
+        let hidden = self.mask_unseen(&fit.view);
         let seen = (self.seen.len() - hidden).max(1) as f32;
         let along = &self.appearance * &self.values;
         let along = self.normal.as_ref()?.solve(&along);
-        self.left.copy_from(&self.values);
-        self.left.gemv_tr(-1.0, &self.appearance, &along, 1.0);
-        self.left.component_mul_assign(&self.seen);
-        fit.residual = self.left.norm() / seen.sqrt();
+        self.residual.copy_from(&self.values);
+        self.residual.gemv_tr(-1.0, &self.appearance, &along, 1.0);
+        self.residual.component_mul_assign(&self.seen);
+        fit.residual = self.residual.norm() / seen.sqrt();
         fit.seen = seen / self.seen.len().max(1) as f32;
         fit.residual.is_finite().then_some(factor)
     }
 
-    /// Takes off what is usual of the person, about an eye as far as it is open.
-    fn see_usual(&mut self, fit: &AamFit) {
+    /// Subtracts the person's mean residual, at an eye in proportion to its opening.
+    fn subtract_usual(&mut self, fit: &AamFit) {
         let head = self.head(fit);
         let lids = [(UPPER_LID_R, LOWER_LID_R), (UPPER_LID_L, LOWER_LID_L)];
         let open = lids.map(|([a, b], [c, d])| {
@@ -337,28 +339,29 @@ impl Solver {
         });
         for (k, pixel) in self.model.pixels.iter().enumerate() {
             let eye = pixel.corners.iter().find(|i| (36..48).contains(*i));
-            self.usual_seen[k] = eye.map_or(1.0, |i| open[usize::from(*i >= 42)]);
-            self.values[k] -= self.usual_seen[k] * self.usual_left[k];
+            self.usual_visible[k] = eye.map_or(1.0, |i| open[usize::from(*i >= 42)]);
+            self.values[k] -= self.usual_visible[k] * self.usual_residual[k];
         }
     }
 
-    /// Takes off what is not seen from a view; how many pixels that is.
-    fn hide(&mut self, view: &View) -> usize {
+    /// Masks the pixels invisible from a view and factorises the normal matrix; returns their number.
+    fn mask_unseen(&mut self, view: &View) -> usize {
         for (seen, outward) in self.seen.iter_mut().zip(&self.outward) {
-            *seen = f32::from(u8::from((view.rotation * outward).z / outward.z >= SEEN));
+            *seen = f32::from(u8::from(
+                (view.rotation * outward).z / outward.z >= MIN_SEEN_WIDTH,
+            ));
         }
         self.values.component_mul_assign(&self.seen);
         let hidden = (0..self.seen.len()).filter(|k| self.seen[*k] == 0.0);
         let hidden: Vec<usize> = hidden.collect();
-        let modes = self.certain.len();
+        let modes = self.full_normal.len();
         let unseen = DMatrix::from_fn(modes, hidden.len(), |i, k| self.appearance[(i, hidden[k])]);
-        let normal = DMatrix::from_diagonal(&self.certain) - &unseen * unseen.transpose();
+        let normal = DMatrix::from_diagonal(&self.full_normal) - &unseen * unseen.transpose();
         self.normal = Cholesky::new(normal);
         hidden.len()
     }
 
-    /// How far a unit of each parameter moves each point, window pixels: a row for each point's x, then one for
-    /// each point's y.
+    /// Motion of each point per unit of each parameter, window pixels: rows by point, for x and for y.
     fn motions(&self, fit: &AamFit) -> [Vec<f32>; 2] {
         const EPS: f32 = 1e-2;
         let head = self.head(fit);
@@ -388,20 +391,20 @@ impl Solver {
         motions
     }
 
-    /// Derivatives of the pixels by the parameters.
-    fn descend(&mut self, factor: f32, fit: &AamFit) {
+    /// Derivatives of the face's pixels by the parameters, into `slopes`.
+    fn compute_derivatives(&mut self, factor: f32, fit: &AamFit) {
         let motions = self.motions(fit);
         let size = self.slopes.nrows();
         let (model, gradient) = (&self.model, &self.gradient);
         let columns = self.slopes.as_mut_slice().chunks_exact_mut(size);
         let columns = columns.zip(self.seen.iter());
-        wide(|| {
+        with_avx2(|| {
             for (((column, seen), pixel), trust) in columns.zip(&model.pixels).zip(&model.trust) {
                 column.fill(0.0);
                 if *seen == 0.0 {
                     continue;
                 }
-                let slope = slope_at(gradient, place_of(pixel.place(&fit.shape)));
+                let slope = slope_at(gradient, bilinear_weights(pixel.position(&fit.shape)));
                 for (corner, weight) in pixel.corners.iter().zip(&pixel.weights) {
                     let at = usize::from(*corner) * size;
                     for axis in 0..2 {
@@ -416,17 +419,18 @@ impl Solver {
         });
     }
 
-    /// One Gauss–Newton step of view and shape with the appearance integrated out (M); the largest motion of a point.
+    /// One Gauss–Newton step of view and shape with the appearance integrated out (M); returns the largest motion of a point, window
+    /// pixels.
     fn step(&mut self, factor: f32, fit: &mut AamFit, expected: &Expected) -> f32 {
-        self.descend(factor, fit);
+        self.compute_derivatives(factor, fit);
         let by_pixel = self.slopes.transpose();
         let mut normal = &self.slopes * &by_pixel;
-        if let Some(of_appearance) = &self.normal {
+        if let Some(appearance_normal) = &self.normal {
             let along = &self.appearance * &by_pixel;
-            normal -= along.transpose() * of_appearance.solve(&along);
+            normal -= along.transpose() * appearance_normal.solve(&along);
         }
-        let mut right = -(&self.slopes * &self.left);
-        // A start that fits badly trusts the picture less.
+        let mut right = -(&self.slopes * &self.residual);
+        // A large residual reduces the weight of the image.
         let noise = self.model.noise.max(0.25 * fit.residual * fit.residual);
         let unit = noise * PIXELS_PER_OBSERVATION;
         normal /= unit;
@@ -434,7 +438,7 @@ impl Solver {
         self.move_by(normal, right, fit, expected).unwrap_or(0.0)
     }
 
-    /// Solves for a step, with the priors of pose and people; the largest motion of a point.
+    /// Solves for a step, with the priors of pose and shape; returns the largest motion of a point, window pixels.
     fn move_by(
         &self,
         mut normal: DMatrix<f32>,
@@ -470,13 +474,13 @@ impl Solver {
         Some(moved)
     }
 
-    /// Confidence of the face from its residual, of each point from the residual around it.
-    fn believe(&self, fit: &mut AamFit) {
-        let [middle, width] = self.model.belief;
+    /// Confidence of the face from its residual, and of each point from the residual around it.
+    fn set_confidence(&self, fit: &mut AamFit) {
+        let [middle, width] = self.model.confidence_curve;
         fit.confidence = 1.0 / (1.0 + ((fit.residual - middle) / width).exp());
         let mut sum = [0.0_f32; LANDMARKS];
         let (mut count, mut all) = ([1e-6_f32; LANDMARKS], [1e-6_f32; LANDMARKS]);
-        let pixels = self.model.pixels.iter().zip(self.left.iter());
+        let pixels = self.model.pixels.iter().zip(self.residual.iter());
         for ((pixel, left), seen) in pixels.zip(self.seen.iter()) {
             for (corner, weight) in pixel.corners.iter().zip(&pixel.weights) {
                 let i = usize::from(*corner);
@@ -496,7 +500,7 @@ impl Solver {
 
 #[cfg(feature = "studio")]
 impl Solver {
-    /// Projects view and shape to annotated points: the best that the model can show.
+    /// Fits view and shape to annotated points (window pixels): the model's best approximation.
     pub fn fit_points(&self, points: &Shape2, fit: &mut AamFit, depth: &View) {
         let expected = Expected::from(*depth);
         for _ in 0..20 {
@@ -522,7 +526,7 @@ impl Solver {
     }
 }
 
-/// View parameters are in these units; kept here so that [`POSE_SPREAD`] stays true if they change.
+// POSE_SPREAD assumes these units.
 const _: () = assert!(UNITS[0] == 0.05 && UNITS[1] == 0.1 && UNITS[4] == 5.0);
 
 #[cfg(test)]

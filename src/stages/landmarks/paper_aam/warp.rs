@@ -1,7 +1,7 @@
 //! The piecewise affine warp of the active appearance model: triangles of the base shape, and its pixels.
 //!
-//! A pixel of the base shape keeps its barycentric weights in its triangle; in an image it lies at the same weights of the
-//! moved corners (Matthews and Baker 2004, section 2.2). Triangles: Delaunay, incremental (Bowyer 1981, Watson 1981).
+//! A pixel of the base shape has barycentric weights in its triangle; in an image it is at the same weights of the moved corners
+//! (Matthews and Baker 2004, section 2.2). Triangles: Delaunay, incremental (Bowyer 1981, Watson 1981).
 //! Window pixels. Computed once; a warp of all pixels then costs six multiplications each. Degenerate: pixels outside every
 //! triangle are not used; flat triangles contain none.
 
@@ -9,7 +9,7 @@ use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Points of a 2D shape.
+/// Points of a 2D shape, pixels.
 pub type Shape2 = [[f32; 2]; LANDMARKS];
 /// Distance between the base shape's pixels, window pixels: about 2900 of them in a face 100 px wide.
 pub const STEP: f32 = 1.5;
@@ -20,7 +20,7 @@ pub fn triangulate(points: &Shape2) -> Vec<[u8; 3]> {
         .iter()
         .map(|p| [f64::from(p[0]), f64::from(p[1])])
         .collect();
-    // A triangle that holds everything; its corners go at the end.
+    // A triangle that contains everything; removed at the end.
     all.extend([[-1e5, -1e5], [1e5, -1e5], [0.0, 1e5]]);
     let n = LANDMARKS;
     let mut triangles = vec![[n, n + 1, n + 2]];
@@ -57,16 +57,16 @@ fn in_circle(points: &[[f64; 2]], t: &[usize; 3], p: [f64; 2]) -> bool {
     determinant * twice_area(points[t[0]], points[t[1]], points[t[2]]) > 0.0
 }
 
-/// One pixel of the mean shape.
+/// One pixel of the base shape.
 #[derive(Clone, Copy, Debug)]
 pub struct BasePixel {
-    /// Corners of its triangle.
+    /// Landmarks at the corners of its triangle.
     pub corners: [u8; 3],
     /// Weights of the corners; they add to 1.
     pub weights: [f32; 3],
 }
 
-/// The pixels of a mean shape.
+/// Pixels of a base shape on a grid of [`STEP`] inside its triangles.
 pub fn base_pixels(mean: &Shape2, triangles: &[[u8; 3]]) -> Vec<BasePixel> {
     let low = |axis: usize| mean.iter().map(|p| p[axis]).fold(f32::INFINITY, f32::min);
     let high = |axis: usize| {
@@ -107,8 +107,8 @@ pub fn barycentric(t: [[f32; 2]; 3], p: [f32; 2]) -> Option<[f32; 3]> {
 }
 
 impl BasePixel {
-    /// Where the pixel lies in a picture that shows the shape.
-    pub fn place(&self, shape: &Shape2) -> [f32; 2] {
+    /// Position of the pixel in a moved shape.
+    pub fn position(&self, shape: &Shape2) -> [f32; 2] {
         let mut p = [0.0; 2];
         for (corner, weight) in self.corners.iter().zip(&self.weights) {
             p[0] += weight * shape[usize::from(*corner)][0];
@@ -149,7 +149,7 @@ mod tests {
         let map = |p: [f32; 2]| [1.1 * p[0] - 0.2 * p[1] + 3.0, 0.3 * p[0] + 0.9 * p[1] - 5.0];
         let moved = mean.map(map);
         for pixel in &pixels {
-            let (p, q) = (pixel.place(&mean), pixel.place(&moved));
+            let (p, q) = (pixel.position(&mean), pixel.position(&moved));
             let want = map(p);
             assert!((q[0] - want[0]).abs() < 1e-3 && (q[1] - want[1]).abs() < 1e-3);
         }

@@ -1,8 +1,8 @@
-//! Who plays in the scenes, before which pipeline, and how each scene is played.
+//! The people of the scenes, the pipeline in front of them, and playing of scenes.
 
 use rayon::prelude::*;
 
-use super::measure::Film;
+use super::measure::SceneRun;
 use crate::evaluate::sessions::Trial;
 use crate::frame_time::frame_time;
 use mien_appliance::pipeline::{
@@ -17,13 +17,13 @@ use mien_stages::pose::PoseTracker;
 use mien_stages::segment::Segmenter;
 use mien_stages::users::likeness::Likeness;
 
-/// Frames after which a newcomer is compared with those who left, and the distance up to which heads are one.
-const LOOKS: [(usize, f32); 2] = [
+/// Frames after which a newcomer is compared with people who left, and the largest distance of heads that match.
+const REID_RULES: [(usize, f32); 2] = [
     (FIRST_LOOK as usize, FIRST_LOOK_APART),
     (SECOND_LOOK as usize, SECOND_LOOK_APART),
 ];
 
-/// Who plays, and before which pipeline.
+/// The people of the scenes and the pipeline's settings.
 pub(super) struct Cast<'a> {
     pub(super) heads: Vec<PersonHead>,
     pub(super) trial: &'a Trial<'a>,
@@ -35,7 +35,7 @@ impl Cast<'_> {
         self.heads[k % self.heads.len()].asset.clone()
     }
 
-    /// Frames of a scene of which ten seconds say enough.
+    /// Number of frames of scenes limited to ten seconds.
     pub(super) fn short(&self) -> usize {
         self.frames.min(300)
     }
@@ -47,28 +47,28 @@ impl Cast<'_> {
             scene,
             self.trial.sessions.seed ^ (k as u64 + 1) << 8,
         )
-        .joined_by(others)
+        .with_others(others)
     }
 
-    /// What `draw` draws of a scene, frame by frame.
-    fn filmed(
+    /// Plays a scene whose frames `draw` draws.
+    fn run_scene(
         &self,
         mut simulator: Simulator,
         frames: usize,
         mut draw: impl FnMut(&mut Simulator, usize, &mut Frame),
-    ) -> Result<Film, PipelineError> {
+    ) -> Result<SceneRun, PipelineError> {
         let mut pipeline = self.trial.pipeline(simulator.camera())?;
-        let (mut frame, mut film) = (Frame::default(), Film::default());
+        let (mut frame, mut run) = (Frame::default(), SceneRun::default());
         for n in 0..frames {
             draw(&mut simulator, n, &mut frame);
             pipeline.follow(&frame);
             let truths: Vec<_> = simulator.truths().collect();
-            film.add(&truths, &pipeline);
+            run.add(&truths, &pipeline);
         }
-        Ok(film)
+        Ok(run)
     }
 
-    /// What is played once with each person first.
+    /// Runs `play` once with each person.
     pub(super) fn each<T: Send>(
         &self,
         play: impl Fn(usize) -> Result<T, PipelineError> + Sync,
@@ -76,19 +76,19 @@ impl Cast<'_> {
         (0..self.heads.len()).into_par_iter().map(&play).collect()
     }
 
-    pub(super) fn films(&self, scene: Scene, frames: usize) -> Result<Vec<Film>, PipelineError> {
+    pub(super) fn runs(&self, scene: Scene, frames: usize) -> Result<Vec<SceneRun>, PipelineError> {
         self.each(|k| {
-            self.filmed(self.simulator(scene, k), frames, |simulator, n, frame| {
+            self.run_scene(self.simulator(scene, k), frames, |simulator, n, frame| {
                 simulator.draw(frame_time(n), frame);
             })
         })
     }
 
-    /// `acted`, from 0.5 to 1.2 m.
-    pub(super) fn near_and_far(&self, k: usize) -> Result<Film, PipelineError> {
+    /// Scene `acted`, from 0.5 to 1.2 m.
+    pub(super) fn near_and_far(&self, k: usize) -> Result<SceneRun, PipelineError> {
         let asset = self.asset(k);
         let simulator = self.simulator(Scene::Acted, k);
-        self.filmed(simulator, self.frames, |simulator, n, frame| {
+        self.run_scene(simulator, self.frames, |simulator, n, frame| {
             let mut weights = vec![0.0f32; asset.expressions.len()];
             let t = (frame_time(n).as_us() as f64 * 1e-6) as f32;
             let pose = Scene::Acted.play(self.trial.sessions.seed + k as u64, t, |name, weight| {
@@ -102,8 +102,8 @@ impl Cast<'_> {
         })
     }
 
-    /// Rotation error (degrees) after two frames from each direction, infinite where there is no pose, the offset of the
-    /// frontal pose taken out.
+    /// Rotation error (degrees) after two frames from each direction, infinite without a pose, relative to the offset
+    /// of the frontal pose.
     pub(super) fn first_poses(&self, k: usize) -> Result<Vec<f64>, PipelineError> {
         let mut simulator = self.simulator(Scene::Still, k);
         let mut tracker = PoseTracker::new(
@@ -138,7 +138,7 @@ impl Cast<'_> {
         Ok(turns.into_iter().map(error).collect())
     }
 
-    /// Whether a head is known again in another session, and how many others are taken for it.
+    /// How often a head is recognised in another session, and how often others are taken for it.
     pub(super) fn known_again(&self) -> Result<String, PipelineError> {
         let judge = self
             .trial
@@ -148,7 +148,7 @@ impl Cast<'_> {
                 let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);
                 let mut pipeline = self.trial.pipeline(simulator.camera())?;
                 let (mut frame, mut seen) = (Frame::default(), Vec::new());
-                // From the midst of a movement.
+                // Starts in the middle of a movement.
                 for n in 0..*frames.last().unwrap_or(&0) {
                     simulator.draw(frame_time(100 + n), &mut frame);
                     pipeline.follow(&frame);
@@ -159,27 +159,30 @@ impl Cast<'_> {
                 Ok(seen)
             };
         let learned = self.each(|k| Ok(session(k, self.trial.sessions.seed, &[90])?.remove(0)))?;
-        let frames = LOOKS.map(|(frames, _)| frames);
+        let frames = REID_RULES.map(|(frames, _)| frames);
         let looks = self.each(|k| session(k, self.trial.sessions.seed + 99, &frames))?;
-        let text = LOOKS.iter().enumerate().map(|(look, &(frames, most))| {
-            let (mut same, mut other) = ([0; 2], [0; 2]);
-            for (k, seen) in looks.iter().enumerate() {
-                for (n, known) in learned.iter().enumerate() {
-                    let apart = judge.apart(&seen[look], known);
-                    let count = if n == k { &mut same } else { &mut other };
-                    count[0] += usize::from(apart.is_some_and(|apart| apart < most));
-                    count[1] += 1;
+        let text = REID_RULES
+            .iter()
+            .enumerate()
+            .map(|(look, &(frames, most))| {
+                let (mut same, mut other) = ([0; 2], [0; 2]);
+                for (k, seen) in looks.iter().enumerate() {
+                    for (n, known) in learned.iter().enumerate() {
+                        let apart = judge.apart(&seen[look], known);
+                        let count = if n == k { &mut same } else { &mut other };
+                        count[0] += usize::from(apart.is_some_and(|apart| apart < most));
+                        count[1] += 1;
+                    }
                 }
-            }
-            format!(
-                "after {frames} frames {} of {} recognised, {} of {} mistaken for another",
-                same[0], same[1], other[0], other[1]
-            )
-        });
+                format!(
+                    "after {frames} frames {} of {} recognised, {} of {} mistaken for another",
+                    same[0], same[1], other[0], other[1]
+                )
+            });
         Ok(text.collect::<Vec<_>>().join("; "))
     }
 
-    /// Frames with a face among real ones without.
+    /// Numbers of frames with a detected face, and of frames, among real ones without a face.
     pub(super) fn real_faces(&self) -> Result<Option<[usize; 2]>, PipelineError> {
         let camera = mien_sensors::kinect::geometry::nominal();
         let mut pipeline = self.trial.pipeline(&camera)?;

@@ -1,50 +1,51 @@
-//! A hand that is laid over the mouth of somebody who acts: what is said of the mouth meanwhile, against the truth.
+//! A hand over the mouth of somebody who acts: weights of the mouth meanwhile, against the truth.
 //!
-//! Errors are mean absolute ones over the mouth's units, from the frame in which the hand touches the face to the one in which it leaves.
-//! Holding is what was last reported while the hand was still below the chin.
+//! Errors are mean absolute ones over the mouth's units, while the hand touches the face. "Held" repeats the last
+//! report while the hand was still below the chin.
 
 use super::cast::Cast;
 use crate::evaluate::acted::Acted;
 use crate::frame_time::frame_time;
 use mien_appliance::pipeline::PipelineError;
 use mien_sensors::Frame;
-use mien_simulator::virtual_head::{Held, Look, Scene, Simulator};
+use mien_simulator::virtual_head::{Appearance, Held, Scene, Simulator};
 use mien_stages::expression::units::Units;
 
-/// Way of the hand from its place, up to which it covers the mouth, and beyond which the face is free, metres.
+/// Displacement of the hand up to which it covers the mouth, metres.
 const COVERS_M: f32 = 0.02;
+/// Displacement of the hand from which the face is free, metres.
 const FREE_M: f32 = 0.16;
-/// Seconds before what is measured, in which ranges are learnt.
+/// Seconds before the measurement, in which ranges are learnt.
 const LEARNS_S: f32 = 10.0;
 
-/// Sums of one person's film.
+/// Sums over one person's run.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Errors {
-    /// Frames times units.
+    /// Number of frames times units.
     count: f64,
-    /// As reported, held, and at rest.
+    /// Errors as reported, held, and at rest.
     sums: [f64; 3],
-    /// The same in frames in which some other unit is acted by half or more.
+    /// Errors as in [`Self::sums`], over frames in which another unit is acted by half or more.
     others: [f64; 3],
-    /// Covered frames, and those with a report.
+    /// Number of covered frames, and of those with a report.
     frames: [usize; 2],
-    /// Frames in which the mouth is free: as reported.
+    /// Error as reported, and count, over frames with a free mouth.
     free: [f64; 2],
 }
 
-/// One person's film.
+/// Plays one person.
 pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
-    let look = Look {
+    let look = Appearance {
         seed: cast.trial.sessions.seed ^ k as u64,
         held: Held::Mouth,
-        ..Look::demonstration()
+        ..Appearance::demonstration()
     };
     let seed = cast.trial.sessions.seed ^ (k as u64 + 1) << 8;
     let mut simulator = Simulator::new(cast.asset(k), Scene::Acted, seed).dressed([look]);
     let mut pipeline = cast.trial.pipeline(simulator.camera())?;
     let acted = Acted::new(simulator.asset());
     let units = Units::shipped();
-    let of_mouth = units.of_mouth();
+    let of_mouth = units.mouth_columns();
     let names = units.columns(false);
     let place = |t| Held::Mouth.position_at(t);
     let home = place(3.2).map_or(0.0, |place| place.y);
@@ -65,7 +66,7 @@ pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
         if away > FREE_M {
             held.copy_from_slice(&now);
         }
-        let unit = |k: usize| acted.truth_of(names[k].as_str(), &truth);
+        let unit = |k: usize| acted.true_weight(names[k].as_str(), &truth);
         if t < LEARNS_S {
             continue;
         }
@@ -93,17 +94,17 @@ pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
     Ok(errors)
 }
 
-/// What is said of all films.
-pub(super) fn figure(films: &[Errors]) -> String {
-    let sum = |of: &dyn Fn(&Errors) -> f64| films.iter().map(of).sum::<f64>();
-    let count = sum(&|film| film.count);
-    let [reported, held, rest] = [0, 1, 2].map(|k| sum(&|film| film.sums[k]));
-    let share = |film: &Errors| film.sums[0] / film.sums[1];
-    let better = films.iter().filter(|film| share(film) < 1.0).count();
-    let worst = films.iter().map(share).fold(0.0, f64::max);
-    let [others, others_held] = [0, 1].map(|k| sum(&|film| film.others[k]));
-    let free = sum(&|film| film.free[0]) / sum(&|film| film.free[1]);
-    let [frames, seen] = [0, 1].map(|k| films.iter().map(|film| film.frames[k]).sum::<usize>());
+/// The figure over all people.
+pub(super) fn figure(runs: &[Errors]) -> String {
+    let sum = |of: &dyn Fn(&Errors) -> f64| runs.iter().map(of).sum::<f64>();
+    let count = sum(&|run| run.count);
+    let [reported, held, rest] = [0, 1, 2].map(|k| sum(&|run| run.sums[k]));
+    let share = |run: &Errors| run.sums[0] / run.sums[1];
+    let better = runs.iter().filter(|run| share(run) < 1.0).count();
+    let worst = runs.iter().map(share).fold(0.0, f64::max);
+    let [others, others_held] = [0, 1].map(|k| sum(&|run| run.others[k]));
+    let free = sum(&|run| run.free[0]) / sum(&|run| run.free[1]);
+    let [frames, seen] = [0, 1].map(|k| runs.iter().map(|run| run.frames[k]).sum::<usize>());
     format!(
         "{:.3}, held {:.3}, at rest {:.3} (free: {free:.3}): {:.2} of holding, {:.2} while brows, lids or nose act; better for {better} of {} people, at worst {worst:.2}; {seen} of {frames} frames",
         reported / count,
@@ -111,6 +112,6 @@ pub(super) fn figure(films: &[Errors]) -> String {
         rest / count,
         reported / held,
         others / others_held,
-        films.len(),
+        runs.len(),
     )
 }

@@ -1,4 +1,4 @@
-//! What is measured of a scene: who was reported where, against who was there.
+//! Figures of a scene: reports matched to the people present.
 
 use crate::evaluate::sessions::{Spread, mean_offset, pose_errors};
 use mien_appliance::pipeline::Pipeline;
@@ -8,33 +8,33 @@ use mien_stages::base::geometry::{Point, Rigid, Vector, yaw_pitch_roll};
 use mien_stages::camera::Camera;
 use mien_stages::users::TrackingState;
 
-/// A report belongs to a person if their heads are at most this far apart, metres.
+/// Largest distance of a report's head from its person's, metres.
 const SAME_M: f32 = 0.12;
-/// Frames that a newcomer may take.
+/// Frames within which a newcomer must be found.
 const ARRIVAL_FRAMES: usize = 10;
 
 /// One person in one frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sight {
     pub(super) truth: Rigid,
-    /// Wholly in the picture, before everybody else, facing the sensor within the range.
+    /// Wholly in the image, not occluded, facing the sensor within the range.
     pub(super) visible: bool,
     pub(super) slot: Option<usize>,
     pub(super) state: TrackingState,
     pub(super) found: Option<Rigid>,
 }
 
-/// One scene with one cast.
+/// A scene played by one cast.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Film {
-    /// By frame and person; `None` if they are not there.
+pub(super) struct SceneRun {
+    /// By frame and person; `None` for absent people.
     pub(super) frames: Vec<Vec<Option<Sight>>>,
-    /// Frames with a face where nobody is.
+    /// Number of faces reported where nobody is.
     pub(super) ghosts: usize,
 }
 
-impl Film {
-    /// Notes what was reported of a frame.
+impl SceneRun {
+    /// Adds the reports of a frame.
     pub(super) fn add(&mut self, truths: &[Option<&Truth>], pipeline: &Pipeline) {
         let camera = pipeline.camera();
         let unseen = |(k, truth): (usize, &Option<&Truth>)| {
@@ -78,13 +78,13 @@ impl Film {
         self.frames.first().map_or(0, Vec::len)
     }
 
-    /// Found and true pose of every frame with one.
+    /// Found and true pose of every frame with a found one.
     fn pairs(&self, k: usize) -> Vec<(Rigid, Rigid)> {
         let pair = |sight: &Sight| Some((sight.truth, sight.found?));
         self.person(k).flatten().filter_map(pair).collect()
     }
 
-    /// Frames without a pose of a visible person, and visible frames, after the time an arrival may take.
+    /// Number of frames without the pose of a visible person, and of visible frames, excluding arrivals.
     pub(super) fn missing(&self) -> [usize; 2] {
         let (mut missing, mut all) = (0, 0);
         for k in 0..self.people() {
@@ -103,8 +103,8 @@ impl Film {
         [missing, all]
     }
 
-    /// Frames with a wrong slot, and frames with one. Right is the slot that a person had first; one that somebody else has
-    /// already is wrong.
+    /// Number of frames with a wrong slot, and of frames with one. Correct is the first slot of a person, unless it
+    /// already is another's.
     pub(super) fn wrong_ids(&self) -> [usize; 2] {
         let mut owner: Vec<Option<usize>> = vec![None; self.people()];
         let (mut wrong, mut all) = (0, 0);
@@ -123,7 +123,7 @@ impl Film {
         [wrong, all]
     }
 
-    /// Frames from being visible to being followed, for each arrival; those who never are count as the frames they had.
+    /// Frames from visibility to tracking, for each arrival; all frames if never tracked.
     pub(super) fn arrivals(&self) -> Vec<usize> {
         let mut found = Vec::new();
         for k in 0..self.people() {
@@ -148,7 +148,7 @@ impl Film {
         found
     }
 
-    /// Changes of the first person into or out of `held`, per ten seconds.
+    /// Changes of the first person's state into or out of `held`, per ten seconds.
     pub(super) fn flips(&self) -> f64 {
         let held = |sight: Option<&Sight>| sight.is_some_and(|s| s.state == TrackingState::Held);
         let states: Vec<bool> = self.person(0).map(held).collect();
@@ -156,7 +156,7 @@ impl Film {
         flips as f64 * 300.0 / states.len().max(1) as f64
     }
 
-    /// Lag of the found yaw behind the true one, frames: least squares over the frames with a turn.
+    /// Lag of the found yaw behind the true one, frames: least squares over frames that turn.
     pub(super) fn lag(&self) -> f64 {
         let pairs = self.pairs(0);
         let yaw = |pose: &Rigid| f64::from(yaw_pitch_roll(&pose.rotation).0);
@@ -174,7 +174,7 @@ impl Film {
         ev / vv
     }
 
-    /// Root mean square about the mean of each second: degrees, millimetres.
+    /// Root mean square about the mean of each second: rotation in degrees, position in millimetres.
     pub(super) fn jitter(&self) -> [f64; 2] {
         let pairs = self.pairs(0);
         let seconds = pairs.chunks_exact(30).skip(2);
@@ -185,19 +185,19 @@ impl Film {
     }
 }
 
-/// Rotation (degrees) and translation (mm) errors over films, one fixed offset per film taken out.
-pub(super) fn pose_spreads(films: &[Film]) -> [Spread; 2] {
+/// Rotation (degrees) and translation (mm) errors over runs, less one fixed offset per run.
+pub(super) fn pose_spreads(runs: &[SceneRun]) -> [Spread; 2] {
     let mut errors: Vec<[f64; 2]> = Vec::new();
-    for film in films {
-        for k in 0..film.people() {
-            let pairs = film.pairs(k);
+    for run in runs {
+        for k in 0..run.people() {
+            let pairs = run.pairs(k);
             errors.extend(pose_errors(&pairs, &mean_offset(&pairs)));
         }
     }
     [0, 1].map(|k| Spread::from_values(errors.iter().map(|e| e[k]).collect()))
 }
 
-/// Whether a person's whole head is in the picture, and nobody nearer is before it.
+/// Whether a person's whole head is in the image and not occluded.
 fn visible(k: usize, truths: &[Option<&Truth>], camera: &Camera) -> bool {
     let Some(pose) = truths[k].map(|truth| truth.sensor_from_head) else {
         return false;

@@ -1,14 +1,15 @@
 //! Scenes of one and several heads, hands and rooms through the whole pipeline, against exact truth: one table.
 //!
-//! Heads are of people the face model has never seen (portrait and head shape), each under the default light; the scenes
-//! are those of the simulated sensor ([`Scene`]), with `acted` stretched to 0.5 to 1.2 m. Pose errors are of the reported
-//! pose, filter included, with one fixed offset per person out. Ids: the slot a person had first is theirs. The real Kinect frames (`kinect_v1_pcl`) are played where they are.
+//! Heads are of people the face model has never seen (portrait and head shape), each under the default light; the
+//! scenes are those of the simulated sensor ([`Scene`]), with `acted` stretched to 0.5 to 1.2 m. Pose errors are of
+//! the reported pose, filter included, less one fixed offset per person. Ids: a person's first slot is correct. The
+//! real Kinect frames (`kinect_v1_pcl`) are played if present.
 //!
 //! ```text
-//! cast      who plays, before which pipeline, how each scene is played
+//! cast      people, pipeline, and playing of scenes
 //! covered   a hand over the mouth
-//! measure   what is counted of a scene
-//! wild      people in rooms, dressed and disturbed at random
+//! measure   figures of a scene
+//! wild      people in rooms, with random appearance and disturbances
 //! ```
 //!
 //! Everything is seeded. Cost: some minutes; `--people` and `--seconds` shorten it.
@@ -22,12 +23,12 @@ use std::fmt::Write as _;
 
 use super::sessions::Trial;
 use cast::Cast;
-use measure::{Film, Sight, pose_spreads};
+use measure::{SceneRun, Sight, pose_spreads};
 use mien_simulator::virtual_head::Scene;
 use mien_stages::users::TrackingState;
 use mien_workbench::fault::Fault;
 
-/// People without `--people`.
+/// Number of people without `--people`.
 pub const PEOPLE: usize = 4;
 /// Length of a scene without `--seconds`.
 pub const SECONDS: f64 = 10.0;
@@ -37,26 +38,26 @@ pub const ROWS: [&str; 10] = [
     "acted", "wide", "fast", "still", "first", "several", "known", "hand", "mouth", "nobody",
 ];
 
-/// The table's text so far.
+/// Text of the table.
 struct Table(String);
 
-/// Frames from the hand's leaving the face to the face's being followed again, the worst; and the states under it.
-fn uncovered(film: &Film) -> (usize, String) {
+/// Most frames from the hand's leaving the face to renewed tracking, and the states under the hand.
+fn uncovered(run: &SceneRun) -> (usize, String) {
     let mut worst = 0;
     let mut states = Vec::new();
     for (turn, stays) in [0.3, 0.9, 1.8].into_iter().enumerate() {
         let seconds = |s: f64| ((s + 5.0 * turn as f64) * 30.0).round() as usize;
-        // Halfway down the hand is below the chin.
+        // Halfway down, the hand is below the chin.
         let (covered, free) = (seconds(2.0), seconds(2.0 + stays + 0.125));
-        if free + 60 > film.frames.len() {
+        if free + 60 > run.frames.len() {
             break;
         }
-        let state = |n: usize| film.frames[n][0].map_or(TrackingState::Absent, |s| s.state);
-        let found = |n: usize| film.frames[n][0].is_some_and(|s| s.found.is_some());
+        let state = |n: usize| run.frames[n][0].map_or(TrackingState::Absent, |s| s.state);
+        let found = |n: usize| run.frames[n][0].is_some_and(|s| s.found.is_some());
         worst = worst.max((free..free + 60).position(found).unwrap_or(60));
         let mut seen: Vec<&str> = (covered..free)
             .map(|n| match state(n) {
-                // A lost face has no pose and so no report here.
+                // A lost face has no pose and no report here.
                 TrackingState::Absent => "lost",
                 state => state.name(),
             })
@@ -91,12 +92,12 @@ pub fn play(trial: &Trial, only: &[String]) -> Result<String, Fault> {
             "wide" => rows.add(
                 "yaw ±45°, pitch ±30°",
                 "1.5 / 4°, never lost",
-                tracked(&cast.films(Scene::Wide, cast.frames)?),
+                tracked(&cast.runs(Scene::Wide, cast.frames)?),
             ),
             "fast" => rows.add(
                 "turns at 200°/s",
                 "2 / 5°, lost ≤ 1 %",
-                tracked(&cast.films(Scene::Fast, cast.short())?),
+                tracked(&cast.runs(Scene::Fast, cast.short())?),
             ),
             "still" => jitter_and_lag(&cast, &mut rows)?,
             "first" => first_poses(&cast, &mut rows)?,
@@ -120,41 +121,40 @@ pub fn play(trial: &Trial, only: &[String]) -> Result<String, Fault> {
 
 impl Table {
     fn add(&mut self, scene: &str, bar: &str, figure: String) {
-        say(scene, &figure);
+        report_progress(scene, &figure);
         let _ = writeln!(self.0, "| {scene} | {bar} | {figure} |");
     }
 }
 
-/// A part in percent of all, over all films.
-fn percent(films: &[Film], count: impl Fn(&Film) -> [usize; 2]) -> f64 {
-    let counts: Vec<[usize; 2]> = films.iter().map(count).collect();
+/// The ratio of two counts over all runs, percent.
+fn percent(runs: &[SceneRun], count: impl Fn(&SceneRun) -> [usize; 2]) -> f64 {
+    let counts: Vec<[usize; 2]> = runs.iter().map(count).collect();
     let [part, all] = [0, 1].map(|k| counts.iter().map(|one| one[k]).sum::<usize>());
     100.0 * part as f64 / all.max(1) as f64
 }
 
-/// How well heads were tracked.
-fn tracked(films: &[Film]) -> String {
-    let [turn, shift] = pose_spreads(films);
-    let lost = percent(films, Film::missing);
+/// The tracking figures of runs.
+fn tracked(runs: &[SceneRun]) -> String {
+    let [turn, shift] = pose_spreads(runs);
+    let lost = percent(runs, SceneRun::missing);
     format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
 }
 
 fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
-    let mean = |values: &dyn Fn(&Film) -> f64, films: &[Film]| {
-        films.iter().map(values).sum::<f64>() / films.len() as f64
+    let mean = |values: &dyn Fn(&SceneRun) -> f64, runs: &[SceneRun]| {
+        runs.iter().map(values).sum::<f64>() / runs.len() as f64
     };
-    let still = cast.films(Scene::Still, cast.short())?;
-    let [turning, fast] =
-        [Scene::Turning, Scene::Fast].map(|scene| cast.films(scene, cast.short()));
+    let still = cast.runs(Scene::Still, cast.short())?;
+    let [turning, fast] = [Scene::Turning, Scene::Fast].map(|scene| cast.runs(scene, cast.short()));
     rows.add(
         "still head: jitter; lag in slow and in fast turns",
         "0.05°, 0.3 mm; 1 frame",
         format!(
             "{:.3}°, {:.2} mm; {:.2} and {:.2} frames",
-            mean(&|film| film.jitter()[0], &still),
-            mean(&|film| film.jitter()[1], &still),
-            mean(&Film::lag, &turning?),
-            mean(&Film::lag, &fast?)
+            mean(&|run| run.jitter()[0], &still),
+            mean(&|run| run.jitter()[1], &still),
+            mean(&SceneRun::lag, &turning?),
+            mean(&SceneRun::lag, &fast?)
         ),
     );
     Ok(())
@@ -179,12 +179,12 @@ fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<()
         ("user swap", Scene::Swap, 40.0),
     ] {
         let frames = 30.0 * f64::min(seconds, 2.0 * seconds_each);
-        let films = cast.films(scene, frames as usize)?;
-        let ids = 100.0 - percent(&films, Film::wrong_ids);
-        let lost = percent(&films, Film::missing);
-        let arrivals: Vec<usize> = films.iter().flat_map(Film::arrivals).collect();
+        let runs = cast.runs(scene, frames as usize)?;
+        let ids = 100.0 - percent(&runs, SceneRun::wrong_ids);
+        let lost = percent(&runs, SceneRun::missing);
+        let arrivals: Vec<usize> = runs.iter().flat_map(SceneRun::arrivals).collect();
         let late = arrivals.iter().max().copied().unwrap_or(0);
-        let ghosts: usize = films.iter().map(|film| film.ghosts).sum();
+        let ghosts: usize = runs.iter().map(|run| run.ghosts).sum();
         let figure = format!(
             "ids correct in {ids:.2} %, new user within {late} frames, lost {lost:.2} %, {ghosts} frames with a ghost"
         );
@@ -194,8 +194,8 @@ fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<()
 }
 
 fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
-    let hands = cast.films(Scene::Hand, 480)?;
-    let worst = hands.iter().map(|film| uncovered(film).0).max();
+    let hands = cast.runs(Scene::Hand, 480)?;
+    let worst = hands.iter().map(|run| uncovered(run).0).max();
     let (worst, states) = (worst.unwrap_or(0), uncovered(&hands[0]).1);
     rows.add(
         "hand in front of the face",
@@ -212,12 +212,12 @@ fn nobody(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
         ("furnished", Scene::Furnished),
         ("behind", Scene::Behind),
     ] {
-        let films: Vec<Film> = cast.films(scene, 90)?;
+        let runs: Vec<SceneRun> = cast.runs(scene, 90)?;
         let found = |s: &Option<Sight>| s.is_some_and(|s| s.found.is_some());
-        let frames = films.iter().flat_map(|film| &film.frames);
+        let frames = runs.iter().flat_map(|run| &run.frames);
         let frames = frames.filter(|frame| frame.iter().any(found)).count();
-        let faces = frames + films.iter().map(|film| film.ghosts).sum::<usize>();
-        ghosts.push(format!("{name} {faces} of {}", 90 * films.len()));
+        let faces = frames + runs.iter().map(|run| run.ghosts).sum::<usize>();
+        ghosts.push(format!("{name} {faces} of {}", 90 * runs.len()));
     }
     ghosts.push(match cast.real_faces()? {
         Some([faces, count]) => format!("kinect_v1_pcl {faces} of {count}"),
@@ -228,7 +228,7 @@ fn nobody(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Long work says where it is.
-fn say(scene: &str, figure: &str) {
+/// Prints the progress of long work.
+fn report_progress(scene: &str, figure: &str) {
     eprintln!("{scene}: {figure}");
 }

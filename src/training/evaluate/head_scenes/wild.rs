@@ -1,16 +1,17 @@
-//! People as they come: with hair, clothes and things, in rooms, before a sensor with a real one's faults; one row each.
+//! People with hair, clothes and accessories, in rooms, before a sensor with a real one's faults; one row each.
 //!
-//! Each held-out person (portrait and head shape of the test split) wears what [`Look::numbered`] gives them, acts the scene
-//! `acted` before a sensor of their own ([`sensor_of`]: faults of depth in full, colour some milliseconds late and a few
-//! pixels off, a bent lens, another white balance, a sensor above or below), some in dim light or before a bright window.
-//! Lost is a frame without a live pose, `held` included, after the ten frames an arrival may take. Rotation and position
-//! are with one fixed offset per person out. Landmarks are where the late, bent colour picture shows them.
+//! Each held-out person (portrait and head shape of the test split) wears [`Appearance::numbered`] of their index and
+//! acts the scene `acted` before a sensor of their own ([`random_sensor`]: depth faults in full, colour some
+//! milliseconds late and a few pixels off, lens distortion, another white balance, a sensor above or below), some in
+//! dim light or in front of a bright window. Lost is a frame without a live pose, `held` included, after the ten
+//! frames of an arrival. Rotation and position are less one fixed offset per person. Landmarks are at their positions
+//! in the late, distorted colour image.
 
 use std::fmt::{self, Display, Write as _};
 use std::path::Path;
 
-use super::measure::{Film, pose_spreads};
-use crate::evaluate::sessions::{Spread, Trial, landmark_error, lighting, seed_of};
+use super::measure::{SceneRun, pose_spreads};
+use crate::evaluate::sessions::{Spread, Trial, landmark_error, lighting, person_seed};
 use crate::frame_time::frame_time;
 use mien_appliance::pipeline::PipelineError;
 use mien_baking::heads::PersonHead;
@@ -18,19 +19,19 @@ use mien_sensors::Frame;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::recording::Recorder;
 use mien_simulator::simulated::Simulated;
-use mien_simulator::virtual_head::{Light, Look, Scene, Sensor, Simulator};
+use mien_simulator::virtual_head::{Appearance, Light, Scene, Sensor, Simulator};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_workbench::atomic_write::write_out;
 use mien_workbench::fault::Fault;
 
 /// Length of a session without `--seconds`.
 pub const SECONDS: f64 = 20.0;
-/// What is said of those before a window.
+/// Label of people in front of a window.
 const BACKLIT: &str = "backlit";
 
 /// One person's figures.
 pub struct Row {
-    /// What they wear and how they are seen.
+    /// Appearance and viewing conditions.
     pub who: String,
     /// Frames without a live pose, percent.
     pub lost: f64,
@@ -44,16 +45,16 @@ pub struct Row {
     pub landmarks: Spread,
 }
 
-/// The sensor and the light that a person is seen by.
-fn sensor_of(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f32, &'static str) {
+/// A random sensor and light for a person: sensor, light, exposure, label.
+fn random_sensor(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f32, &'static str) {
     let (mut light, exposure) = lighting(random);
-    // The sensor's automatic exposure keeps within this.
+    // The range of the sensor's automatic exposure.
     let mut exposure = 0.4 + 0.6 * exposure;
     let mut spread = |range: f32| (random.f32() * 2.0 - 1.0) * range;
     let (warm, tint) = (spread(0.16), spread(0.05));
     let mut sensor = Sensor {
         faults: 1.0,
-        // What a real sensor's stamps differ by: 7.7 to 13.5 ms.
+        // Differences of a real sensor's time stamps: 7.7 to 13.5 ms.
         colour_late_s: 0.0106 + spread(0.003),
         colour_shift_px: [spread(2.1), spread(2.1)],
         distortion: [0.06 + spread(0.06), -0.10 + spread(0.05)],
@@ -82,27 +83,28 @@ fn sensor_of(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f32, 
     (sensor, light, exposure, said)
 }
 
-/// The simulator of one person.
+/// The simulator of one person, and a description.
 fn simulator(head: PersonHead, number: usize, seed: u64) -> (Simulator, String) {
-    let seed = seed_of(seed, head.person);
-    let look = Look::numbered(number, seed);
-    let (sensor, light, exposure, said) = sensor_of(number, &mut fastrand::Rng::with_seed(seed));
+    let seed = person_seed(seed, head.person);
+    let look = Appearance::numbered(number, seed);
+    let (sensor, light, exposure, said) =
+        random_sensor(number, &mut fastrand::Rng::with_seed(seed));
     let mut who = look.to_string();
     if !said.is_empty() {
         who = format!("{who}, {said}");
     }
     who = format!("{who}, sensor {:+.0}°", sensor.above.to_degrees());
-    // Before a bright window the room is drawn in a light of its own.
+    // Before a bright window the room has its own light.
     let mut window = light;
     if said == BACKLIT {
         window.ambient = 1.0;
         window.tint = [1.8, 1.85, 1.95];
     }
     let simulator = Simulator::new(head.asset, Scene::Acted, seed)
-        .seen_by(sensor)
-        .lit(window, exposure)
+        .with_sensor(sensor)
+        .with_light(window, exposure)
         .dressed([look])
-        .lit(light, exposure);
+        .with_light(light, exposure);
     (simulator, who)
 }
 
@@ -114,24 +116,24 @@ fn play_one(
 ) -> Result<Row, PipelineError> {
     let (mut simulator, who) = simulator(head, number, trial.sessions.seed);
     let mut pipeline = trial.pipeline(simulator.camera())?;
-    let (mut frame, mut film) = (Frame::default(), Film::default());
+    let (mut frame, mut run) = (Frame::default(), SceneRun::default());
     let mut landmarks = Vec::new();
     for n in frames {
         let Some(truth) = simulator.draw(frame_time(n), &mut frame) else {
             continue;
         };
         pipeline.follow(&frame);
-        film.add(&[Some(&truth)], &pipeline);
-        let slot = film.frames.last().and_then(|frame| frame[0]?.slot);
+        run.add(&[Some(&truth)], &pipeline);
+        let slot = run.frames.last().and_then(|frame| frame[0]?.slot);
         for report in &pipeline.reports() {
             if let (Some(found), true) = (report.landmarks, report.user == slot && slot.is_some()) {
                 landmarks.push(landmark_error(&found.pixels, &truth)[0]);
             }
         }
     }
-    let [missing, all] = film.missing();
-    let flips = film.flips();
-    let [rotation_deg, position_mm] = pose_spreads(&[film]);
+    let [missing, all] = run.missing();
+    let flips = run.flips();
+    let [rotation_deg, position_mm] = pose_spreads(&[run]);
     let row = Row {
         who,
         lost: 100.0 * missing as f64 / all.max(1) as f64,
@@ -140,12 +142,12 @@ fn play_one(
         position_mm,
         landmarks: Spread::from_values(landmarks),
     };
-    super::say(&format!("{number}"), &row.to_string());
+    super::report_progress(&format!("{number}"), &row.to_string());
     Ok(row)
 }
 
-/// Records one person's session into a folder, with `truth.csv`: where the colour picture shows the 68 points, pixels, and the
-/// weights acted.
+/// Records one person's session into a folder, with `truth.csv`: the 68 points in colour pixels, and the acted
+/// weights.
 fn record_one(
     out: &Path,
     simulator: Simulator,
@@ -177,7 +179,7 @@ fn record_one(
     write_out(&out.join("truth.csv"), truths + "\n")
 }
 
-/// Records the sessions into folders by the people's numbers, for other programs.
+/// Records each person's session into a folder named by number, for other programs.
 ///
 /// # Errors
 /// If the data sets cannot be read or a folder holds a recording or cannot be written.
@@ -222,16 +224,16 @@ fn table(rows: &[Row]) -> String {
     }
     table += "\n| what | mean of people | worst person |\n| --- | --- | --- |\n";
     type Figure<'a> = (&'a str, &'a str, usize, &'a dyn Fn(&Row) -> f64);
-    let told: [Figure; 5] = [
+    let figures: [Figure; 5] = [
         ("lost", " %", 2, &|row| row.lost),
         ("into or out of held, per 10 s", "", 1, &|row| row.flips),
         ("rotation", "°", 2, &|row| row.rotation_deg.mean),
         ("position", " mm", 1, &|row| row.position_mm.mean),
         ("landmarks", " %", 2, &|row| row.landmarks.mean),
     ];
-    for (what, unit, digits, value) in told {
+    for (what, unit, digits, value) in figures {
         let mut known: Vec<f64> = rows.iter().map(value).collect();
-        // Somebody who is never found is worse than any error.
+        // A person who is never found ranks worst.
         let rank = |v: f64| if v.is_finite() { v } else { f64::INFINITY };
         let all = known.iter().copied().enumerate();
         let worst = all.max_by(|a, b| rank(a.1).total_cmp(&rank(b.1)));

@@ -1,9 +1,9 @@
-//! Held-out people before the simulated sensor, fitted under every condition of the table.
+//! Held-out people in front of the simulated sensor, fitted under every condition of the table.
 
 use std::time::Instant;
 
 use super::tallies::{Condition, Seen, Share};
-use crate::evaluate::sessions::{Trial, lighting, seed_of};
+use crate::evaluate::sessions::{Trial, lighting, person_seed};
 use crate::frame_time::frame_time;
 use crate::train::evaluate::{Differences, differences, mean_offsets, mean_percent, without};
 use mien_appliance::pipeline::PipelineError;
@@ -21,12 +21,12 @@ use mien_stages::segment::Segmenter;
 use mien_workbench::fault::Fault;
 use mien_workbench::progress::Progress;
 
-/// Every so many frames a cold and a wrong start are tried too, and the lamp is moved.
+/// Period of cold and wrong starts, and of movements of the lamp, frames.
 const SPARSE: usize = 5;
-/// Every so many frames the whole face is hidden for the last so many of them.
+/// Period of hiding the whole face, and for how long at its end, frames.
 const HIDE: [usize; 2] = [30, 8];
 
-/// Covered points: a fifth.
+/// Number of covered points: a fifth.
 const COVERED: usize = 14;
 
 /// Plays all people.
@@ -53,27 +53,27 @@ struct Player<'a> {
     seen: Seen,
 }
 
-/// What a session of acts goes through: a fitter for each way to disturb the picture.
+/// Fitters of a session, one for each disturbance of the image.
 struct Play {
     index: usize,
     tracked: LandmarkFitter,
     dim: LandmarkFitter,
     covered: LandmarkFitter,
     lamp: LandmarkFitter,
-    /// Starts anew each time.
+    /// Restarts in every frame.
     once: LandmarkFitter,
-    /// Believes as the appliance does.
+    /// Has the appliance's confidence threshold.
     sceptic: LandmarkFitter,
-    /// Frames since the face was hidden, until it is found again.
+    /// Frames since the face reappeared, until it is found.
     waited: Option<u32>,
     changed: Box<[u8; PIXELS]>,
-    /// Differences of all points of all frames that were tracked.
+    /// Differences of all points of all tracked frames.
     found: Vec<Differences>,
-    /// The landmark about which points are covered.
+    /// The landmark around which points are covered.
     centre: usize,
 }
 
-/// A frame's time, the pose that was found, and the truth.
+/// Time of a frame, its found pose, and the truth.
 struct Moment {
     at: Timestamp,
     pose: HeadPose,
@@ -82,14 +82,14 @@ struct Moment {
 
 impl<'a> Player<'a> {
     fn new(head: PersonHead, trial: &'a Trial) -> Result<Self, PipelineError> {
-        let seed = seed_of(trial.sessions.seed, head.person);
+        let seed = person_seed(trial.sessions.seed, head.person);
         let mut random = fastrand::Rng::with_seed(seed);
         let (light, exposure) = lighting(&mut random);
         let stages = &trial.settings.stages;
         Ok(Self {
             trial,
             person: head.person,
-            simulator: Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure),
+            simulator: Simulator::new(head.asset, Scene::Acted, seed).with_light(light, exposure),
             light,
             exposure,
             frame: Frame::default(),
@@ -103,12 +103,12 @@ impl<'a> Player<'a> {
         })
     }
 
-    /// Confidence from which the settings believe a face.
+    /// The settings' least confidence of a face.
     fn least(&self) -> f32 {
         self.trial.settings.stages.landmarks.cascade.min_confidence
     }
 
-    /// A fitter that believes a face from this confidence on.
+    /// A fitter with this least confidence.
     fn fitter(&self, min_confidence: f32) -> LandmarkFitter {
         let settings = FitSettings {
             min_confidence,
@@ -123,12 +123,12 @@ impl<'a> Player<'a> {
         self.pose.track(cloud, at)
     }
 
-    /// The points in the picture as it is.
+    /// Fits the points in the undisturbed image.
     fn fit<'f>(&self, by: &'f mut LandmarkFitter, now: &Moment) -> Option<&'f Landmarks> {
         self.fit_in(&self.frame.luma, by, now)
     }
 
-    /// The points in another picture with the same depth.
+    /// Fits the points in another image with the same depth.
     fn fit_in<'f>(
         &self,
         luma: &[u8; PIXELS],
@@ -157,7 +157,7 @@ impl<'a> Player<'a> {
 
     fn play(mut self) -> Seen {
         self.acted();
-        self.beyond();
+        self.extreme_poses();
         self.still();
         self.seen
     }
@@ -176,7 +176,7 @@ impl<'a> Player<'a> {
             found: Vec::new(),
             centre: 0,
         };
-        // Every person in other acts.
+        // A different section of the acts for each person.
         let first = 90 + (self.person * 151) % 1200;
         for index in 0..(self.trial.sessions.seconds * 30.0) as usize {
             play.index = index;
@@ -204,7 +204,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// The picture as it is; the error.
+    /// Fits the undisturbed image; returns the error.
     fn tracked(&mut self, play: &mut Play, now: &Moment) -> f64 {
         let began = Instant::now();
         let fit = self.fit(&mut play.tracked, now);
@@ -224,7 +224,7 @@ impl<'a> Player<'a> {
         self.record_under(Condition::Dim, fit, &now.truth);
     }
 
-    /// A fifth of the points covered.
+    /// Covers a fifth of the points.
     fn covered(&mut self, play: &mut Play, now: &Moment) {
         let truth = &now.truth;
         if play.index.is_multiple_of(30) {
@@ -247,7 +247,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// The whole face hidden for a while, and what comes after.
+    /// Hides the whole face for a while, and measures recovery.
     fn hidden(&mut self, play: &mut Play, now: &Moment) {
         let [every, last] = HIDE;
         if play.index % every >= every - last {
@@ -270,7 +270,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// A cold start, from the pose that was found and from one that is wrong.
+    /// Cold starts from the found pose and from a wrong one.
     fn cold_start(&mut self, play: &mut Play, now: &Moment) {
         play.once.reset();
         let fit = self.fit(&mut play.once, now);
@@ -287,9 +287,9 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// A lamp that goes round; `here` is the error without.
+    /// Light from a circling lamp; `here` is the error without it.
     fn under_a_lamp(&mut self, play: &mut Play, now: &Moment, here: f64) {
-        // The lamp goes round once in two seconds.
+        // One revolution in two seconds.
         let turn = std::f32::consts::PI * play.index as f32 / 30.0;
         let towards = Vector::new(turn.cos(), turn.sin() - 0.3, -0.8).normalize();
         let moved = Light {
@@ -306,7 +306,7 @@ impl<'a> Player<'a> {
         self.record_under(Condition::Lamp, fit, &now.truth);
     }
 
-    /// A pose that is wrong by up to a head's width.
+    /// The pose, displaced by up to a head's width.
     fn wrong_pose(&mut self, pose: &HeadPose) -> HeadPose {
         let mut about = |size: f32| size * (2.0 * self.random.f32() - 1.0);
         let shift = Vector::new(about(0.1), about(0.1), about(0.1));
@@ -320,7 +320,7 @@ impl<'a> Player<'a> {
     }
 
     /// Wide turns with two expressions a second, each up and down.
-    fn beyond(&mut self) {
+    fn extreme_poses(&mut self) {
         let mut fitter = self.fitter(0.0);
         self.pose.reset();
         let count = self.simulator.asset().expressions.len();
@@ -348,14 +348,14 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// Draws a pose and finds it.
+    /// Renders a pose and finds it.
     fn posed(&mut self, pose: &Rigid, weights: &[f32], at: Timestamp) -> Option<Moment> {
         let truth = self.simulator.draw_pose(pose, weights, at, &mut self.frame);
         let pose = self.find(at)?;
         Some(Moment { at, pose, truth })
     }
 
-    /// A face that does not move: what its points do all the same.
+    /// Jitter of the points of a motionless face.
     fn still(&mut self) {
         let mut fitter = self.fitter(0.0);
         self.pose.reset();
@@ -391,8 +391,8 @@ impl<'a> Player<'a> {
     }
 }
 
-/// Copies a picture and lays a rough disc of the skin's grey on so many points, those nearest to one of them, or on more than
-/// all; tells which.
+/// Copies an image and covers the `count` points nearest to one of them, or all, with a rough disc of skin grey;
+/// returns which.
 fn cover(
     out: &mut [u8; PIXELS],
     luma: &[u8; PIXELS],

@@ -1,14 +1,14 @@
-//! The face model against its bars: one table of landmark errors on people, poses and light it has never seen.
+//! The face model against its bounds: landmark errors on people, poses and light it has never seen.
 //!
 //! ```text
 //! drawn    held-out people before the simulated sensor, under every condition
 //! stills   photographs and a video
-//! tallies  errors, and how far confidence is right
+//! tallies  errors and calibration of confidence
 //! ```
 //!
 //! `drawn`: held-out people (portrait and head shape) acted before the simulated sensor and found by its depth, as in
 //! [`super::sessions`], but only as far as the landmarks: tracked, from a cold start, beyond the common angles, with a
-//! fifth of the points covered, in a quarter of the light, under a lamp that goes round, still, and from wrong starts.
+//! fifth of the points covered, in a quarter of the light, under a circling lamp, motionless, and from wrong starts.
 //! `stills`: photographs and a video. Errors are mean distances over all 68 points / outer-eye distance in the picture;
 //! offsets per landmark are measured on the other people. Seeded; the same on any number of threads but for the times.
 //! Choose settings with `--split dev`; the test people are for the table.
@@ -22,7 +22,7 @@ use mien_workbench::fault::Fault;
 use tallies::Condition::*;
 use tallies::{Row, Seen, Share};
 
-/// Measures and makes the table; `say` gets it row by row.
+/// Measures the table; `say` receives it row by row.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
@@ -75,7 +75,7 @@ fn rows(seen: &Seen) -> Vec<Row> {
     rows.collect()
 }
 
-/// What comes of a face that was hidden.
+/// Recovery of a hidden face.
 fn recovery(seen: &Seen) -> String {
     let waits = seen.errors(Recovered).iter();
     let most = waits.copied().fold(0.0, f64::max);

@@ -18,10 +18,11 @@ use mien_workbench::text_files::listed;
 
 /// About the 68 points of the video's first picture.
 const TALKING_BOX: FaceBox = FaceBox::new(128.0, 113.0, 128.0, 140.0);
-/// Farthest the points may move between two pictures of the video, mean, per cent of the outer-eye distance: faster is a jump.
+/// Largest mean displacement of the points between two pictures of the video, percent of the outer-eye distance: more
+/// is a jump.
 const JUMP_PERCENT: f32 = 15.0;
 
-/// Fitted minus placed of annotated pictures, by person.
+/// Fitted minus annotated points, by person.
 fn fitted(
     model: &FaceModel,
     entries: &[&Entry],
@@ -44,13 +45,13 @@ fn fitted(
     Ok(by_person)
 }
 
-/// Errors as they are, and with the mean offsets of the other people taken out.
+/// Errors, and errors less the mean offsets of the other people.
 fn as_given_and_without_offsets(by_person: &BTreeMap<String, Vec<Differences>>) -> [Vec<f64>; 2] {
     let (mut given, mut clean) = (Vec::new(), Vec::new());
     for (person, own) in by_person {
         let others = by_person.iter().filter(|(other, _)| *other != person);
         let mut others: Vec<Differences> = others.flat_map(|(_, d)| d.clone()).collect();
-        // Faces that are missed altogether tell nothing of habits.
+        // Complete failures carry no information on offsets.
         others.retain(|d| mean_percent(d) < 10.0);
         let offsets = mean_offsets(&others);
         for d in own {
@@ -61,13 +62,13 @@ fn as_given_and_without_offsets(by_person: &BTreeMap<String, Vec<Differences>>) 
     [given, clean]
 }
 
-/// The rows of the table; data sets that are not there are left out.
+/// The rows of the table, without missing data sets.
 pub(super) fn rows(trial: &Trial) -> Result<Vec<Row>, Fault> {
     let (data, model, split) = (trial.data, trial.model, trial.sessions.split);
     let mut rows = Vec::new();
     if let Ok(entries) = read_folder(&data.join("faces_frl189")) {
         let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
-        let splits = entries.iter().zip(Split::of_persons(&persons));
+        let splits = entries.iter().zip(Split::from_persons(&persons));
         let wanted = splits.filter(|(_, of)| *of == split);
         let wanted: Vec<&Entry> = wanted.map(|(entry, _)| entry).collect();
         let [given, clean] =
@@ -76,7 +77,7 @@ pub(super) fn rows(trial: &Trial) -> Result<Vec<Row>, Fault> {
         rows.push(("… offsets per landmark removed", format!("{clean}"), "2.1"));
     }
     if let Ok(entries) = read_folder(&data.join("faces_ytfaces68")) {
-        // A part for choosing settings, all for the table.
+        // A quarter suffices for choosing settings; the table uses all.
         let step = if split == Split::Test { 1 } else { 4 };
         let wanted: Vec<&Entry> = entries.iter().step_by(step).collect();
         let [given, clean] = as_given_and_without_offsets(&fitted(model, &wanted)?);
@@ -92,7 +93,7 @@ pub(super) fn rows(trial: &Trial) -> Result<Vec<Row>, Fault> {
     Ok(rows)
 }
 
-/// Follows the talking face through its pictures, colour alone.
+/// Tracks the talking face through its pictures, by colour alone.
 fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, Fault> {
     let Ok(paths) = listed(folder) else {
         return Ok(None);

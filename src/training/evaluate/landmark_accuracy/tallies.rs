@@ -1,4 +1,4 @@
-//! What is counted: errors under each condition, and how often what is believed is right.
+//! Errors under each condition, and calibration of confidence.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
@@ -9,59 +9,61 @@ use mien_simulator::virtual_head::Truth;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::landmarks::Landmarks;
 
-/// What is measured, its figure and its bar.
+/// Name, figure and bound.
 pub(super) type Row = (&'static str, String, &'static str);
 
-/// What is averaged over frames; errors in per cent of the outer-eye distance.
+/// Conditions whose values are averaged over frames; errors in percent of the outer-eye distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Condition {
-    /// The picture as it is.
+    /// Undisturbed image.
     Tracked,
-    /// … of which one offset per person and point, and the rest.
+    /// Undisturbed image: the constant offset per person and point.
     Offset,
+    /// Undisturbed image: the error less that offset.
     Rest,
     /// From a cold start.
     Cold,
-    /// Beyond the common angles.
+    /// Poses beyond the common angles.
     Beyond,
-    /// The points beside those that are covered.
+    /// Uncovered points while others are covered.
     Covered,
-    /// Frames until a face that is clear again is believed and within 5 %.
+    /// Frames until a reappeared face is found with an error below 5 %.
     Recovered,
-    /// In a quarter of the light.
+    /// A quarter of the light.
     Dim,
-    /// Under a lamp that goes round, and without it in the same frames.
+    /// Under a circling lamp.
     Lamp,
+    /// Without the lamp, in the frames of `Lamp`.
     SameAsLamp,
-    /// Root mean square of a still face's motion, by person.
+    /// Root mean square motion of the points of a motionless face, by person.
     Jitter,
-    /// Of a fit, milliseconds.
+    /// Duration of a fit, milliseconds.
     Time,
 }
 
-/// What is counted as a share.
+/// Conditions that are counted as a share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Share {
-    /// Covered points that are flagged.
+    /// Covered points that are flagged as hidden.
     Flagged,
-    /// Visible points that are not.
+    /// Visible points that are not flagged.
     Unflagged,
-    /// Frames of a hidden face that are called lost.
+    /// Frames with a hidden face that are lost.
     Unseen,
     /// Good faces below the least confidence.
     Lost,
-    /// Faces beyond 10 % above it.
+    /// Faces with an error beyond 10 % above the least confidence.
     Kept,
 }
 
-/// Everything seen, over all people.
+/// All measurements, over all people.
 #[derive(Default)]
 pub(super) struct Seen {
     pub(super) people: usize,
     pub(super) faces: Calibration,
     pub(super) points: Calibration,
     pub(super) errors: BTreeMap<Condition, Vec<f64>>,
-    /// Yes, and all.
+    /// Counts of yes, and of all.
     pub(super) shares: BTreeMap<Share, [usize; 2]>,
 }
 
@@ -76,7 +78,7 @@ impl Seen {
         *all += 1;
     }
 
-    /// Records a fit's confidences and its error, which it returns; from `least` on a face is believed.
+    /// Records a fit's confidences and its error, which it returns; a face counts from confidence `least` on.
     pub(super) fn record_fit(
         &mut self,
         fit: &Landmarks,
@@ -130,7 +132,7 @@ impl Seen {
     }
 }
 
-/// Faces or points that said about the same of themselves.
+/// Faces or points of similar confidence.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
     count: usize,
@@ -138,7 +140,7 @@ struct Bin {
     good: usize,
 }
 
-/// How often what is believed is within 5 %, by confidence in fifths.
+/// Share of errors within 5 % by confidence, in five bins.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Calibration([Bin; 5]);
 
@@ -161,11 +163,11 @@ impl Calibration {
 
 impl Display for Calibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let told = self.0.iter().filter(|bin| bin.count > 0).map(|bin| {
+        let lines = self.0.iter().filter(|bin| bin.count > 0).map(|bin| {
             let n = bin.count as f64;
             let (said, was) = (bin.confidence / n, bin.good as f64 / n);
             format!("{said:.2} → {was:.2} ({})", bin.count)
         });
-        f.write_str(&told.collect::<Vec<_>>().join("; "))
+        f.write_str(&lines.collect::<Vec<_>>().join("; "))
     }
 }

@@ -1,4 +1,4 @@
-//! Known answers: a small model whose appearance is given by formula, so that pictures can be drawn from it exactly; and what
+//! Known answers: a small model whose appearance is given by formula, so that images can be drawn from it exactly; and what
 //! the shipped shape bases can and cannot show.
 
 use super::*;
@@ -90,7 +90,7 @@ fn known() -> PaperAam {
         appearance_modes: Vec::new(),
         appearance_deviations: Vec::new(),
         noise: 1e-3,
-        belief: [0.5, 0.05],
+        confidence_curve: [0.5, 0.05],
         pixels,
     };
     let read = |second: f32| {
@@ -125,9 +125,9 @@ fn slopes_are_the_derivatives_of_what_is_compared() {
         [0.5, 0.4],
     );
     solver.plane = compared(&drawn(&model, &fit.shape, 0.0));
-    // A bilinear picture has kinks between pixels, so a smoother one is read.
+    // A bilinear image has kinks between pixels, so a smoother one is read.
     grey::blur(&mut solver.plane, &mut solver.spare[0], 2);
-    solver.slope();
+    solver.compute_gradient();
     let factor = sample(
         &model,
         &solver.plane,
@@ -135,7 +135,7 @@ fn slopes_are_the_derivatives_of_what_is_compared() {
         solver.values.as_mut_slice(),
     )
     .unwrap();
-    solver.descend(factor, &fit);
+    solver.compute_derivatives(factor, &fit);
     for k in 0..solver.slopes.nrows() {
         const STEP: f32 = 0.02;
         let read = |by: f32| -> Vec<f32> {
@@ -150,7 +150,7 @@ fn slopes_are_the_derivatives_of_what_is_compared() {
             let shape = solver.projected(&fit);
             let pixels = model.pixels.iter();
             pixels
-                .map(|p| factor * value_at(&solver.plane, place_of(p.place(&shape))))
+                .map(|p| factor * value_at(&solver.plane, bilinear_weights(p.position(&shape))))
                 .collect()
         };
         let (less, more) = (read(-STEP), read(STEP));
@@ -202,13 +202,13 @@ fn every_step_lowers_the_whole_cost() {
     let face = planted(&solver, &truth, [1.0, -1.0]);
     let depth = truth.moved(&[0.2, 0.2, -0.2, 0.2, 0.3, -0.3]);
     solver.plane = compared(&drawn(&model, &face.shape, 0.4));
-    solver.slope();
+    solver.compute_gradient();
     let mut fit = solver.cold(&depth);
     let mut costs = Vec::new();
     for _ in 0..8 {
-        let factor = solver.look(&mut fit).expect("a pattern");
+        let factor = solver.sample_residual(&mut fit).expect("a pattern");
         // Grey values in units of the present residual, as in the first steps.
-        let left = f64::from(solver.left.dot(&solver.values));
+        let left = f64::from(solver.residual.dot(&solver.values));
         let unit = f64::from(model.noise * PIXELS_PER_OBSERVATION);
         let off = fit.view.step_from(&depth);
         let pose: f32 = (0..VIEW_PARAMETERS)
@@ -228,11 +228,11 @@ fn every_step_lowers_the_whole_cost() {
 fn what_a_turned_head_hides_is_its_far_side_and_is_not_read() {
     let model = PaperAam::parse(&FaceModel::shipped().paper_aam).expect("the shipped block");
     let mut solver = Solver::new(model);
-    assert_eq!(solver.hide(&frontal()), 0);
+    assert_eq!(solver.mask_unseen(&frontal()), 0);
     let [left, right] = [-50_f32, 50.0].map(|yaw| {
         let rotation = rotation_from_yaw_pitch_roll(yaw.to_radians(), 0.0, 0.0);
         solver.values.fill(1.0);
-        let hidden = solver.hide(&View {
+        let hidden = solver.mask_unseen(&View {
             rotation,
             ..frontal()
         }) as f32;
@@ -269,9 +269,9 @@ fn what_no_mode_knows_of_a_person_is_part_of_the_mean_but_shut_eyes_are_not() {
         }
         solver.plane = compared(&window);
         let mut left = || {
-            solver.look(&mut fit).expect("a pattern");
+            solver.sample_residual(&mut fit).expect("a pattern");
             let mut sums = [0.0; 2];
-            for (left, pixel) in solver.left.iter().zip(&solver.model.pixels) {
+            for (left, pixel) in solver.residual.iter().zip(&solver.model.pixels) {
                 let eye = pixel.corners.iter().any(|i| (36..48).contains(i));
                 sums[usize::from(eye)] += left * left;
             }
@@ -286,7 +286,7 @@ fn what_no_mode_knows_of_a_person_is_part_of_the_mean_but_shut_eyes_are_not() {
 }
 
 /// Why separate 2D bases, tied one to one to the 3D ones, will not do: a shape s0 + Σ p_i s_i of what is seen from the
-/// front, moved, turned in the picture and scaled at will, against what a turned head shows of S0 + Σ p_i S_i.
+/// front, moved, turned in the image and scaled at will, against what a turned head shows of S0 + Σ p_i S_i.
 #[test]
 fn tied_2d_bases_cannot_show_a_turned_head() {
     let model = PaperAam::parse(&FaceModel::shipped().paper_aam).expect("the shipped block");

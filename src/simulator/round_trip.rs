@@ -1,11 +1,11 @@
-//! A frame sent again: cut into the packets a Kinect would have sent, and made of them once more, step by step.
+//! Cuts a frame into a Kinect's packets and assembles it again, step by step, for benchmarks.
 
 use core::time::Duration;
 
-use super::virtual_kinect::{PERIOD, Player, STEP, View};
+use super::virtual_kinect::{FrameSource, PERIOD, Player, STEP};
 use mien_sensors::Frame;
 use mien_sensors::kinect::device::Stream;
-use mien_sensors::kinect::driver::{develop_colour, develop_depth};
+use mien_sensors::kinect::driver::{depth_from_pair, luma_from_pair};
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::packet::LONGEST;
 use mien_sensors::kinect::pairing::{Pairing, RawPair};
@@ -13,25 +13,25 @@ use mien_sensors::kinect::stream::Assembler;
 use mien_stages::base::defaults;
 
 defaults! {
-    /// A frame and its packets, as both streams send them, and where they become pictures again.
-    pub struct Resent {
-        player: Player<Drawn> = Player::new(Drawn(KinectFrame::default()), PERIOD),
+    /// A frame, its packets on both streams, and the pictures assembled from them.
+    pub struct PacketRoundTrip {
+        player: Player<NextFrame> = Player::new(NextFrame(KinectFrame::default()), PERIOD),
         now: Duration = Duration::ZERO,
-        /// Stream, length and bytes of each packet, in order of time.
-        cut: Vec<(Stream, usize, [u8; LONGEST])> = Vec::new(),
+        /// Stream, length and bytes of each packet, in time order.
+        packets: Vec<(Stream, usize, [u8; LONGEST])> = Vec::new(),
         assemblers: [Assembler; 2] = Stream::BOTH.map(Assembler::new),
         pairing: Pairing = Pairing::default(),
         pair: RawPair = RawPair::default(),
     }
 }
 
-/// What the player sends next.
-struct Drawn(KinectFrame);
+/// The frame that the player sends next.
+struct NextFrame(KinectFrame);
 
-impl View for Drawn {
+impl FrameSource for NextFrame {
     fn draw(&mut self, frame: &mut KinectFrame) -> bool {
         core::mem::swap(&mut self.0, frame);
-        // Where there is no colour a black picture makes the same way.
+        // Without colour a black picture is sent.
         if !frame.has_colour {
             frame.original.colour_ticks = frame.original.ticks;
         }
@@ -39,35 +39,36 @@ impl View for Drawn {
     }
 }
 
-impl Resent {
-    /// Where to put the next frame to send.
+impl PacketRoundTrip {
+    /// The frame to send next, to be filled by the caller.
     pub fn next_frame(&mut self) -> &mut KinectFrame {
-        &mut self.player.view.0
+        &mut self.player.source.0
     }
 
-    /// The frame that was cut last.
+    /// The frame cut last.
     pub fn sent(&self) -> &Frame {
         &self.player.frame
     }
 
     /// Cuts the frame into packets.
     pub fn cut(&mut self) {
-        self.cut.clear();
+        self.packets.clear();
         let end = self.now + PERIOD;
         while self.now < end {
             self.player.play(self.now, [true; 2], &mut |packet| {
                 let mut bytes = [0; LONGEST];
                 bytes[..packet.bytes.len()].copy_from_slice(packet.bytes);
-                self.cut.push((packet.stream, packet.bytes.len(), bytes));
+                self.packets
+                    .push((packet.stream, packet.bytes.len(), bytes));
             });
             self.now += STEP;
         }
         self.now = end;
     }
 
-    /// Packets to pictures; `number` counts frames.
+    /// Assembles packets to pictures; `number`: number of the frame.
     pub fn assemble(&mut self, number: u64) {
-        for (stream, length, bytes) in &self.cut {
+        for (stream, length, bytes) in &self.packets {
             let assembler = &mut self.assemblers[stream.index()];
             if let Some(ticks) = assembler.push(true, &bytes[..*length])
                 && let Some(paired) =
@@ -78,13 +79,13 @@ impl Resent {
         }
     }
 
-    /// Depth pictures to raw values.
+    /// Unpacks the depth picture to raw values.
     pub fn unpack(&self, frame: &mut Frame) {
-        develop_depth(&self.pair, frame);
+        depth_from_pair(&self.pair, frame);
     }
 
-    /// Mosaic to luma.
-    pub fn develop(&self, frame: &mut Frame) {
-        develop_colour(&self.pair, frame);
+    /// Converts the mosaic to luma.
+    pub fn demosaic(&self, frame: &mut Frame) {
+        luma_from_pair(&self.pair, frame);
     }
 }

@@ -1,5 +1,4 @@
-//! What is published, under which topics, and which commands are read; and what Home Assistant is told of the box (MQTT
-//! discovery): its entities, and where their values are.
+//! Configuration of the connection: topics, login, commands, and the entities for Home Assistant (MQTT discovery).
 
 use serde_json::{Value, json};
 
@@ -7,22 +6,22 @@ use super::stream::{Trust, trust};
 use crate::features::{MqttSettings, password};
 use crate::{Command, OutputError};
 
-/// What is published, and to which broker.
-pub(super) struct Talk {
+/// Everything about the connection that is fixed at start-up.
+pub(super) struct BrokerConfig {
     pub(super) settings: MqttSettings,
     pub(super) trust: Trust,
     pub(super) client: String,
     pub(super) password: Option<String>,
-    /// Prefix and name.
+    /// Prefix and name of the box, with which every topic starts.
     pub(super) base: String,
     pub(super) presence: String,
-    /// Topics and payloads for Home Assistant.
+    /// Topics and payloads of the discovery messages.
     pub(super) entities: Box<[(String, String)]>,
-    /// Topic of the commands, if any are accepted.
+    /// Topic of the commands, if they are accepted.
     pub(super) commands: Option<String>,
 }
 
-impl Talk {
+impl BrokerConfig {
     pub(super) fn new(
         settings: &MqttSettings,
         name: &str,
@@ -44,27 +43,27 @@ impl Talk {
         })
     }
 
-    /// The command in a message on one of our topics.
+    /// The command in a message; `None` if topic or payload is not one.
     pub(super) fn command(&self, topic: &[u8], payload: &[u8]) -> Option<Command> {
         let topic = std::str::from_utf8(topic).ok()?;
-        let what = topic.strip_prefix(&self.base)?.strip_prefix("/cmd/")?;
+        let command = topic.strip_prefix(&self.base)?.strip_prefix("/cmd/")?;
         let payload = std::str::from_utf8(payload).ok()?;
-        Command::of_words(what, payload.split_whitespace())
+        Command::from_words(command, payload.split_whitespace())
     }
 }
 
-/// Topics and payloads of the entities. `base` is prefix and name.
+/// Topics and payloads of the discovery messages. `base` is prefix and name of the box.
 fn entities(base: &str, name: &str, commands: bool, gestures: &[&str]) -> Box<[(String, String)]> {
     let topic = |topic: &str| format!("{base}/{topic}");
-    let entity = |kind: &str, id: &str, mut what: Value| {
-        what["unique_id"] = format!("mien_{name}_{id}").into();
-        what["availability_topic"] = topic("presence").into();
+    let entity = |kind: &str, id: &str, mut entity_json: Value| {
+        entity_json["unique_id"] = format!("mien_{name}_{id}").into();
+        entity_json["availability_topic"] = topic("presence").into();
         let (box_id, name) = (format!("mien_{name}"), format!("mien {name}"));
         let version = env!("CARGO_PKG_VERSION");
-        what["device"] =
+        entity_json["device"] =
             json!({"identifiers": [box_id], "name": name, "model": "mien", "sw_version": version});
         let topic = format!("homeassistant/{kind}/{box_id}/{id}/config");
-        (topic, what.to_string())
+        (topic, entity_json.to_string())
     };
     let face = json!({
         "name": "Face", "device_class": "occupancy",
@@ -92,19 +91,19 @@ fn entities(base: &str, name: &str, commands: bool, gestures: &[&str]) -> Box<[(
     let buttons = buttons.into_iter().filter(|_| commands);
     let buttons = buttons.map(|(id, shown)| {
         let command = topic(&format!("cmd/{id}"));
-        let what = json!({"name": shown, "command_topic": command, "payload_press": "0"});
-        entity("button", id, what)
+        let entity_json = json!({"name": shown, "command_topic": command, "payload_press": "0"});
+        entity("button", id, entity_json)
     });
-    // A sensor to show, and a trigger for automations.
+    // Per gesture a sensor for display and a trigger for automations.
     let gestures = gestures.iter().flat_map(|gesture| {
         let (id, shown) = (format!("gesture_{gesture}"), gesture.replace('_', " "));
-        let from = topic(&format!("gesture/{gesture}"));
-        let lamp = json!({"name": shown, "state_topic": from});
+        let state_topic = topic(&format!("gesture/{gesture}"));
+        let state = json!({"name": shown, "state_topic": state_topic});
         let trigger = json!({
-            "automation_type": "trigger", "type": "gesture", "subtype": shown, "topic": from, "payload": "ON",
+            "automation_type": "trigger", "type": "gesture", "subtype": shown, "topic": state_topic, "payload": "ON",
         });
-        let lamp = entity("binary_sensor", &id, lamp);
-        [lamp, entity("device_automation", &id, trigger)]
+        let state = entity("binary_sensor", &id, state);
+        [state, entity("device_automation", &id, trigger)]
     });
     shown.into_iter().chain(buttons).chain(gestures).collect()
 }

@@ -1,8 +1,8 @@
-//! How a person looks: hair, beard, what they wear and hold.
+//! Options of a person's appearance: hair, beard, clothes, things.
 
-use super::stuff::Stuff;
+use super::material::Material;
 #[cfg(feature = "studio")]
-use super::stuff::share;
+use super::material::share;
 #[cfg(feature = "studio")]
 use crate::virtual_head::random::hash;
 
@@ -11,20 +11,20 @@ use crate::virtual_head::random::hash;
 pub enum HairStyle {
     /// None.
     Bald,
-    /// Some millimetres.
+    /// Millimetres long.
     Cropped,
-    /// Some centimetres, combed.
+    /// Centimetres long, combed.
     #[default]
     Short,
-    /// Stands off by three to five centimetres all round.
+    /// Three to five centimetres thick all round.
     Bushy,
-    /// Falls beside the face and over the ears onto the shoulders.
+    /// Hangs over the ears onto the shoulders.
     Long,
-    /// Short, and over the brow.
+    /// Short, with a fringe over the brow.
     Fringe,
-    /// Long, and over the brow.
+    /// Long, with a fringe over the brow.
     LongFringe,
-    /// Falls in curls.
+    /// Hangs in curls.
     Curly,
     /// Tied up.
     Bun,
@@ -38,78 +38,78 @@ pub enum Beard {
     None,
     /// Colour only.
     Stubble,
-    /// Stands off the cheeks and the chin.
+    /// Thick, on cheeks and chin.
     Full,
 }
 
-/// What is on the head.
+/// Headgear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Headgear {
     /// Nothing.
     #[default]
     None,
-    /// With a peak over the brow.
+    /// Cap with a peak.
     Cap,
-    /// Of a sweater, up.
+    /// Hood of a sweater.
     Hood,
-    /// A band over the crown, cups over the ears.
+    /// Headphones with a band over the crown.
     Headphones,
 }
 
-/// What is around the neck.
+/// Garment around the neck.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Neck {
     /// Nothing.
     #[default]
     None,
-    /// Up to the chin.
+    /// Scarf up to the chin.
     Scarf,
-    /// Turned up.
+    /// Collar turned up.
     Collar,
 }
 
-/// What a hand holds, now and then.
+/// Target or object of the hand that appears now and then.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Held {
-    /// The hands are out of the picture.
+    /// No hand appears.
     #[default]
     None,
-    /// The chin.
+    /// Rests at the chin.
     Chin,
-    /// A sheet, beside the face or below it.
+    /// Holds a sheet of paper beside or below the face.
     Paper,
-    /// Led to the mouth.
+    /// Brings a cup to the mouth.
     Cup,
-    /// At the ear.
+    /// Holds a phone to the ear.
     Phone,
-    /// Nothing: it is laid over the mouth.
+    /// Covers the mouth.
     Mouth,
 }
 
-/// A person's looks, apart from the head itself.
+/// A person's appearance, except the head itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Look {
-    /// Of all that is left to chance.
+pub struct Appearance {
+    /// Seed of random details.
     pub seed: u64,
     /// Hair.
     pub hair: HairStyle,
-    /// Its colour, RGB 0…255.
+    /// Colour of hair and beard, RGB 0…255.
     pub hair_colour: [f32; 3],
     /// Beard.
     pub beard: Beard,
-    /// Thickness of the rims of glasses, metres; 0: none.
+    /// Thickness of the rims of glasses, metres; 0 = no glasses.
     pub rims_m: f32,
     /// Headgear.
     pub headgear: Headgear,
-    /// Neck.
+    /// Garment around the neck.
     pub neck: Neck,
-    /// Hand.
+    /// Hand and its object.
     pub held: Held,
-    /// A chair whose headrest is behind the head.
+    /// Whether a chair's headrest is behind the head.
     pub chair: bool,
-    /// Somebody stands behind.
+    /// Whether somebody stands behind.
     pub bystander: bool,
-    /// Clothes, RGB 0…255.
+    /// Colour of the clothes, RGB 0…255.
     pub clothes: [f32; 3],
 }
 
@@ -123,8 +123,8 @@ pub(super) const HAIR_COLOURS: [[f32; 3]; 6] = [
     [150.0, 148.0, 146.0],
 ];
 
-impl Look {
-    /// What the person of the demonstration wears.
+impl Appearance {
+    /// Appearance of the person in [`crate::virtual_head::Scene::Demo`].
     pub fn demonstration() -> Self {
         Self {
             seed: 4,
@@ -135,8 +135,8 @@ impl Look {
         }
     }
 
-    /// One of many: all hair styles in turn, and with them, at steps of their own, all things. `number` and seed give the
-    /// same look always.
+    /// One of many appearances: hair styles in turn and, with other periods, all things. The same `number` and `seed` give the same
+    /// appearance.
     #[cfg(feature = "studio")]
     pub fn numbered(number: usize, seed: u64) -> Self {
         let seed = hash(seed, number as u64);
@@ -182,26 +182,26 @@ impl Look {
         }
     }
 
-    /// Stuff of the clothes: black answers badly.
-    pub(super) fn clothes_stuff(&self) -> Stuff {
+    /// Material of the clothes, by their brightness.
+    pub(super) fn clothes_material(&self) -> Material {
         if self.clothes.iter().sum::<f32>() < 150.0 {
-            Stuff::Dark
+            Material::Dark
         } else {
-            Stuff::Cloth
+            Material::Cloth
         }
     }
 
-    /// Stuff of the hair: dark swallows more light.
-    pub(super) fn hair_stuff(&self) -> Stuff {
+    /// Material of the hair, by its brightness.
+    pub(super) fn hair_material(&self) -> Material {
         if self.hair_colour.iter().sum::<f32>() < 140.0 {
-            Stuff::DarkHair
+            Material::DarkHair
         } else {
-            Stuff::Hair
+            Material::Hair
         }
     }
 }
 
-/// In the order of [`Held`].
+/// Descriptions in the order of [`Held`].
 #[cfg(feature = "studio")]
 const HELD: [&str; 6] = [
     "",
@@ -213,10 +213,10 @@ const HELD: [&str; 6] = [
 ];
 
 #[cfg(feature = "studio")]
-impl std::fmt::Display for Look {
+impl std::fmt::Display for Appearance {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let shade = match self.hair_stuff() {
-            Stuff::DarkHair if self.hair != HairStyle::Bald => "dark ",
+        let shade = match self.hair_material() {
+            Material::DarkHair if self.hair != HairStyle::Bald => "dark ",
             _ => "",
         };
         let hair = match self.hair {

@@ -1,7 +1,6 @@
-//! A measure's rest: the mode of its history, regularised by the population.
+//! Rest of a measure: the mode of its history, regularised by the population.
 //!
-//! A person's rest is the value they return to. The mode finds it even during a long smile, which mean, median and quantiles
-//! would follow.
+//! Rest is the value to which a person returns. Unlike mean, median and quantiles, the mode does not follow a long smile.
 //! score(v) = [W within v ± h + 0.3 s × the prior's mass there] × exp(−½ ((v − r0)/(2 s0))²): W in seconds (a held pose
 //! counts less the longer it lasts), N(r0, s0²) rest over people. The best node is refined by mean shift (Fukunaga &
 //! Hostetler 1975). Rest moves by more than 2.5 h only to a node that scores 1.3 times as high.
@@ -13,26 +12,26 @@ use super::units::Prior;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Seconds that the population's mass is worth.
+/// Weight of the population's mass, seconds.
 const PRIOR_S: f64 = 0.3;
-/// A far competitor must win by this factor.
+/// Least ratio of scores for a jump.
 const HYSTERESIS: f64 = 1.3;
-/// Far is beyond so many half-widths.
+/// Least distance of a jump, half-widths of the window.
 const FAR: f64 = 2.5;
-/// Steps of mean shift: enough to stand still within a window.
+/// Steps of mean shift: enough to converge within a window.
 const SHIFTS: usize = 6;
 
 /// Rest and the seconds of evidence within its window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
-    /// In units of the measure.
+    /// Rest, in the unit of the measure.
     pub value: f64,
-    /// W within the window, seconds.
+    /// Evidence W within the window, seconds.
     pub seconds: f64,
 }
 
-/// Finds the mode of `nodes` (weights divided by `growth` are seconds) with window half-width `h`, from the present rest.
-/// Of equal scores the population's rest counts for more, then the lower node.
+/// Mode of `nodes` (weights divided by `growth` are seconds) with window half-width `h`, from the present rest. Ties go to the
+/// population's rest, then to the lower node.
 pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) -> Mode {
     let weight_within = |v: f64| {
         let first = nodes.partition_point(|node| node.value < v - h);
@@ -70,7 +69,7 @@ pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) ->
     let mut best = (prior.rest, score(prior.rest, weight_within(prior.rest)));
     for (v, weight) in windows(nodes, h) {
         let weight = weight / growth;
-        // The most that its score can be: what is not better need not be told exactly.
+        // Skip nodes whose upper bound is not better.
         if weight + PRIOR_S * densest.min(1.0) <= best.1 {
             continue;
         }
@@ -89,7 +88,7 @@ pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) ->
     }
 }
 
-/// Every node's value and the weight within `h` of it. Nodes ascend, so both ends of the window only move up.
+/// Every node's value and the weight within `h` of it, by a sliding window over ascending nodes.
 fn windows(nodes: &[Node], h: f64) -> impl Iterator<Item = (f64, f64)> {
     let (mut first, mut end, mut within) = (0, 0, 0.0);
     nodes.iter().map(move |&Node { value: v, .. }| {
@@ -136,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn the_crowd_wins_over_tails_and_prior() {
+    fn the_mode_wins_over_tails_and_prior() {
         let mut nodes = Nodes::default();
         for i in 0..100 {
             nodes.push(1.2 + 0.0004 * f64::from(i % 11) - 0.002, 0.03, 0.03);
@@ -148,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn the_population_is_worth_three_tenths_of_a_second() {
+    fn the_prior_weighs_three_tenths_of_a_second() {
         // Within h of r0 lie 2 h/(s0 √2π) = 0.199 47 of the people, worth 0.059 84 s; one s0 off lie 0.120 98 of them, 0.036 30 s,
         // and all counts 0.882 50 there. So a node there wins with more than 0.031 51 s of its own. Neither is far from 1.1.
         for (seconds, rest) in [(0.030, 1.0), (0.033, 1.2)] {
@@ -159,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_far_competitor_must_win_clearly() {
+    fn a_far_mode_needs_a_clearly_higher_score() {
         let mut nodes = Nodes::default();
         nodes.push(0.9, 10.0, 10.0);
         // Same distance from the population's mean, so the prior is neutral.
@@ -171,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn the_population_decides_between_equals() {
+    fn the_prior_decides_ties() {
         let mut nodes = Nodes::default();
         nodes.push(1.1, 5.0, 5.0);
         nodes.push(1.6, 6.0, 6.0);
@@ -199,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equals_the_lower_is_rest() {
+    fn the_lower_of_equal_modes_is_rest() {
         // All of it exact in binary: a quarter below and above what people have, so that their scores are the same.
         let mut nodes: Nodes<64> = Nodes::default();
         nodes.push(0.75, 2.0, 2.0);

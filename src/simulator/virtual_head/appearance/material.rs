@@ -1,32 +1,33 @@
-//! What surfaces are made of, and the noise that cuts strands and folds out of them.
+//! Materials, and the noise for strands and folds.
 
 use crate::virtual_head::random::{hash, uniform};
 
-/// What a surface is made of, as far as the sensor tells: how it answers infrared light.
+/// Material of a surface, as it matters to the sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
-pub(crate) enum Stuff {
-    /// Walls, furniture, paper: answers well.
+pub(crate) enum Material {
+    /// Walls, furniture, paper: reflects the pattern well.
     #[default]
     Matt = 0,
     Skin = 1,
     Cloth = 2,
     /// Black cloth, plastic.
     Dark = 3,
-    /// Hair, fair and dark: thin strands that scatter and swallow the pattern.
+    /// Fair hair: thin strands scatter the pattern.
     Hair = 4,
+    /// Dark hair: also absorbs the pattern.
     DarkHair = 5,
-    /// Glass in front of something: what is behind is seen badly.
+    /// Glass: depth behind it is measured badly.
     Glass = 6,
-    /// Sends the pattern elsewhere: a polished desk, a screen.
+    /// Polished surfaces and screens: reflect the pattern away.
     #[cfg(feature = "studio")]
     Gloss = 7,
 }
 
-impl Stuff {
-    /// Contrast of its grain in colour, and strength of the light along its strands; shares of depth readings that fail at 1 m,
-    /// within it and near its edge, and how far that edge is ragged, pixels (one standard deviation).
-    pub(crate) const fn answers(self) -> [f32; 5] {
+impl Material {
+    /// Contrast of the grain in colour; strength of highlights; share of failed depth readings at 1 m, inside and near the edge;
+    /// raggedness of the edge, pixels (one standard deviation).
+    pub(crate) const fn properties(self) -> [f32; 5] {
         match self {
             Self::Matt => [0.04, 0.0, 0.0004, 0.05, 1.0],
             Self::Skin => [0.03, 0.0, 0.003, 0.05, 1.0],
@@ -41,7 +42,7 @@ impl Stuff {
     }
 }
 
-/// Value noise in −1…1 over the plane, one value per cell, bilinear.
+/// Value noise over the plane, −1…1: one value per cell, bilinear.
 pub(crate) fn grain(u: f32, v: f32) -> f32 {
     let (col, row) = (u.floor(), v.floor());
     let (fu, fv) = (u - col, v - row);
@@ -54,17 +55,17 @@ pub(crate) fn grain(u: f32, v: f32) -> f32 {
     upper * (1.0 - fv) + lower * fv
 }
 
-/// A number in 0…1 for each seed and index.
+/// Uniform random number in 0…1 for each seed and index.
 pub(crate) fn share(seed: u64, index: u64) -> f32 {
     uniform(seed, index) * 0.5 + 0.5
 }
 
-/// 0 below `from`, 1 above `to`, straight between; `from` may be above `to`.
+/// Linear ramp: 0 at `from`, 1 at `to`, clamped; `from` may be above `to`.
 pub(super) fn slope(x: f32, from: f32, to: f32) -> f32 {
     ((x - from) / (to - from)).clamp(0.0, 1.0)
 }
 
-/// A line through the points of a table, by x ascending, level beyond its ends.
+/// Interpolates a table of points with ascending x linearly; constant beyond its ends.
 pub(super) fn along(table: &[[f32; 2]], at: f32) -> f32 {
     match table.iter().position(|[x, _]| *x > at) {
         Some(0) => table[0][1],
@@ -76,7 +77,7 @@ pub(super) fn along(table: &[[f32; 2]], at: f32) -> f32 {
     }
 }
 
-/// A seed for one part of a look.
-pub(super) fn part(seed: u64, part: u64) -> u64 {
-    hash(seed, 0x5ea7 + part)
+/// Seed for one part of an appearance.
+pub(super) fn part_seed(seed: u64, index: u64) -> u64 {
+    hash(seed, 0x5ea7 + index)
 }

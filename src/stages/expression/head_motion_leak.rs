@@ -1,0 +1,171 @@
+//! Motion of an input without expression: leakage of head rotation, and drift.
+//!
+//! Landmarks slide slightly on a face as the head turns, differently on each face, and a resting face drifts. Both are learnt
+//! per input near rest: the slope of its deviation over the head's rotation by recursive ridge regression, in which expressions
+//! are outliers of little weight (M-estimation; Geman & McClure 1987), and the standard deviation s of the remainder d. The
+//! slope is subtracted in proportion to its evidence, unless rest is no better for it. Of the remainder, d · d²/(d² + s²) is
+//! kept: the shrinkage of a sparse signal in noise.
+//!
+//! Deviations in eye distances, rotations in radians about the person's mean. Memory: 160 bytes an input. Cost: a Cholesky
+//! decomposition of 3 × 3 a frame and input. Degenerate: without evidence only the shrinkage applies.
+
+use nalgebra::{Cholesky, Matrix3, Vector3};
+
+use crate::base::defaults;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+
+/// Deviation at which [`outlying`] is 0.5, eye distances.
+const OUTLYING: f64 = 0.03;
+/// Penalty on slopes, rad² s.
+const PENALTY: f64 = 0.2 / 30.0;
+/// Limit of a rotation component, radians: beyond, the slope is not constant.
+const FARTHEST: f64 = 0.15;
+/// Seconds of rest at which half of the slope is subtracted.
+const HALF_KNOWN_S: f64 = 6.7;
+/// Initial standard deviation, eye distances.
+const ASSUMED: f64 = 0.015;
+/// Time constant of the standard deviation, seconds.
+const DEVIATION_S: f64 = 6.7;
+/// Ratio of a normal variable's standard deviation to its mean magnitude.
+const SIZE_TO_DEVIATION: f64 = 1.25;
+/// Time constant of the mean rotation, seconds.
+const MEAN_S: f64 = 30.0;
+
+/// Mean rotation of a person's head.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Turn {
+    mean: Vector3<f64>,
+    seconds: f64,
+}
+
+impl Turn {
+    /// A rotation vector (radians) relative to the mean, clamped to [`FARTHEST`] per component.
+    pub(super) fn about_mean(&self, rotation: &Vector3<f64>) -> Vector3<f64> {
+        (rotation - self.mean).map(|turn| turn.clamp(-FARTHEST, FARTHEST))
+    }
+
+    /// Adds a frame's rotation vector.
+    pub(super) fn observe(&mut self, rotation: &Vector3<f64>, dt: f64) {
+        self.seconds = (self.seconds + dt).min(MEAN_S);
+        if self.seconds > 0.0 {
+            self.mean += (rotation - self.mean) * (dt / self.seconds);
+        }
+    }
+}
+
+defaults! {
+    /// Learned head-motion leakage and drift of one input.
+    #[derive(Clone, Copy, Debug)]
+    pub(super) struct HeadMotionLeak {
+        gram: Matrix3<f64> = Matrix3::zeros(),
+        right: Vector3<f64> = Vector3::zeros(),
+        slope: Vector3<f64> = Vector3::zeros(),
+        seconds: f64 = 0.0,
+        deviation: f64 = ASSUMED,
+        /// Accumulated [`outlying`] with the slope subtracted, and without.
+        costs: [f64; 2] = [0.0; 2],
+    }
+}
+
+/// Outlier measure of a deviation: 0 at rest, 1 far from it.
+fn outlying(deviation: f64) -> f64 {
+    let square = deviation * deviation;
+    square / (square + OUTLYING * OUTLYING)
+}
+
+impl HeadMotionLeak {
+    /// A deviation without the effect of head rotation.
+    fn without_head_motion(&self, deviation: f64, turn: &Vector3<f64>) -> f64 {
+        deviation - self.seconds / (self.seconds + HALF_KNOWN_S) * self.slope.dot(turn)
+    }
+
+    /// The part of a deviation that is expression.
+    pub(super) fn expression_part(&self, deviation: f64, turn: &Vector3<f64>) -> f64 {
+        let [with, without] = self.costs;
+        let deviation = if with < without {
+            self.without_head_motion(deviation, turn)
+        } else {
+            deviation
+        };
+        let square = deviation * deviation;
+        deviation * square / (square + self.deviation * self.deviation)
+    }
+
+    /// Learns from a frame's deviation; older evidence is halved every `half_life_s` (0: never).
+    pub(super) fn observe(
+        &mut self,
+        deviation: f64,
+        turn: &Vector3<f64>,
+        dt: f64,
+        half_life_s: f64,
+    ) {
+        let left = self.without_head_motion(deviation, turn);
+        let kept = if half_life_s > 0.0 {
+            (-dt / half_life_s).exp2()
+        } else {
+            1.0
+        };
+        let is_rest = (1.0 - outlying(left)).powi(2) * dt;
+        self.gram = self.gram * kept + turn * turn.transpose() * is_rest;
+        self.right = self.right * kept + turn * (deviation * is_rest);
+        self.seconds = self.seconds * kept + is_rest;
+        self.costs = [
+            self.costs[0] * kept + outlying(left) * dt,
+            self.costs[1] * kept + outlying(deviation) * dt,
+        ];
+        self.deviation +=
+            (SIZE_TO_DEVIATION * left.abs() - self.deviation) * (is_rest / DEVIATION_S);
+        let gram = self.gram + Matrix3::from_diagonal_element(PENALTY);
+        if let Some(gram) = Cholesky::new(gram) {
+            self.slope = gram.solve(&self.right);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT: f64 = 1.0 / 30.0;
+
+    /// A minute of a nodding head whose deviation is `rest` of its pitch; every fifth second an expression of `acts`.
+    fn a_minute(rest: impl Fn(f64) -> f64, acts: f64) -> HeadMotionLeak {
+        let mut resting = HeadMotionLeak::default();
+        for frame in 0..1800 {
+            let seconds = f64::from(frame) * DT;
+            let turn = Vector3::new(0.1 * (0.7 * seconds).sin(), 0.0, 0.0);
+            let act = if frame / 30 % 5 == 4 { acts } else { 0.0 };
+            resting.observe(rest(turn.x) + act, &turn, DT, 300.0);
+        }
+        resting
+    }
+
+    #[test]
+    fn leakage_of_a_nod_is_removed() {
+        let nod = Vector3::new(0.1, 0.0, 0.0);
+        let resting = a_minute(|pitch| 0.2 * pitch, 0.15);
+        assert!(resting.expression_part(0.02, &nod).abs() < 0.002);
+        assert!((resting.expression_part(0.17, &nod) - 0.15).abs() < 0.01);
+        // Without observed nods there is no correction.
+        assert!(HeadMotionLeak::default().expression_part(0.17, &nod) > 0.165);
+    }
+
+    #[test]
+    fn large_deviations_pass_and_drift_shrinks() {
+        let still = Vector3::zeros();
+        let resting = a_minute(|_| 0.01, 0.0);
+        assert!(resting.expression_part(0.15, &still) > 0.145);
+        assert!(resting.expression_part(0.01, &still) < 0.005);
+    }
+
+    #[test]
+    fn a_useless_slope_is_not_subtracted() {
+        let mut resting = a_minute(|pitch| 0.2 * pitch, 0.0);
+        let nod = Vector3::new(0.1, 0.0, 0.0);
+        let before = resting.expression_part(0.1, &nod);
+        // Costs under which subtracting the slope makes rest no better.
+        resting.costs = [1.0, 0.5];
+        assert!(resting.expression_part(0.1, &nod) > before + 0.01);
+    }
+}

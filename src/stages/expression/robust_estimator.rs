@@ -1,0 +1,520 @@
+//! The default estimator: one learner of rest and noise for each input, one range for each unit.
+//!
+//! Inputs are the measures, lengths and gaze angles ([`super::readings`]). Their deviations from rest, without what the head's rotation
+//! does to them ([`super::head_motion_leak`]), give a reading of each unit, and each reading has a learner of its own. A measure's
+//! learner sees it without cross-talk. Without readings in the table each unit is read from its own measure.
+//!
+//! Memory: a [`RobustLearner`] of 2 KiB for each input and each unit, about 160 KiB; nothing is allocated after construction.
+
+use alloc::sync::Arc;
+
+use nalgebra::Vector3;
+
+use super::FADE_S;
+use super::covered::{self, CoveredMouth};
+use super::estimator::{Estimator, Observation, UsedRange, is_warming, without_cross_talk};
+use super::features::{self, Feature};
+use super::head_motion_leak::{HeadMotionLeak, Turn};
+use super::measures::{self, Measure};
+use super::newcomer::Newcomer;
+use super::noise::SlowNoise;
+use super::range::Range;
+use super::readings::Reading;
+use super::robust::RobustLearner;
+use super::saved::Learned;
+use super::settings::{LEAST_CONFIDENCE, Settings};
+use super::smooth::MeasureFilter;
+use super::units::{Kind, Unit, UnitName, Units};
+use super::weights::Weights;
+use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, UNITS};
+use crate::base::prelude::*;
+
+/// Seconds of presence after which deviations from rest count as expressions.
+const RESTS_KNOWN_S: f64 = 2.0;
+/// Seconds of evidence after which the rest identifies a person.
+const KNOWN_REST_S: f64 = 2.0;
+
+/// Units that are easily distinguished from rest and whose small values matter: speech moves the lips all the time and leaves
+/// no rest to measure the noise in, and most smiles are slight.
+const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
+
+/// Least shares of the resting lid gap at which eyes count as open: of the wider eye, and of the other, whose lids come closer
+/// together when it looks far towards the nose.
+const OPEN: [f64; 2] = [0.55, 0.3];
+
+/// An eye whose iris seems off the middle at rest turns less visibly to that side and more to the other: a glance changes by this
+/// share of the gaze at rest.
+const OFF_CENTRE: f64 = 0.8;
+/// Largest such change.
+const MAX_OFF_CENTRE: f64 = 0.5;
+
+/// Noise of a glance, of the full range of the eyes.
+const GLANCE_NOISE: f64 = 0.05;
+
+/// Range of a reading that is the weight itself.
+const ABSOLUTE: Range = Range {
+    low: 0.0,
+    rest: 0.0,
+    high: 1.0,
+};
+
+/// How far somebody looks across, given how much further than at rest they seem to, and the gaze at rest.
+fn corrected_gaze(seems: f64, rest: f64) -> f64 {
+    let off = OFF_CENTRE * rest * seems.signum();
+    seems * (1.0 + off.clamp(-MAX_OFF_CENTRE, MAX_OFF_CENTRE))
+}
+
+/// What is known of one person.
+#[derive(Clone, Debug)]
+pub(super) struct RobustEstimator {
+    settings: Settings,
+    units: Arc<Units>,
+    /// Reading of each measure's rising and falling unit.
+    side_readings: [[Option<usize>; 2]; LEARNT_MEASURES],
+    /// Readings of the other columns, see [`Units::derived_units`].
+    derived_units: heapless::Vec<usize, UNITS>,
+    /// Of measures, then, if the table has readings, of features.
+    inputs: Box<[RobustLearner]>,
+    /// What they saw in the last frame: measures without cross-talk, and features.
+    values: [f64; INPUTS],
+    /// Effect of the head's rotation on measures and lengths.
+    leaks: [HeadMotionLeak; LEARNT_MEASURES + LENGTHS],
+    turn: Turn,
+    /// Rotation of the head in the last frame.
+    rotation: Vector3<f64>,
+    /// Deviations from rest in the last frame, as they were seen.
+    raw: [f64; INPUTS],
+    /// The part of them that is expression or glance.
+    deviations: [f64; INPUTS],
+    /// Readings of the last frame.
+    readings: [f64; UNITS],
+    /// Learners of the readings that are not absolute, which come first.
+    learners: Box<[RobustLearner]>,
+    /// Drift of the readings; `None` for the [`SLIGHT`] ones.
+    drift: [Option<SlowNoise>; UNITS],
+    /// Filters of the readings.
+    filters: [MeasureFilter; UNITS],
+    /// Filters of measures that units are read from.
+    measure_filters: [MeasureFilter; LEARNT_MEASURES],
+    /// Whether the eyes were seen open in the last frame.
+    eyes_open: bool,
+    newcomer: Newcomer,
+    mouth: CoveredMouth,
+    /// Columns of the mouth.
+    is_mouth: [bool; UNITS],
+}
+
+impl RobustEstimator {
+    /// A person nobody has seen yet.
+    pub(super) fn new(settings: &Settings, units: Arc<Units>) -> Self {
+        let robust = settings.robust();
+        let phase = |k: usize| (k as f64 * 0.618).fract();
+        let learner = |k: usize, prior| RobustLearner::new(robust, prior, phase(k));
+        let measures = units.rows.iter().enumerate().map(|(m, row)| {
+            RobustLearner::new(robust, row.prior, m as f64 / LEARNT_MEASURES as f64)
+        });
+        let features = units.features.iter().flatten().enumerate();
+        let features = features.map(|(k, prior)| learner(k, *prior));
+        let readings =
+            (0..units.readings.len().min(UNITS)).filter(|&k| !units.readings[k].absolute);
+        Self {
+            settings: *settings,
+            side_readings: core::array::from_fn(|m| {
+                let row = &units.rows[m];
+                [&row.rises, &row.falls].map(|unit| units.reading(unit.as_ref()))
+            }),
+            derived_units: units.derived_units().take(UNITS).collect(),
+            inputs: measures.chain(features).collect(),
+            values: [0.0; INPUTS],
+            leaks: [HeadMotionLeak::default(); LEARNT_MEASURES + LENGTHS],
+            turn: Turn::default(),
+            rotation: Vector3::zeros(),
+            raw: [0.0; INPUTS],
+            deviations: [0.0; INPUTS],
+            readings: [0.0; UNITS],
+            learners: readings.map(|k| learner(k, Reading::PRIOR)).collect(),
+            drift: core::array::from_fn(|k| {
+                let reading = units.readings.get(k)?;
+                (!SLIGHT.contains(&reading.unit.as_str())).then(SlowNoise::default)
+            }),
+            filters: core::array::from_fn(|_| MeasureFilter::default()),
+            measure_filters: Default::default(),
+            eyes_open: false,
+            newcomer: Newcomer::default(),
+            mouth: CoveredMouth::default(),
+            is_mouth: units.mouth_columns(),
+            units,
+        }
+    }
+
+    fn features(&self) -> &[RobustLearner] {
+        &self.inputs[LEARNT_MEASURES..]
+    }
+
+    /// Whether both eyes are open; behind closed lids eyes look ahead.
+    fn eyes_are_open(&self, frame: &Observation<'_>) -> bool {
+        let gap = |lid: Measure| {
+            f64::from(frame.measures[lid as usize]) / self.inputs[lid as usize].range().rest
+        };
+        let (left, right) = (gap(Measure::LidL), gap(Measure::LidR));
+        left.max(right) > OPEN[0] && left.min(right) > OPEN[1]
+    }
+
+    /// Values of all inputs, and their deviations from rest.
+    fn measure(&mut self, frame: &Observation<'_>) {
+        let measures = frame.measures.iter().zip(&self.inputs[..LEARNT_MEASURES]);
+        for (raw, (&value, learner)) in self.raw.iter_mut().zip(measures) {
+            *raw = f64::from(value) - learner.range().rest;
+        }
+        let corrected = if frame.present_s > FADE_S.start {
+            let ranges = core::array::from_fn(|m| {
+                let learner = &self.inputs[m];
+                (learner.range(), learner.sigma())
+            });
+            let dead_zone = self.settings.dead_zone;
+            without_cross_talk(&frame.measures, &self.units, &ranges, dead_zone, |_| true)
+        } else {
+            // Deviations mean nothing before rest is placed.
+            core::array::from_fn(|m| f64::from(frame.measures[m]))
+        };
+        self.values[..LEARNT_MEASURES].copy_from_slice(&corrected);
+        if self.features().is_empty() {
+            return;
+        }
+        let lengths = self.values[LEARNT_MEASURES..].iter_mut();
+        for (value, feature) in lengths.zip(&features::ALL) {
+            *value = f64::from(feature.raw(&frame.landmarks.head) / frame.divisor);
+        }
+        let open = self.eyes_are_open(frame);
+        let eyes = frame.landmarks.eyes.as_ref().filter(|_| open);
+        self.eyes_open = false;
+        if let (Some(gaze), Some(eyes)) = (&self.units.gaze, eyes) {
+            let angles = gaze.estimate(eyes, frame.rotation);
+            for (value, angle) in self.values[LEARNT_MEASURES + LENGTHS..]
+                .iter_mut()
+                .zip(angles)
+            {
+                *value = f64::from(angle);
+            }
+            self.eyes_open = true;
+        }
+        for i in LEARNT_MEASURES..INPUTS {
+            self.raw[i] = self.values[i] - self.inputs[i].range().rest;
+        }
+        let gaze = LEARNT_MEASURES + LENGTHS;
+        if self.eyes_open {
+            self.raw[gaze] = corrected_gaze(self.raw[gaze], self.inputs[gaze].range().rest);
+        } else {
+            self.raw[gaze..].fill(0.0);
+        }
+    }
+
+    /// Readings of all units from the deviations.
+    fn read(&mut self, frame: &Observation<'_>) {
+        self.rotation = frame.rotation.scaled_axis().cast();
+        let turn = self.turn.about_mean(&self.rotation);
+        self.deviations = self.raw;
+        for (deviation, leak) in self.deviations.iter_mut().zip(&self.leaks) {
+            *deviation = leak.expression_part(*deviation, &turn);
+        }
+        for (value, reading) in self.readings.iter_mut().zip(&self.units.readings) {
+            *value = reading.value(&self.deviations);
+        }
+        let before = self.readings;
+        for (value, reading) in self.readings.iter_mut().zip(&self.units.readings) {
+            *value += reading.correction(&before);
+        }
+    }
+
+    /// Learns the rest of each input.
+    fn learn_rests(&mut self, frame: &Observation<'_>, mouth_seen: bool) {
+        let landmarks = frame.landmarks;
+        let certain = |row: &Unit| {
+            measures::confidence(row.measure, landmarks) >= LEAST_CONFIDENCE
+                && (mouth_seen || !covered::moves_mouth(row.measure))
+        };
+        let confidence =
+            |feature: &Feature| measures::mean_confidence(feature.landmarks(), landmarks);
+        let lengths = features::ALL
+            .iter()
+            .map(|feature| confidence(feature) >= LEAST_CONFIDENCE);
+        let measures = self.units.rows.iter().map(certain);
+        let seen = (measures.chain(lengths)).chain([self.eyes_open; FEATURES - LENGTHS]);
+        for ((learner, &value), seen) in self.inputs.iter_mut().zip(&self.values).zip(seen) {
+            if seen && value.is_finite() {
+                learner.observe(value, frame.omega, frame.dt);
+            } else {
+                learner.interrupt();
+            }
+        }
+    }
+
+    /// Learns the head's effect on the inputs, and the range of each reading.
+    fn learn_ranges(&mut self, frame: &Observation<'_>) {
+        self.turn.observe(&self.rotation, frame.dt);
+        if frame.present_s <= RESTS_KNOWN_S {
+            return;
+        }
+        let turn = self.turn.about_mean(&self.rotation);
+        for (leak, &raw) in self.leaks.iter_mut().zip(&self.raw) {
+            if raw.is_finite() {
+                leak.observe(raw, &turn, frame.dt, self.settings.half_life_s);
+            }
+        }
+        let learners = self.learners.iter_mut().zip(&mut self.drift);
+        for ((learner, drift), &reading) in learners.zip(&self.readings) {
+            learner.observe(reading, frame.omega, frame.dt);
+            let range = learner.range();
+            if let Some(drift) = drift {
+                drift.observe((reading - range.rest) / (range.high - range.rest), frame.dt);
+            }
+        }
+    }
+
+    /// Whether the rests are those of another person.
+    fn is_another_person(&mut self, frame: &Observation<'_>) -> bool {
+        let rest = |m: usize| {
+            let learner = &self.inputs[m];
+            (learner.rest_seconds() > KNOWN_REST_S).then(|| learner.range().rest)
+        };
+        let sd = |m: usize| self.units.rows[m].prior.rest_sd;
+        let values = core::array::from_fn(|m| self.values[m]);
+        (self.newcomer).observe(&values, frame.omega, frame.dt, rest, sd)
+    }
+
+    /// Weight and readiness of a reading.
+    fn weigh_reading(&mut self, reading: usize, dt: f64) -> (f64, f64) {
+        let (range, sigma) = self.reading_range(reading);
+        let filter = &mut self.filters[reading];
+        let value = filter.filter(
+            self.readings[reading],
+            sigma,
+            self.settings.smoothing_hz,
+            dt,
+        );
+        let Some(learner) = self.learners.get(reading) else {
+            let gaze = &self.inputs[LEARNT_MEASURES + LENGTHS..];
+            let ready = gaze.iter().map(RobustLearner::rest_readiness);
+            return (value, ready.fold(1.0, f64::min));
+        };
+        let drift = self.drift[reading].map_or(0.0, |drift| drift.dead_share());
+        let drift = drift * (range.high - range.rest);
+        let dead_zone = (self.settings.dead_zone * sigma).max(drift);
+        (
+            range.weight(value, Kind::Rising, dead_zone),
+            learner.readiness()[0],
+        )
+    }
+
+    /// Range of a reading, and the deviation of its noise.
+    fn reading_range(&self, reading: usize) -> UsedRange {
+        let learner = self.learners.get(reading);
+        learner.map_or((ABSOLUTE, GLANCE_NOISE), |learner| {
+            (learner.range(), learner.sigma())
+        })
+    }
+
+    /// Weight and readiness of the rising and of the falling unit of a measure.
+    fn weigh_sides(&mut self, m: usize, dt: f64) -> [(f64, f64); 2] {
+        let kind = self.units.rows[m].prior.kind;
+        let learner = &self.inputs[m];
+        let sigma = learner.sigma();
+        let filter = &mut self.measure_filters[m];
+        let value = filter.filter(self.values[m], sigma, self.settings.smoothing_hz, dt);
+        let dead_zone = self.settings.dead_zone * sigma;
+        let signed = learner.range().weight(value, kind, dead_zone);
+        let readiness = learner.readiness();
+        let mut sides = [(signed, readiness[0]), (-signed, readiness[1])];
+        for (side, reading) in sides.iter_mut().zip(self.side_readings[m]) {
+            if let Some(reading) = reading {
+                *side = self.weigh_reading(reading, dt);
+            }
+        }
+        // Of the two the larger one; the other would be its own cross-talk.
+        let weaker = usize::from(sides[0].0 > sides[1].0);
+        if kind == Kind::TwoWay && !self.features().is_empty() {
+            sides[weaker].0 = 0.0;
+        }
+        sides
+    }
+
+    /// Frames were missing, or rest is still being placed.
+    fn interrupt_readings(&mut self) {
+        let features = self.inputs[LEARNT_MEASURES..].iter_mut();
+        features
+            .chain(&mut self.learners)
+            .for_each(RobustLearner::interrupt);
+        let filters = self.filters.iter_mut().chain(&mut self.measure_filters);
+        filters.for_each(MeasureFilter::reset);
+    }
+
+    /// Starts the readings from saved measures alone: large movements of a measure imply high readings of its units.
+    fn restore_from_measures(&mut self, ranges: &[Range; LEARNT_MEASURES]) {
+        let units = Arc::clone(&self.units);
+        for (row, range) in units.rows.iter().zip(ranges) {
+            let sides = [
+                (&row.rises, range.high - range.rest, row.prior.up),
+                (&row.falls, range.rest - range.low, row.prior.down),
+            ];
+            for (unit, own, usual) in sides {
+                if let Some(unit) = unit.as_ref().filter(|_| usual > 0.0) {
+                    let range = Range {
+                        high: own / usual,
+                        ..Range::default()
+                    };
+                    self.restore_reading(unit, range);
+                }
+            }
+        }
+    }
+
+    fn restore_reading(&mut self, unit: &UnitName, range: Range) {
+        let reading = self.units.reading(Some(unit));
+        if let Some(learner) = reading.and_then(|reading| self.learners.get_mut(reading)) {
+            learner.restore(range);
+        }
+    }
+}
+
+impl Estimator for RobustEstimator {
+    fn observe(&mut self, frame: &Observation<'_>) -> bool {
+        self.measure(frame);
+        self.read(frame);
+        let infers = self.settings.infer_covered;
+        let mouth_seen = !infers
+            || self
+                .mouth
+                .update_visibility(frame.landmarks, frame.dt as f32);
+        if !frame.learns {
+            return false;
+        }
+        self.learn_rests(frame, mouth_seen);
+        self.learn_ranges(frame);
+        self.is_another_person(frame)
+    }
+
+    fn weigh(&mut self, dt: f64, fade: f64, weights: &mut Weights) {
+        if fade == 0.0 {
+            // Rest is still being placed; the filters must not carry that into what is shown.
+            self.interrupt_readings();
+        }
+        let mut column = 0;
+        for m in 0..LEARNT_MEASURES {
+            let acts = self.units.rows[m].prior.kind.sides();
+            let sides = self.weigh_sides(m, dt);
+            for (side, _) in sides.into_iter().zip(acts).filter(|(_, acts)| *acts) {
+                weights.set(column, side, fade);
+                column += 1;
+            }
+        }
+        for k in 0..self.derived_units.len() {
+            let side = self.weigh_reading(self.derived_units[k], dt);
+            weights.set(column + k, side, fade);
+        }
+        let rests = self.inputs[..LEARNT_MEASURES].iter();
+        weights.warming = is_warming(rests.map(RobustLearner::rest_readiness));
+        if self.settings.infer_covered {
+            let columns = &mut weights.units[..weights.columns];
+            self.mouth.infer_weights(columns, &self.is_mouth, dt as f32);
+        }
+    }
+
+    fn ranges(&self) -> [Range; LEARNT_MEASURES] {
+        core::array::from_fn(|m| self.inputs[m].range())
+    }
+
+    fn unit_ranges(&self) -> heapless::Vec<UsedRange, UNITS> {
+        let rows = self.units.rows.iter().zip(&self.side_readings).enumerate();
+        let columns = rows.flat_map(|(m, (row, readings))| {
+            let sides = row.prior.kind.sides().into_iter().zip(readings);
+            sides.filter(|(acts, _)| *acts).map(move |(_, reading)| {
+                let of_measure = || (self.inputs[m].range(), self.inputs[m].sigma());
+                reading.map_or_else(of_measure, |reading| self.reading_range(reading))
+            })
+        });
+        let derived = self.derived_units.iter();
+        let derived = derived.map(|&reading| self.reading_range(reading));
+        columns.chain(derived).collect()
+    }
+
+    fn deviations(&self) -> Option<&[f64; INPUTS]> {
+        (!self.features().is_empty()).then_some(&self.raw)
+    }
+
+    fn take_neutral(&mut self) {
+        for (learner, &value) in self.inputs.iter_mut().zip(&self.values) {
+            learner.set_rest(value);
+        }
+        for learner in &mut self.learners {
+            learner.set_rest(0.0);
+        }
+    }
+
+    fn interrupt(&mut self, long: bool) {
+        let (measures, _) = self.inputs.split_at_mut(LEARNT_MEASURES);
+        measures.iter_mut().for_each(RobustLearner::interrupt);
+        self.interrupt_readings();
+        if long {
+            self.newcomer.after_loss();
+        }
+        self.mouth.interrupt();
+    }
+
+    fn reset(&mut self) {
+        self.inputs.iter_mut().for_each(RobustLearner::reset);
+        self.learners.iter_mut().for_each(RobustLearner::reset);
+        for drift in self.drift.iter_mut().flatten() {
+            *drift = SlowNoise::default();
+        }
+        self.turn = Turn::default();
+        self.leaks.fill(HeadMotionLeak::default());
+        let filters = self.filters.iter_mut().chain(&mut self.measure_filters);
+        filters.for_each(MeasureFilter::reset);
+        self.newcomer = Newcomer::default();
+        self.mouth = CoveredMouth::default();
+    }
+
+    fn save(&self, learned: &mut Learned) {
+        learned.ranges = self.ranges();
+        learned.features = self.features().iter().map(RobustLearner::range).collect();
+        let readings = self.units.readings.iter().zip(&self.learners);
+        learned.readings = readings
+            .map(|(reading, learner)| (reading.unit.clone(), learner.range()))
+            .collect();
+    }
+
+    fn restore(&mut self, learned: &Learned) {
+        let ranges = learned.ranges.iter().chain(&learned.features);
+        for (learner, range) in self.inputs.iter_mut().zip(ranges) {
+            learner.restore(*range);
+        }
+        for (unit, range) in &learned.readings {
+            self.restore_reading(unit, *range);
+        }
+        if learned.readings.is_empty() {
+            self.restore_from_measures(&learned.ranges);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eyes_that_rest_to_the_left_look_further_there_than_they_seem_to() {
+        for (seems, rest, gaze) in [
+            (0.5, 0.0, 0.5),
+            (0.5, 0.25, 0.6),
+            (-0.5, 0.25, -0.4),
+            (0.5, -0.25, 0.4),
+            (0.5, 2.0, 0.75),
+            (-0.5, 2.0, -0.25),
+        ] {
+            assert!(
+                (corrected_gaze(seems, rest) - gaze).abs() < 1e-12,
+                "{seems} {rest}"
+            );
+        }
+    }
+}
