@@ -6,8 +6,8 @@ use serialport::SerialPortType;
 
 use crate::log::one_line;
 use mien_outputs::serial::{STABLE_NAMES, stable_name};
-use mien_sensors::SENSORS;
-use mien_sensors::table::{Found, Missing};
+use mien_sensors::sensor::{Found, Missing};
+use mien_sensors::table::SENSORS;
 
 /// Where Linux lists its terminals.
 const TERMINALS: &str = "/sys/class/tty";

@@ -11,7 +11,7 @@ use crate::service;
 use crate::settings::Settings;
 use crate::source;
 use mien_outputs::table;
-use mien_sensors::table::Missing;
+use mien_sensors::sensor::Missing;
 use mien_stages::base::bounded_read::reason;
 
 /// Kernel limit on the memory of USB transfers, in MB.

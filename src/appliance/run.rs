@@ -22,7 +22,7 @@ use mien_outputs::gesture::Gestures;
 use mien_outputs::table;
 use mien_outputs::{Command, Output, OutputError, Report};
 use mien_sensors::Frame;
-use mien_sensors::Sensor;
+use mien_sensors::sensor::Sensor;
 use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::FaceModel;
 use mien_stages::users::saved::People;

@@ -3,12 +3,13 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use mien_sensors::RecordingError;
 pub use mien_sensors::kinect::driver::Settings as SensorSettings;
 pub use mien_sensors::kinect::geometry::nominal;
 use mien_sensors::kinect::recording::Recording;
 use mien_sensors::rgbd::Rgbd;
-use mien_sensors::table::SensorKind;
-use mien_sensors::{RecordingError, SENSORS, Sensor, SensorError};
+use mien_sensors::sensor::{Sensor, SensorError, SensorKind};
+use mien_sensors::table::SENSORS;
 use mien_simulator::simulated::{Simulated, UnknownScene};
 use mien_stages::base::nearest_word::hint;
 use mien_stages::base::time::Timestamp;

@@ -45,8 +45,6 @@ pub use mien_stages::users::TrackingState;
 pub use report::finite;
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
-#[cfg(feature = "std")]
-pub use table::{SECTIONS, Settings};
 pub use view::all_units;
 pub(crate) use view::is_unit;
 pub use view::{LossPolicy, UnitView, View, is_name};

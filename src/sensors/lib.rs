@@ -15,11 +15,11 @@ mod picture_file;
 #[cfg(feature = "std")]
 pub mod rgbd;
 #[cfg(feature = "std")]
+pub mod sensor;
+#[cfg(feature = "std")]
 pub mod table;
 
 pub use mien_stages::camera;
 pub use mien_stages::frame::{Frame, NO_DEPTH};
 #[cfg(feature = "std")]
 pub use picture_file::RecordingError;
-#[cfg(feature = "std")]
-pub use table::{SENSORS, Sensor, SensorError, SensorState};

@@ -20,8 +20,9 @@ use std::path::{Path, PathBuf};
 
 use super::camera::{Camera, ColourProjection, Pinhole, RANGE_M};
 use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
-use super::{Frame, NO_DEPTH, Sensor, SensorError, SensorState};
+use super::{Frame, NO_DEPTH};
 use crate::kinect::frame::FrameSink;
+use crate::sensor::{Sensor, SensorError, SensorState};
 use calibration::{Calibration, Intrinsics};
 use mien_stages::base::bounded_read::{self, reason};
 use mien_stages::base::capacity::{HEIGHT, WIDTH};

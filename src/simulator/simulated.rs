@@ -11,7 +11,7 @@ use mien_sensors::kinect::frame::{FrameSink, KinectFrame};
 use mien_sensors::kinect::pairing::RawPair;
 use mien_sensors::kinect::picture_clock::{FRAME_TICKS, PictureClock, timestamp_from_ticks};
 use mien_sensors::kinect::registration::Registration;
-use mien_sensors::{Sensor, SensorError, SensorState};
+use mien_sensors::sensor::{Sensor, SensorError, SensorState};
 use mien_stages::base::nearest_word::hint;
 use mien_stages::camera::Camera;
 

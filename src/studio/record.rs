@@ -4,9 +4,9 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use mien_sensors::Sensor;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::recording::Recorder;
+use mien_sensors::sensor::Sensor;
 use mien_workbench::fault::Fault;
 use mien_workbench::progress::Progress;
 

@@ -5,7 +5,7 @@
 use super::stage::{Now, Stage};
 use mien_outputs::Report;
 use mien_stages::base::capacity::UNITS;
-use mien_stages::base::frames::{SensorFromFace, SensorFromHead};
+use mien_stages::base::frames::SensorFromFace;
 use mien_stages::base::geometry::{Point, Vector};
 use mien_stages::base::time::Timestamp;
 use mien_stages::camera::Camera;
@@ -170,9 +170,9 @@ impl Follower {
         let Some(landmarks) = self.fit(now, pose) else {
             return self.follow_without_face(now, cloud, pose);
         };
-        let turn = self.landmarks.rotation_in_head();
-        let sensor_from_head = self.correct_pose(cloud, pose, landmarks.confidence);
-        let sensor_from_face = sensor_from_head * turn;
+        let is_confident = landmarks.confidence >= FUSED_CONFIDENCE;
+        let is_new = self.person.frames < CORRECTED_FRAMES;
+        let sensor_from_face = self.pose.register_face(cloud, pose, is_confident, is_new);
         self.expression
             .observe(&landmarks, &sensor_from_face, now.frame.at);
         self.ranges = self.expression.unit_ranges();
@@ -194,33 +194,11 @@ impl Follower {
             &frame.depth,
             now.camera,
             pose,
+            &mut self.pose.face,
             frame.at,
         );
         (now.after)(Stage::Landmarks);
         fitted.cloned()
-    }
-
-    /// The pose learns that its face was seen; the head's pose by depth and picture.
-    fn correct_pose(
-        &mut self,
-        cloud: &HeadCloud,
-        pose: &HeadPose,
-        confidence: f32,
-    ) -> SensorFromHead {
-        let sure = confidence >= FUSED_CONFIDENCE;
-        let image_residual = self.landmarks.image_residual().filter(|_| sure);
-        let image_pose =
-            image_residual.map(|image_residual| pose.sensor_from_head * image_residual);
-        // The face knows better than hair where the head is.
-        let head_from_face = (self.person.frames < CORRECTED_FRAMES)
-            .then(|| self.landmarks.take_correction())
-            .flatten();
-        let corrected = self.pose.update(Evidence::Face {
-            cloud,
-            image_pose,
-            head_from_face,
-        });
-        corrected.unwrap_or(pose.sensor_from_head)
     }
 
     /// A pose without a face, which may be one all the same: in the dark, turned away, or behind a hand.
@@ -245,7 +223,7 @@ impl Follower {
             }
             return is_one;
         }
-        let sensor_from_face = pose.sensor_from_head * self.landmarks.rotation_in_head();
+        let sensor_from_face = self.pose.sensor_from_face(&pose.sensor_from_head);
         if let Some(landmarks) = self.turned_away(&sensor_from_face, now.camera, now.frame.at) {
             self.show(now, landmarks, sensor_from_face, cloud);
             return true;
@@ -323,7 +301,7 @@ impl Follower {
     /// A frame without colour: the pose is accepted, and a face that was just seen moves with it.
     fn follow_by_depth(&mut self, now: &Now<'_>, cloud: &HeadCloud, pose: &HeadPose) {
         let at = now.frame.at;
-        let sensor_from_face = pose.sensor_from_head * self.landmarks.rotation_in_head();
+        let sensor_from_face = self.pose.sensor_from_face(&pose.sensor_from_head);
         self.pose.update(Evidence::Head(cloud));
         self.find(sensor_from_face, cloud, at);
         self.faceless = 0;
@@ -453,6 +431,7 @@ mod tests {
     use crate::pipeline::Settings;
     use mien_sensors::Frame;
     use mien_simulator::simulated::Simulated;
+    use mien_stages::base::frames::SensorFromHead;
     use mien_stages::base::geometry::Rigid;
     use mien_stages::base::geometry::Rotation;
     use mien_stages::expression::Units;

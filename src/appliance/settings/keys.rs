@@ -29,7 +29,7 @@ pub(super) struct Section {
 #[derive(Clone, Copy)]
 enum Source {
     All(fn(&mut Settings) -> Vec<Key<'_>>),
-    Outputs(fn(&mut mien_outputs::Settings) -> Vec<Key<'_>>),
+    Outputs(fn(&mut mien_outputs::table::Settings) -> Vec<Key<'_>>),
 }
 
 impl Section {
@@ -50,7 +50,7 @@ impl Section {
 
 /// Every section, in the order printed.
 pub(super) fn sections() -> impl Iterator<Item = Section> {
-    let outputs = mien_outputs::SECTIONS.iter().map(|section| Section {
+    let outputs = mien_outputs::table::SECTIONS.iter().map(|section| Section {
         name: section.name,
         about: section.about,
         source: Source::Outputs(section.keys),

@@ -19,7 +19,7 @@ defaults! {
         /// The stages.
         pub stages: pipeline::Settings = pipeline::Settings::default(),
         /// The outputs.
-        pub outputs: mien_outputs::Settings = mien_outputs::Settings::default(),
+        pub outputs: mien_outputs::table::Settings = mien_outputs::table::Settings::default(),
         /// State kept across restarts.
         pub state: StateSettings = StateSettings::default(),
         /// Path of the status file; empty = none.

@@ -9,7 +9,7 @@ use super::live::LiveKinect;
 use super::recording::Recording;
 use super::registration::Registration;
 use super::usb_devices::{self, Listed};
-use crate::table::{Found, Missing, Sensor, SensorError, SensorKind, SensorState};
+use crate::sensor::{Found, Missing, Sensor, SensorError, SensorKind, SensorState};
 use mien_stages::base::prelude::*;
 use mien_stages::camera::Camera;
 

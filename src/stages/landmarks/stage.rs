@@ -4,13 +4,13 @@ use super::fit::{LandmarkFitter, Scratch, Settings};
 use super::paper_aam::PaperAamFitter;
 use super::points::Landmarks;
 use crate::base::capacity::PIXELS;
-use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromHead};
+use crate::base::frames::SensorFromHead;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::camera::Camera;
 use crate::face_model::FaceModel;
-use crate::pose::HeadPose;
+use crate::pose::{FaceInHead, HeadPose};
 
 /// Landmark method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,10 +79,11 @@ impl LandmarkStage {
         depth: &[u16; PIXELS],
         camera: &Camera,
         pose: &HeadPose,
+        face: &mut FaceInHead,
         at: Timestamp,
     ) -> Option<&Landmarks> {
         match self {
-            Self::Cascade(fitter) => fitter.fit(scratch, luma, depth, camera, pose, at),
+            Self::Cascade(fitter) => fitter.fit(scratch, luma, depth, camera, pose, face, at),
             Self::Paper(fitter) => fitter.fit(luma, depth, camera, pose),
         }
     }
@@ -95,17 +96,6 @@ impl LandmarkStage {
         }
     }
 
-    /// See [`LandmarkFitter::rotation_in_head`]; the identity with the paper's method.
-    pub fn rotation_in_head(&self) -> HeadFromFace {
-        self.cascade()
-            .map_or_else(HeadFromFace::identity, LandmarkFitter::rotation_in_head)
-    }
-
-    /// See [`LandmarkFitter::image_residual`]; `None` with the paper's method.
-    pub fn image_residual(&self) -> Option<Motion<Head, Head>> {
-        Some(self.cascade()?.image_residual())
-    }
-
     /// See [`LandmarkFitter::search_face`]; `None` with the paper's method.
     pub fn search_face(
         &self,
@@ -115,14 +105,6 @@ impl LandmarkStage {
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
         self.cascade()?.search_face(scratch, luma, camera, guess)
-    }
-
-    /// See [`LandmarkFitter::take_correction`]; `None` with the paper's method.
-    pub fn take_correction(&mut self) -> Option<HeadFromFace> {
-        match self {
-            Self::Cascade(fitter) => fitter.take_correction(),
-            Self::Paper(_) => None,
-        }
     }
 
     /// Forgets the person.

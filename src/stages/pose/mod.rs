@@ -10,6 +10,7 @@
 //! the back of a head resembles a face; the landmarks have to distinguish them.
 
 pub mod anchor;
+mod face_in_head;
 pub mod guess;
 pub mod icp;
 mod paper_tracker;
@@ -26,12 +27,13 @@ mod trail;
 
 use alloc::sync::Arc;
 
-use crate::base::frames::{HeadFromFace, SensorFromHead};
+use crate::base::frames::{HeadFromFace, SensorFromFace, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;
 use anchor::{Anchor, Surface};
+pub use face_in_head::FaceInHead;
 use paper_tracker::PaperTracker;
 use plane_tracker::PlaneTracker;
 pub use settings::{HeadPose, Method, Settings, WINDOW_FRAMES};
@@ -52,17 +54,8 @@ const SEARCH_HALVES: u32 = 2;
 /// Loss after which the learned shape is dropped, seconds: it may be another person.
 const FORGET_S: f64 = 2.0;
 
-/// Result of the landmark stage at a pose, fed back to the pose stage.
+/// Result of the landmark stage at a pose, if it is no face.
 pub enum Evidence<'a> {
-    /// A face was found.
-    Face {
-        /// The cloud of the pose, sensor frame.
-        cloud: &'a HeadCloud,
-        /// Head pose implied by the image, if the face is confident enough.
-        image_pose: Option<SensorFromHead>,
-        /// Pose of the face within the head if that is so far off that the head pose must be wrong: corrects it.
-        head_from_face: Option<HeadFromFace>,
-    },
     /// No face, but certainly a head: in the dark, or behind a hand.
     Head(&'a HeadCloud),
     /// No face, and depth alone does not prove a head: the pose is discarded.
@@ -80,6 +73,8 @@ pub struct PoseTracker {
     surface: Option<Arc<Surface>>,
     tracker: Box<dyn Tracker>,
     trail: Trail,
+    /// Pose of the face within the head; landmark fits start from it and update it.
+    pub face: FaceInHead,
     /// Whether the next start is from the image.
     has_hint: bool,
 }
@@ -110,6 +105,7 @@ impl PoseTracker {
             anchor,
             surface,
             tracker,
+            face: FaceInHead::default(),
             has_hint: false,
         }
     }
@@ -146,6 +142,11 @@ impl PoseTracker {
 
     /// Forgets pose and user; the next cloud belongs to a new person.
     pub fn reset(&mut self) {
+        self.restart();
+        self.face.reset();
+    }
+
+    fn restart(&mut self) {
         self.trail.restart(None);
         self.tracker.forget();
         self.has_hint = false;
@@ -189,7 +190,7 @@ impl PoseTracker {
         if let Some((_, before)) = self.trail.last {
             let gap = at.seconds_since(before);
             if !(0.0..FORGET_S).contains(&gap) {
-                self.reset();
+                self.restart();
             } else if gap > COAST_S {
                 self.break_continuity();
             }
@@ -214,22 +215,41 @@ impl PoseTracker {
         pose
     }
 
-    /// Applies the landmark stage's result at the last pose. Returns the pose fused from depth and image, if it differs from depth's.
-    pub fn update(&mut self, evidence: Evidence<'_>) -> Option<SensorFromHead> {
+    /// Pose of the face at a head pose.
+    pub fn sensor_from_face(&self, sensor_from_head: &SensorFromHead) -> SensorFromFace {
+        *sensor_from_head * self.face.rotation()
+    }
+
+    /// Registers the face that was just fitted at `pose`, the last one found: fuses depth with the image if the fit `is_confident`, and
+    /// corrects the track if the face is misplaced in the head of a person who `is_new`. `cloud`: of the pose, sensor frame. Returns the
+    /// pose of the face.
+    pub fn register_face(
+        &mut self,
+        cloud: &HeadCloud,
+        pose: &HeadPose,
+        is_confident: bool,
+        is_new: bool,
+    ) -> SensorFromFace {
+        let head_from_face = self.face.rotation();
+        let residual = self.face.image_residual().filter(|_| is_confident);
+        let fused =
+            residual.and_then(|residual| self.trail.fuse(&(pose.sensor_from_head * residual)));
+        self.tracker.learn(cloud);
+        // The face knows better than hair where the head is.
+        if let Some(misalignment) = is_new.then(|| self.face.take_misalignment()).flatten() {
+            self.correct(&misalignment);
+        }
+        fused.unwrap_or(pose.sensor_from_head) * head_from_face
+    }
+
+    fn correct(&mut self, head_from_face: &HeadFromFace) {
+        self.tracker.break_continuity();
+        self.trail.correct(head_from_face);
+    }
+
+    /// Applies the landmark stage's result at the last pose.
+    pub fn update(&mut self, evidence: Evidence<'_>) {
         match evidence {
-            Evidence::Face {
-                cloud,
-                image_pose,
-                head_from_face,
-            } => {
-                let fused = image_pose.and_then(|pose| self.trail.fuse(&pose));
-                self.tracker.learn(cloud);
-                if let Some(head_from_face) = head_from_face {
-                    self.tracker.break_continuity();
-                    self.trail.correct(&head_from_face);
-                }
-                return fused;
-            }
             Evidence::Head(cloud) => self.tracker.learn(cloud),
             Evidence::Nothing => self.trail.revert(),
             Evidence::NoFace => {
@@ -242,6 +262,5 @@ impl PoseTracker {
                 self.has_hint = true;
             }
         }
-        None
     }
 }

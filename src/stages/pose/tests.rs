@@ -136,11 +136,8 @@ fn a_correction_is_followed_at_once() {
                 .expect("a head");
         }
         if corrected {
-            tracker.update(Evidence::Face {
-                cloud: &HeadCloud::default(),
-                image_pose: None,
-                head_from_face: Some(HeadFromFace::from_parts(Vector::zeros(), turn)),
-            });
+            tracker.tracker.learn(&HeadCloud::default());
+            tracker.correct(&HeadFromFace::from_parts(Vector::zeros(), turn));
         }
         let pose = tracker.track(&cloud(&after, 0.0, 1), at(30));
         let found = pose.expect("a head").sensor_from_head.rotation;

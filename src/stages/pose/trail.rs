@@ -2,7 +2,7 @@
 //! of depth and image.
 //!
 //! Under a fringe or beside long hair the depth pose drifts slowly and confidently, while the 68 points stay on the face. The
-//! face has a fixed pose within its head ([`crate::landmarks::LandmarkFitter::image_residual`]), so each frame's points imply a
+//! face has a fixed pose within its head ([`super::FaceInHead`]), so each frame's points imply a
 //! head pose. The two are weighted by their certainty: depth by the normal matrix of its alignment, the image by standard
 //! deviations about and across the line of sight. Small differences are ignored, because depth is accurate to a fraction of a
 //! degree on a bare head; pitch has more tolerance, because light and a moving mouth affect the image's estimate of it.

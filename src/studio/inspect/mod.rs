@@ -174,7 +174,7 @@ mod tests {
         let mut simulated = source::simulated(Some("two")).unwrap();
         record(&mut *simulated, &recording, 0.5, 0.0, &false.into()).unwrap();
         let model = FaceModel::shipped();
-        let of_model: &Path = "config/face.model".as_ref();
+        let of_model = &*crate::data::root().join("config/face.model");
         for (name, path) in [
             ("run", &*run),
             ("model", of_model),

@@ -14,9 +14,9 @@ use crate::inspect::{DepthColours, colour_picture};
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::source::{self, Pacer};
 use mien_outputs::{Command, Report};
-use mien_sensors::Sensor;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::geometry;
+use mien_sensors::sensor::Sensor;
 use mien_workbench::picture_files::jpeg;
 
 /// Interval of sending ranges, seconds of the stream.

@@ -96,7 +96,15 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
             continue;
         };
         let (luma, depth) = (&frame.luma, &frame.depth);
-        let fit = fitter.fit(&mut scratch, luma, depth, &camera, &head, at);
+        let fit = fitter.fit(
+            &mut scratch,
+            luma,
+            depth,
+            &camera,
+            &head,
+            &mut pose.face,
+            at,
+        );
         let teaches = fit.is_some() && index >= SETTLE_FRAMES;
         if let Some(truth) = truth.filter(|_| teaches) {
             let inputs = fitter.refinement_inputs();

@@ -36,7 +36,7 @@ fn a_small_training_gives_the_golden_figures() {
         seed: 1,
         tracks: None,
         offsets: Some(folder.path().join("offsets.csv")),
-        paper_of: Some("config/face.model".into()),
+        paper_of: Some(crate::data::root().join("config/face.model")),
         paper_into: None,
         person: None,
         hold_out_dev: true,

@@ -16,7 +16,7 @@ use mien_stages::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
 use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::scheme;
 use mien_stages::landmarks::{LandmarkFitter, Landmarks, Scratch, Settings as FitSettings};
-use mien_stages::pose::{HeadPose, PoseTracker};
+use mien_stages::pose::{FaceInHead, HeadPose, PoseTracker};
 use mien_stages::segment::Segmenter;
 use mien_workbench::fault::Fault;
 use mien_workbench::progress::Progress;
@@ -53,17 +53,30 @@ struct Player<'a> {
     seen: Seen,
 }
 
+/// A landmark fitter with its calibration of the face in the head.
+struct Fitter {
+    landmarks: LandmarkFitter,
+    face: FaceInHead,
+}
+
+impl Fitter {
+    fn reset(&mut self) {
+        self.landmarks.reset();
+        self.face.reset();
+    }
+}
+
 /// Fitters of a session, one for each disturbance of the image.
 struct Play {
     index: usize,
-    tracked: LandmarkFitter,
-    dim: LandmarkFitter,
-    covered: LandmarkFitter,
-    lamp: LandmarkFitter,
+    tracked: Fitter,
+    dim: Fitter,
+    covered: Fitter,
+    lamp: Fitter,
     /// Restarts in every frame.
-    once: LandmarkFitter,
+    once: Fitter,
     /// Has the appliance's confidence threshold.
-    sceptic: LandmarkFitter,
+    sceptic: Fitter,
     /// Frames since the face reappeared, until it is found.
     waited: Option<u32>,
     changed: Box<[u8; PIXELS]>,
@@ -109,12 +122,15 @@ impl<'a> Player<'a> {
     }
 
     /// A fitter with this least confidence.
-    fn fitter(&self, min_confidence: f32) -> LandmarkFitter {
+    fn fitter(&self, min_confidence: f32) -> Fitter {
         let settings = FitSettings {
             min_confidence,
             ..self.trial.settings.stages.landmarks.cascade
         };
-        LandmarkFitter::new(settings, self.trial.model)
+        Fitter {
+            landmarks: LandmarkFitter::new(settings, self.trial.model),
+            face: FaceInHead::default(),
+        }
     }
 
     fn find(&mut self, at: Timestamp) -> Option<HeadPose> {
@@ -124,7 +140,7 @@ impl<'a> Player<'a> {
     }
 
     /// Fits the points in the undisturbed image.
-    fn fit<'f>(&self, by: &'f mut LandmarkFitter, now: &Moment) -> Option<&'f Landmarks> {
+    fn fit<'f>(&self, by: &'f mut Fitter, now: &Moment) -> Option<&'f Landmarks> {
         self.fit_in(&self.frame.luma, by, now)
     }
 
@@ -132,12 +148,13 @@ impl<'a> Player<'a> {
     fn fit_in<'f>(
         &self,
         luma: &[u8; PIXELS],
-        by: &'f mut LandmarkFitter,
+        by: &'f mut Fitter,
         now: &Moment,
     ) -> Option<&'f Landmarks> {
         let (depth, scratch) = (&self.frame.depth, &mut Scratch::default());
         let camera = self.simulator.camera();
-        by.fit(scratch, luma, depth, camera, &now.pose, now.at)
+        let Fitter { landmarks, face } = by;
+        landmarks.fit(scratch, luma, depth, camera, &now.pose, face, now.at)
     }
 
     /// Records a fit and its error under a condition; returns the error, NaN without a fit.

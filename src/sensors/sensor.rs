@@ -1,0 +1,99 @@
+//! What every sensor does ([`Sensor`]), and what is known of the devices of a kind ([`SensorKind`]).
+
+use core::error::Error;
+use std::time::Instant;
+
+use crate::kinect::driver::Settings;
+use crate::kinect::frame::FrameSink;
+use crate::kinect::registration::Registration;
+use mien_stages::base::defaults;
+use mien_stages::base::prelude::*;
+use mien_stages::camera::Camera;
+
+/// Why a sensor gives no frame: what was expected, what was found, what to do.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct SensorError(Box<dyn Error + Send + Sync>);
+
+impl SensorError {
+    /// The sensor's own reason.
+    pub fn new(reason: impl Error + Send + Sync + 'static) -> Self {
+        Self(Box::new(reason))
+    }
+}
+
+defaults! {
+    /// What is known of a sensor besides its frames.
+    #[derive(Clone, Copy, Debug)]
+    pub struct SensorState {
+        /// Whether it gives frames in its own time.
+        pub is_live: bool = false,
+        /// When the last frame was complete in this machine's memory; `None` for simulated or recorded frames.
+        pub arrived: Option<Instant> = None,
+        /// Frames of a recording, skipped ones included; 0 if it is none.
+        pub frames: usize = 0,
+        /// Frames skipped so far because they were damaged.
+        pub skipped: u64 = 0,
+        /// Pixels of the files to one of the frames, along each side: of depth, and of images.
+        pub reduced: [usize; 2] = [1; 2],
+    }
+}
+
+/// A source of frames: a device, a recording or a simulation.
+pub trait Sensor: Send {
+    /// Fills `into` with the next frame; `false` if there are no more. Damaged frames are skipped and counted.
+    ///
+    /// # Errors
+    /// If a device delivers nothing for half a second, and why: retry.
+    fn next_frame(&mut self, into: &mut dyn FrameSink) -> Result<bool, SensorError>;
+
+    /// Geometry of the sensor behind the last frame.
+    fn camera(&self) -> &Camera;
+
+    /// Counts and times so far.
+    fn state(&self) -> SensorState;
+
+    /// Calibration of the Kinect behind the frames, if it is one.
+    fn registration(&self) -> Option<&Registration> {
+        None
+    }
+
+    /// Continues a recording from the frame of this number.
+    fn seek(&mut self, _number: usize) {}
+
+    /// Shows on the device whether a face is tracked, if it can.
+    fn show_tracking(&self, _tracking: bool) {}
+}
+
+/// A device that is plugged in.
+pub struct Found {
+    /// One line about it.
+    pub line: String,
+    /// What follows the colon in its source's name.
+    pub serial: String,
+    /// What would keep it from being opened, and the remedy.
+    pub trouble: Option<String>,
+}
+
+/// Why no device is listed.
+pub struct Missing {
+    /// Whether nothing is wrong except that none is plugged in.
+    pub is_absent: bool,
+    /// The reason and the remedy.
+    pub text: String,
+}
+
+/// A kind of sensor that can be plugged in.
+pub struct SensorKind {
+    /// What the name of its source begins with: `kinect`, `kinect:SERIAL`.
+    pub name: &'static str,
+    /// Its name in messages.
+    pub title: &'static str,
+    /// Opens the device with this serial number, else the first free one. Returns within seconds, with the reason if it could not be
+    /// opened so far; the sensor then waits for it.
+    pub open: fn(Option<&str>, Settings) -> (Box<dyn Sensor>, Option<SensorError>),
+    /// Lists the devices.
+    pub list: fn() -> Result<Vec<Found>, Missing>,
+    /// The sentence that none of so many devices has this serial number.
+    pub other_serial: fn(&str, usize) -> String,
+}
