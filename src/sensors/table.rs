@@ -1,7 +1,7 @@
 //! The table of sensors that can be plugged in: a row each. Another sensor is its file beside this one and a row here.
 
-use crate::kinect;
+use crate::kinect::kind::KIND;
 use crate::sensor::SensorKind;
 
 /// Every kind, the preferred one first.
-pub const SENSORS: &[SensorKind] = &[kinect::KIND];
+pub const SENSORS: &[SensorKind] = &[KIND];

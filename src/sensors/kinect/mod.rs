@@ -10,7 +10,7 @@ pub mod driver;
 pub mod frame;
 pub mod geometry;
 #[cfg(feature = "std")]
-mod kind;
+pub(crate) mod kind;
 #[cfg(feature = "std")]
 pub mod live;
 pub mod motor;
@@ -26,6 +26,3 @@ pub mod unpack;
 pub mod usb;
 #[cfg(feature = "std")]
 pub mod usb_devices;
-
-#[cfg(feature = "std")]
-pub(crate) use kind::KIND;

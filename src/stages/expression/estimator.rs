@@ -12,6 +12,9 @@ use crate::landmarks::Landmarks;
 /// Median readiness of rest at which the ranges are the person's.
 const WARM: f64 = 0.5;
 
+/// Fade-in of the weights, seconds of presence.
+pub(super) const FADE_S: core::ops::Range<f64> = 0.3..0.6;
+
 /// A frame of one person.
 pub(super) struct Observation<'a> {
     pub(super) landmarks: &'a Landmarks,

@@ -62,7 +62,7 @@ use crate::base::frames::SensorFromFace;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
-use estimator::{Estimator, Observation};
+use estimator::{Estimator, FADE_S, Observation};
 use measures::EyeDistance;
 use paper_estimator::PaperEstimator;
 use robust_estimator::RobustEstimator;
@@ -74,9 +74,6 @@ const LONGEST_FRAME_S: f64 = 0.1;
 const USUAL_FRAME_S: f64 = 1.0 / 30.0;
 /// Loss after which the person may have changed, seconds.
 const LONG_LOSS_S: f64 = 2.0;
-
-/// Fade-in of the weights, seconds of presence.
-const FADE_S: core::ops::Range<f64> = 0.3..0.6;
 
 /// The expression stage of one person.
 #[derive(Clone, Debug)]

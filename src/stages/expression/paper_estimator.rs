@@ -2,8 +2,7 @@
 
 use alloc::sync::Arc;
 
-use super::FADE_S;
-use super::estimator::{Estimator, Observation, UsedRange, is_warming, without_cross_talk};
+use super::estimator::{Estimator, FADE_S, Observation, UsedRange, is_warming, without_cross_talk};
 use super::measures::{self, Measure};
 use super::paper::PaperLearner;
 use super::range::Range;

@@ -10,9 +10,8 @@ use alloc::sync::Arc;
 
 use nalgebra::Vector3;
 
-use super::FADE_S;
 use super::covered::{self, CoveredMouth};
-use super::estimator::{Estimator, Observation, UsedRange, is_warming, without_cross_talk};
+use super::estimator::{Estimator, FADE_S, Observation, UsedRange, is_warming, without_cross_talk};
 use super::features::{self, Feature};
 use super::head_motion_leak::{HeadMotionLeak, Turn};
 use super::measures::{self, Measure};
