@@ -1,4 +1,4 @@
-//! The appliance: sensor to weights.
+//! The program `mien`: sensor to weights.
 
 use std::process::ExitCode;
 
@@ -16,8 +16,8 @@ fn version() -> String {
         (" studio", cfg!(feature = "studio")),
         (" wires", cfg!(feature = "wires")),
     ];
-    let built = optional.iter().filter(|(_, is_built)| *is_built);
-    let features: String = built.map(|(name, _)| *name).collect();
+    let enabled = optional.iter().filter(|(_, is_built)| *is_built);
+    let features: String = enabled.map(|(name, _)| *name).collect();
     let (version, model) = (env!("CARGO_PKG_VERSION"), FaceModel::shipped().id);
     format!("mien {version} (features std{features}, model {model:08x})")
 }
@@ -32,14 +32,14 @@ fn main() -> ExitCode {
         }
     };
     let done = match command {
-        Command::Help(of) => service::print(&cli::help(of)),
+        Command::Help(topic) => service::print(&cli::help(topic)),
         Command::Version => service::print(&(version() + "\n")),
         Command::CheckConfig(file) => service::settings(file.as_deref()).map(drop),
         Command::PrintConfig(file) => service::settings(file.as_deref()).and_then(|settings| {
             service::print(&settings.to_toml())?;
             let without = table::not_built();
             if !without.is_empty() {
-                // Not among what is printed, which may become a file for another build.
+                // On standard error: the printed configuration may be used with another build.
                 mien_appliance::log::say(format_args!(
                     "mien: built without {}; build with --features wires, or install the package",
                     without.join(", ")

@@ -1,12 +1,11 @@
 //! `mien bench`: time per step of a frame, excluding the source's own cost: with one person and with four in front of the
 //! simulated sensor, or from a named source.
 //!
-//! Each frame is split into the packets a sensor on USB would have sent (not timed) and then runs through everything: packets to
-//! pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets are interleaved
-//! and read from freshly written memory, so that inputs are not unrealistically warm in the cache. Times are wall-clock:
-//! on a busy machine the median is more meaningful than the mean. A stage's time is that of the first thread: with people
-//! on a second core, `frame` alone is all of it. Memory is that of the whole process, including the
-//! simulated sensor if that is the source (about 15 MB).
+//! Each frame is split into the USB packets of a sensor (not timed) and then runs through all steps: packet assembly, unpacking
+//! of depth and colour, segmentation, pose, landmarks, expression. Depth and colour packets are interleaved and read from
+//! freshly written memory, so that the cache is realistically cold. Times are wall-clock: on a busy machine prefer the median
+//! to the mean. A stage's time is that of the first thread; with people on a second core, only `frame` covers both. Memory is
+//! that of the whole process, including the simulated sensor (about 15 MB).
 
 use std::io::{self, Write};
 use std::time::Instant;
@@ -20,66 +19,66 @@ use mien_outputs::Report;
 use mien_sensors::Frame;
 use mien_simulator::round_trip::PacketRoundTrip;
 
-/// Frames without `--frames`: ten seconds.
+/// Frames without `--frames`: ten seconds at 30 Hz.
 const FRAMES: u64 = 300;
-/// Warm-up frames, in which memory is allocated and caches fill.
+/// Frames before the measurement, which allocate memory and fill caches.
 const WARM_UP: u64 = 5;
 
-/// The steps timed, in order: `sensor` is the sum of those before it, `frame` the time from first to last.
+/// Names of the timed steps; `sensor` is the sum of those before it, `frame` the total.
 const STEPS: &str = "packets unpack luma sensor segment pose landmarks expression frame";
 const PACKETS: usize = 0;
 const UNPACK: usize = 1;
 const LUMA: usize = 2;
 const SENSOR: usize = 3;
-/// The first of the pipeline's stages, whose order is the same.
+/// Index of the first pipeline stage; the others follow in the order of [`crate::pipeline::Stage`].
 const STAGES: usize = 4;
 const FRAME: usize = 8;
 
-/// Times of every step in milliseconds, frame by frame.
+/// Times of every step, milliseconds.
 struct Times {
-    of: [Vec<f32>; FRAME + 1],
-    /// Times of the current frame; `None` if the step was not reached.
-    now: [Option<f32>; FRAME + 1],
-    /// People reported, over all frames.
-    seen: usize,
+    by_step: [Vec<f32>; FRAME + 1],
+    /// Times of the current frame, milliseconds; `None` if the step was not reached.
+    current: [Option<f32>; FRAME + 1],
+    /// Number of people reported, summed over all frames.
+    people: usize,
 }
 
 impl Times {
     fn new(frames: u64) -> Self {
-        let room = usize::try_from(frames).unwrap_or(usize::MAX).min(1 << 20);
+        let capacity = usize::try_from(frames).unwrap_or(usize::MAX).min(1 << 20);
         Self {
-            of: std::array::from_fn(|_| Vec::with_capacity(room)),
-            now: [None; FRAME + 1],
-            seen: 0,
+            by_step: std::array::from_fn(|_| Vec::with_capacity(capacity)),
+            current: [None; FRAME + 1],
+            people: 0,
         }
     }
 
     fn end_frame(&mut self, counts: bool) {
-        self.now[SENSOR] = Some(self.now[..SENSOR].iter().flatten().sum());
-        for (all, now) in self.of.iter_mut().zip(&mut self.now) {
+        self.current[SENSOR] = Some(self.current[..SENSOR].iter().flatten().sum());
+        for (all, now) in self.by_step.iter_mut().zip(&mut self.current) {
             all.extend(now.take().filter(|_| counts));
         }
     }
 
     fn write(&mut self, out: &mut impl Write) -> io::Result<()> {
         out.write_all(b"ms per frame      min   median      p99      max   frames\n")?;
-        for (name, times) in STEPS.split(' ').zip(&mut self.of) {
+        for (name, times) in STEPS.split(' ').zip(&mut self.by_step) {
             times.sort_unstable_by(f32::total_cmp);
-            let at = |share: f32| {
+            let quantile = |share: f32| {
                 let last = times.len().checked_sub(1)?;
                 Some(times[(last as f32 * share).ceil() as usize])
             };
             write!(out, "{name:<12}")?;
             for share in [0.0, 0.5, 0.99, 1.0] {
-                match at(share) {
+                match quantile(share) {
                     Some(time) => write!(out, "{time:>9.3}")?,
                     None => write!(out, "{:>9}", "-")?,
                 }
             }
             writeln!(out, "{:>9}", times.len())?;
         }
-        // As the paper's Table 1 has it.
-        let frames = &self.of[FRAME];
+        // Format of the paper's Table 1.
+        let frames = &self.by_step[FRAME];
         if let (Some(least), Some(most)) = (frames.first(), frames.last()) {
             let mean = frames.iter().sum::<f32>() / frames.len() as f32;
             let rate = 1e3 / mean;
@@ -87,9 +86,9 @@ impl Times {
                 out,
                 "frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} per second"
             )?;
-            let people = (self.seen as f32 / frames.len() as f32).round();
+            let people = (self.people as f32 / frames.len() as f32).round();
             let noun = if people == 1.0 { "person" } else { "people" };
-            // Of a sensor's 33 ms.
+            // Percent of the sensor's 33 ms.
             let share = mean * 3.0;
             writeln!(
                 out,
@@ -103,7 +102,7 @@ impl Times {
 /// Sources if none is named: one person, four people.
 const SOURCES: [&str; 2] = ["simulated", "simulated:four"];
 
-/// `mien bench`: a table for each source on `out`. `allocations` counts those of the process so far.
+/// `mien bench`: writes a table for each source to `out`. `allocations` returns the process's number of allocations.
 ///
 /// # Errors
 /// If a source cannot be opened or a table not written; as [`Failure`] lists.
@@ -119,7 +118,7 @@ pub fn run(bench: &Run, allocations: fn() -> u64, out: &mut impl Write) -> Resul
     for name in sources {
         let (mut times, more) = time(name, frames, &settings, allocations)?;
         allocated += more;
-        let people = times.seen as f64 / times.of[FRAME].len().max(1) as f64;
+        let people = times.people as f64 / times.by_step[FRAME].len().max(1) as f64;
         writeln!(out, "{name}: {people:.2} people per frame")
             .and_then(|()| times.write(out))
             .map_err(Failure::Print)?;
@@ -130,7 +129,7 @@ pub fn run(bench: &Run, allocations: fn() -> u64, out: &mut impl Write) -> Resul
         .map_err(Failure::Print)
 }
 
-/// Times of one source's frames, and the allocations meanwhile.
+/// Times of one source's frames, and the number of allocations after warm-up.
 fn time(
     name: &str,
     frames: u64,
@@ -155,8 +154,8 @@ fn time(
         let mut lap = |step: usize, times: &mut Times| {
             let now = Instant::now();
             // A stage that runs for several users counts as one.
-            let before = times.now[step].unwrap_or_default();
-            times.now[step] = Some(before + (now - last).as_secs_f32() * 1e3);
+            let before = times.current[step].unwrap_or_default();
+            times.current[step] = Some(before + (now - last).as_secs_f32() * 1e3);
             last = now;
         };
         round_trip.assemble(number);
@@ -168,13 +167,13 @@ fn time(
         (frame.index, frame.at) = (round_trip.sent().index, round_trip.sent().at);
         frame.has_colour = round_trip.sent().has_colour;
         pipeline.follow_by_stage(&frame, |stage| lap(STAGES + stage as usize, &mut times));
-        times.now[FRAME] = Some(began.elapsed().as_secs_f32() * 1e3);
+        times.current[FRAME] = Some(began.elapsed().as_secs_f32() * 1e3);
         let counts = number >= WARM_UP;
         if counts {
             allocated += allocations() - before;
             let reports = pipeline.reports();
             let present = |report: &&Report| report.user.is_some() && report.state.is_present();
-            times.seen += reports.iter().filter(present).count();
+            times.people += reports.iter().filter(present).count();
         }
         times.end_frame(counts);
     }
@@ -186,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_step_is_timed_and_sums_are_the_sums() {
+    fn every_step_is_timed_and_sums_are_right() {
         let mut out = Vec::new();
         let bench = Run {
             source: Some("simulated".into()),
@@ -229,12 +228,12 @@ mod tests {
     }
 
     #[test]
-    fn the_order_statistics_are_those_of_the_frames_that_count() {
+    fn statistics_exclude_warm_up_frames() {
         let mut times = Times::new(200);
         for number in 0..=200u8 {
-            times.now[PACKETS] = Some(f32::from(number));
-            times.now[UNPACK] = Some(1.0);
-            times.now[FRAME] = Some(f32::from(number) + 1.0);
+            times.current[PACKETS] = Some(f32::from(number));
+            times.current[UNPACK] = Some(1.0);
+            times.current[FRAME] = Some(f32::from(number) + 1.0);
             times.end_frame(number > 0);
         }
         let mut out = Vec::new();

@@ -8,7 +8,7 @@ use tracing::Level;
 
 use mien_stages::base::nearest_word::hint;
 
-/// What `mien help` prints.
+/// Text of `mien help`.
 pub const HELP: &str = "\
 mien - facial expression from a Kinect v1 as FACS weights
 
@@ -61,7 +61,7 @@ pub enum Command {
     Version,
 }
 
-/// Arguments of `run`, and the first of them of `bench`.
+/// Arguments of `run`; `bench` uses `config`, `source` and `frames`.
 #[derive(Debug, Default, PartialEq)]
 pub struct Run {
     /// Configuration file.
@@ -100,7 +100,7 @@ impl Run {
 #[error("{0}; see mien help")]
 pub struct UsageError(#[from] lexopt::Error);
 
-/// What `mien help` prints, or what of it is about one command.
+/// Text of `mien help`, or its part about one command.
 pub fn help(command: Option<&str>) -> String {
     let Some(command) = command else {
         return HELP.to_owned();
@@ -116,7 +116,7 @@ pub fn help(command: Option<&str>) -> String {
     };
     let (mut lines, mut kept) = (usage.clone() + "\n", false);
     for line in HELP.lines().filter(|line| !line.is_empty()) {
-        // What is indented goes on from the line above.
+        // An indented line continues the one above.
         if !line.starts_with(' ') {
             kept = about(&line);
         }
@@ -127,17 +127,17 @@ pub fn help(command: Option<&str>) -> String {
     lines
 }
 
-/// The lines of [`HELP`] that show how a command is called.
+/// The usage lines of a command in [`HELP`].
 fn usage(command: &str) -> String {
-    let mut of_it = false;
+    let mut in_usage = false;
     let lines = HELP.lines().filter(|line| {
         let mut words = line.split(' ');
         match words.next() {
-            Some("mien") => of_it = words.next() == Some(command),
+            Some("mien") => in_usage = words.next() == Some(command),
             Some("") => {}
-            _ => of_it = false,
+            _ => in_usage = false,
         }
-        of_it
+        in_usage
     });
     lines.map(|line| format!("{line}\n")).collect()
 }
@@ -149,7 +149,7 @@ fn commands() -> impl Iterator<Item = &'static str> {
     words.filter(|word| *word != "-")
 }
 
-/// What cannot stand here, with the option of this command that may have been meant.
+/// The error for an unexpected argument, with the nearest option of the command as a hint.
 fn unexpected(found: &lexopt::Arg<'_>, command: &str) -> UsageError {
     let (word, what) = match found {
         Long(name) => (format!("--{name}"), "option"),
@@ -200,7 +200,7 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, Usage
     }
 }
 
-/// The configuration that a command is to look at: `--config FILE`, and for `check-config` just the file.
+/// Parses the configuration's path: `--config FILE`, or only the file for `check-config`.
 fn file(parser: &mut lexopt::Parser, command: &str) -> Result<Option<PathBuf>, UsageError> {
     Ok(match parser.next()? {
         Some(Long("config")) if command != "check-config" => Some(parser.value()?.into()),
@@ -210,7 +210,7 @@ fn file(parser: &mut lexopt::Parser, command: &str) -> Result<Option<PathBuf>, U
     })
 }
 
-/// What a run is to do, or a `bench`.
+/// Parses the arguments of `run` or `bench`.
 fn run(parser: &mut lexopt::Parser, command: &str) -> Result<Run, UsageError> {
     let mut run = Run::default();
     while let Some(word) = parser.next()? {
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn the_contract_s_words_are_understood() {
+    fn the_documented_arguments_are_parsed() {
         let Ok(Command::Run(run)) =
             words("run --source simulated:still --csv - --frames 30 --fast")
         else {
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_words_say_what_was_wrong() {
+    fn errors_name_the_wrong_argument() {
         for (line, part) in [
             ("fly", "unknown command \"fly\""),
             ("rnu", "unknown command \"rnu\" (did you mean run?)"),

@@ -9,10 +9,10 @@ use mien_outputs::serial::{STABLE_NAMES, stable_name};
 use mien_sensors::sensor::{Found, Missing};
 use mien_sensors::table::SENSORS;
 
-/// Where Linux lists its terminals.
+/// Folder in which Linux lists its terminals.
 const TERMINALS: &str = "/sys/class/tty";
 
-/// `mien devices`: one line for each sensor and each serial port; below a sensor, a sentence saying what is wrong, if anything.
+/// `mien devices`: one line for each sensor and serial port; a sensor's problem is in an indented line below.
 pub fn report() -> String {
     let sensors = SENSORS.iter().map(|kind| (kind.list)());
     text(sensors, &serial_ports())
@@ -41,14 +41,14 @@ fn text(
         lines.push("no serial port".to_owned());
     }
     lines.push(String::new());
-    // What a device calls itself is its own invention.
+    // Device names are untrusted text.
     let lines: Vec<String> = lines.iter().map(one_line).collect();
     lines.join("\n")
 }
 
-/// The machine's serial ports by their stable names where they have one, and what they are, if that is known, after a comma.
+/// Serial ports: path, a stable one if available, and a description that begins with a comma, empty if unknown.
 fn serial_ports() -> Vec<(PathBuf, String)> {
-    // The crate's search takes it for granted that this is there.
+    // `available_ports` requires this folder.
     if cfg!(target_os = "linux") && !Path::new(TERMINALS).exists() {
         return Vec::new();
     }
@@ -106,12 +106,12 @@ mod tests {
     }
 
     #[test]
-    fn whatever_this_machine_has_is_listed_without_panic() {
+    fn devices_of_this_machine_are_listed() {
         assert!(report().ends_with('\n'));
     }
 
     #[test]
-    fn what_a_device_calls_itself_cannot_write_lines_of_its_own() {
+    fn control_characters_in_device_names_are_replaced() {
         let odd = found("A\n\x1b[2Jkinect:B\u{9b}1m", None);
         let ports = [("/dev/ttyACM0".into(), ", USB 2341:0043 Uno\r\u{7f}".into())];
         let text = text([Ok(vec![odd])].into_iter(), &ports);

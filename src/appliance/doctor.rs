@@ -1,5 +1,5 @@
-//! `mien doctor`: one line for each thing a run needs, OK, WARN or FAIL, and the remedy. It changes nothing, and
-//! opens only what a run would open.
+//! `mien doctor`: one line per requirement of a run, OK, WARN or FAIL, and the remedy. It changes nothing, and opens only
+//! devices and files that a run would open.
 
 use std::fmt::{Display, Write as _};
 use std::io::ErrorKind;
@@ -16,7 +16,7 @@ use mien_stages::base::bounded_read::reason;
 
 /// Kernel limit on the memory of USB transfers, in MB.
 const USB_MEMORY: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
-/// Memory of one sensor's transfers in flight, with room for a second program.
+/// Memory for one sensor's transfers in flight and a second program, MB.
 const USB_MEMORY_MB: u32 = 4;
 
 /// Verdicts, as they begin a line.
@@ -38,7 +38,7 @@ impl Lines {
         let _ = writeln!(self.text, "{verdict}  {what}: {}", one_line(text));
     }
 
-    /// OK, or the given verdict with what went wrong.
+    /// Adds OK, or the verdict `otherwise` with the problem.
     fn judge<T: Display>(&mut self, otherwise: &str, what: &str, found: Result<T, impl Display>) {
         match found {
             Ok(text) => self.say(OK, what, text),
@@ -47,7 +47,7 @@ impl Lines {
     }
 }
 
-/// The lines, and the exit code: 0, 2 if the configuration is at fault, else 1 if anything fails. `config` as for a run.
+/// The report and its exit code: 2 for an invalid configuration, else 1 if any line is FAIL, else 0. `config` as for a run.
 pub fn report(config: Option<&Path>) -> (String, u8) {
     let mut lines = Lines::default();
     let found = service::settings(config);
@@ -115,9 +115,9 @@ fn serial(lines: &mut Lines, port: &str) {
     }
 }
 
-/// A device that a run opens, and opens again until it can; what to do if it is not there, and if it may not be used.
+/// Checks a device that a run opens, with retries; the array has the remedies for an absent and for a forbidden device.
 fn device(lines: &mut Lines, what: &str, path: &str, [absent, forbidden]: [&str; 2]) {
-    // Opened as a plain file, which neither raises DTR nor locks, and makes no keyboard of uinput.
+    // Opening it as a plain file neither raises DTR, nor locks it, nor creates a uinput keyboard.
     let found = std::fs::OpenOptions::new().write(true).open(path);
     let problem = match found {
         Ok(_) => return lines.say(OK, what, format_args!("{path} is writable")),
@@ -135,7 +135,7 @@ fn device(lines: &mut Lines, what: &str, path: &str, [absent, forbidden]: [&str;
     );
 }
 
-/// What presses keys.
+/// Checks the device that presses keys.
 fn keys(lines: &mut Lines, path: &str) {
     let absent = if path.ends_with("uinput") {
         "run `modprobe uinput` as root, and write uinput into /etc/modules-load.d/uinput.conf to load it at every boot; `mien run` waits for it"
@@ -170,7 +170,7 @@ fn targets(lines: &mut Lines, settings: &Settings) {
     }
 }
 
-/// Which computers receive data that is sent to an address.
+/// The receivers of data sent to an address.
 fn receivers(address: IpAddr) -> &'static str {
     let last = match address {
         IpAddr::V4(address) => address.octets()[3],
@@ -193,7 +193,7 @@ fn status(lines: &mut Lines, path: &Path) {
     }
     let folder = path.parent().unwrap_or(Path::new("."));
     let probe = folder.join(".mien-doctor");
-    // It is created only to test that it can be.
+    // Created only to test write access.
     let found = std::fs::File::create(&probe).inspect(|_| drop(std::fs::remove_file(&probe)));
     let folder = folder.display();
     let advice = "the service creates it; otherwise set status.path to another folder";
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sound_configuration_has_no_fail_and_a_line_for_each_thing() {
+    fn a_valid_configuration_has_one_line_per_check_and_no_fail() {
         let folder = tempfile::tempdir().unwrap();
         let config = folder.path().join("mien.toml");
         let status = folder.path().join("status.json");
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn each_target_is_listed_with_who_receives_it() {
+    fn each_target_is_listed_with_its_receivers() {
         let folder = tempfile::tempdir().unwrap();
         let config = folder.path().join("mien.toml");
         let text = "[sensor]\nsource = \"simulated\"\n[osc]\ntarget = [\"127.0.0.1:1\", \"192.0.2.255:1\", \"239.0.0.1:1\", \"192.0.2.7:1\"]\n";
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_the_remedy() {
+    fn each_problem_is_reported_with_its_remedy() {
         let folder = tempfile::tempdir().unwrap();
         let config = folder.path().join("mien.toml");
         let text = "[sensor]\nsource = \"simulated\"\nmodel = \"/nowhere/face.model\"\n\

@@ -1,4 +1,4 @@
-//! The program `mien`: the stages in order for every person (`pipeline`), command line and settings, the service that runs the pipeline, and its status.
+//! The program `mien`: pipeline for all people, command line, settings, service and status.
 
 pub mod bench;
 pub mod cli;

@@ -1,12 +1,12 @@
 //! Log lines on standard error, one per event, `message key=value`; under a service manager with the journal's priority in
 //! front: `<4>message`.
 //!
-//! It has its own subscriber because the usual one brings formatting, time zones and regular expressions that the box does not
-//! need: journald adds the time, and the configuration holds the level.
+//! It has its own subscriber because the usual one brings unneeded formatting, time zones and regular expressions: journald adds
+//! the time, and the configuration holds the level.
 //!
-//! Logging never blocks: a line for which there is no room is dropped, and the next one says how many were. External text
-//! (names of devices and files) cannot end a line or move a terminal's cursor. What happens over and over cannot fill the log:
-//! each place in the program writes [`BURST`] lines at once, then one a minute, which says how many like it were left out.
+//! Logging never blocks: a line without room is dropped, and the next one gives the number dropped. Control characters in
+//! external text (names of devices and files) are replaced. Each call site writes [`BURST`] lines at once, then one a minute
+//! with the number omitted, so that repeated events cannot fill the log.
 
 use std::fmt::{Display, Write as _};
 use std::io::{IsTerminal, stderr};
@@ -20,40 +20,37 @@ use tracing::span::{Attributes, Id, Record};
 use tracing::{Event, Level, Metadata, Subscriber};
 
 use crate::pipe::Pipe;
-use crate::terminal::OVER;
+use crate::terminal::CLEAR_LINE;
 use mien_outputs::limits::TokenBucket;
 
-/// Longest line; longer ones are truncated, so that a line's memory is bounded.
+/// Longest line, bytes; longer ones are truncated.
 const LINE: usize = 512;
 
-/// Lines that one place in the program may write at once.
+/// Lines that a call site may write at once.
 const BURST: u32 = 8;
-/// Time after which it may write one more.
+/// Time after which a call site may write one more line.
 const REFILL: Duration = Duration::from_secs(60);
-/// Places that are told apart; the rest are one.
-const PLACES: usize = 64;
-/// Those that write without bound: a person asked for each line, on a terminal.
+/// Call sites limited separately; later ones share the last limit.
+const CALL_SITES: usize = 64;
+/// Targets without a limit: their lines are the result of a command.
 const UNBOUNDED: [&str; 1] = ["mien_appliance::send_test"];
 
-/// What each place in the program may still write, and how many of its lines were left out; those that came when it was full
-/// share the last one.
-struct Limits<Place>(heapless::Vec<(Place, TokenBucket, u32), PLACES>);
+/// Limit and number of omitted lines of each call site; once full, further sites share the last entry.
+struct Limits<Site>(heapless::Vec<(Site, TokenBucket, u32), CALL_SITES>);
 
-impl<Place: PartialEq> Limits<Place> {
-    /// Whether the place may write now: `Some` with how many like it were left out.
-    fn admit(&mut self, place: Place, now: Instant) -> Option<u32> {
-        let found = self.0.iter().position(|known| known.0 == place);
+impl<Site: PartialEq> Limits<Site> {
+    /// The number of lines omitted since the site's last one; `None` if it may not write now.
+    fn admit(&mut self, site: Site, now: Instant) -> Option<u32> {
+        let found = self.0.iter().position(|known| known.0 == site);
         let found = found.unwrap_or_else(|| {
-            let _ = self
-                .0
-                .push((place, TokenBucket::new(BURST, REFILL, now), 0));
+            let _ = self.0.push((site, TokenBucket::new(BURST, REFILL, now), 0));
             self.0.len() - 1
         });
-        let (_, allowance, left_out) = &mut self.0[found];
+        let (_, allowance, omitted) = &mut self.0[found];
         if allowance.take(now) {
-            return Some(std::mem::take(left_out));
+            return Some(std::mem::take(omitted));
         }
-        *left_out = left_out.saturating_add(1);
+        *omitted = omitted.saturating_add(1);
         None
     }
 }
@@ -64,8 +61,8 @@ struct Lines {
     journal: bool,
     /// `None` if standard error is closed.
     error: Option<Pipe>,
-    /// Lines dropped since the last one.
-    left_out: AtomicU32,
+    /// Lines dropped for lack of room since the last one written.
+    omitted: AtomicU32,
     limits: Mutex<Limits<Identifier>>,
 }
 
@@ -76,21 +73,21 @@ pub fn start(level: Level) {
         terminal: stderr().is_terminal(),
         // systemd.exec(5)
         journal: std::env::var_os("JOURNAL_STREAM").is_some(),
-        error: Pipe::of(stderr()).ok(),
-        left_out: AtomicU32::new(0),
+        error: Pipe::from_stream(stderr()).ok(),
+        omitted: AtomicU32::new(0),
         limits: Mutex::new(Limits(heapless::Vec::new())),
     };
-    // Fails only if logging was started before; the first one stays.
+    // Fails only if logging was started before.
     let _ = tracing::subscriber::set_global_default(lines);
 }
 
 /// Prints a program's final message to standard error.
 pub fn say(words: impl Display) {
     let mut line = Line::default();
-    // A full line is cut.
+    // Truncates.
     let _ = write!(line, "{words}");
-    if let Ok(error) = Pipe::of(stderr()) {
-        error.insist(line.ended());
+    if let Ok(error) = Pipe::from_stream(stderr()) {
+        error.write_with_timeout(line.ended());
     }
 }
 
@@ -98,7 +95,7 @@ pub fn say(words: impl Display) {
 struct Line(heapless::String<LINE>);
 
 impl Line {
-    /// With its end.
+    /// The line's bytes with a final newline.
     fn ended(&mut self) -> &[u8] {
         while self.0.push('\n').is_err() {
             self.0.pop();
@@ -107,7 +104,7 @@ impl Line {
     }
 }
 
-/// A character that neither ends a line nor moves a terminal's cursor.
+/// Replaces a control character, which could end a line or move a terminal's cursor.
 fn plain(c: char) -> char {
     if c.is_control() { '?' } else { c }
 }
@@ -119,14 +116,14 @@ impl std::fmt::Write for Line {
     }
 }
 
-/// Anything as a single line.
+/// Text as a single line, without control characters.
 pub(crate) fn one_line(words: impl Display) -> String {
     words.to_string().chars().map(plain).collect()
 }
 
 impl Visit for Line {
     fn record_debug(&mut self, field: &Field, value: &dyn std::fmt::Debug) {
-        // A full line is cut; there is nobody to report it to.
+        // Truncates.
         let _ = if field.name() == "message" {
             write!(self, "{value:?}")
         } else {
@@ -151,17 +148,19 @@ impl Subscriber for Lines {
     fn event(&self, event: &Event<'_>) {
         let Some(error) = &self.error else { return };
         let metadata = event.metadata();
-        let mut alike = Some(0);
+        let mut alike_omitted = Some(0);
         if !UNBOUNDED.contains(&metadata.target()) {
-            // Held for a look at a short list.
+            // Locked for one search of a short list.
             let mut limits = self.limits.lock().unwrap_or_else(PoisonError::into_inner);
-            alike = limits.admit(metadata.callsite(), Instant::now());
+            alike_omitted = limits.admit(metadata.callsite(), Instant::now());
         }
-        let Some(alike) = alike else { return };
+        let Some(alike_omitted) = alike_omitted else {
+            return;
+        };
         let mut line = Line::default();
         if self.terminal {
-            // Over the live line, which comes back below.
-            let _ = line.0.push_str(OVER);
+            // Overwrites the live line, which is redrawn below.
+            let _ = line.0.push_str(CLEAR_LINE);
         } else if self.journal {
             // Priority of syslog (RFC 5424).
             let priority = match *metadata.level() {
@@ -172,18 +171,18 @@ impl Subscriber for Lines {
             };
             let _ = write!(line, "<{priority}>");
         }
-        let left_out = self.left_out.load(Ordering::Relaxed);
-        if left_out > 0 {
-            let _ = write!(line, "({left_out} lines omitted) ");
+        let omitted = self.omitted.load(Ordering::Relaxed);
+        if omitted > 0 {
+            let _ = write!(line, "({omitted} lines omitted) ");
         }
         event.record(&mut line);
-        if alike > 0 {
-            let _ = write!(line, " ({alike} more like this omitted)");
+        if alike_omitted > 0 {
+            let _ = write!(line, " ({alike_omitted} more like this omitted)");
         }
-        if error.offer(line.ended()) {
-            self.left_out.fetch_sub(left_out, Ordering::Relaxed);
+        if error.try_write(line.ended()) {
+            self.omitted.fetch_sub(omitted, Ordering::Relaxed);
         } else {
-            self.left_out.fetch_add(1, Ordering::Relaxed);
+            self.omitted.fetch_add(1, Ordering::Relaxed);
         }
     }
 
@@ -197,28 +196,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_happens_over_and_over_fills_no_log() {
+    fn repeated_events_are_limited() {
         let (start, mut limits) = (Instant::now(), Limits(heapless::Vec::new()));
-        // A thousand times a second for ten minutes, from more places than are told apart.
-        for places in [1, 2 * PLACES] {
-            let (mut written, mut left_out) = (0, 0);
+        // 1 kHz for ten minutes, from one site and from more sites than have a limit.
+        for sites in [1, 2 * CALL_SITES] {
+            let (mut written, mut omitted) = (0, 0);
             for millisecond in 0..600_000_u64 {
-                let place = millisecond as usize % places;
-                if let Some(before) =
-                    limits.admit(place, start + Duration::from_millis(millisecond))
+                let site = millisecond as usize % sites;
+                if let Some(before) = limits.admit(site, start + Duration::from_millis(millisecond))
                 {
                     written += 1;
-                    left_out += before;
+                    omitted += before;
                 }
             }
-            let most = places.min(PLACES) as u32 * (BURST + 10);
-            assert!(written <= most && written >= BURST, "{places}: {written}");
-            assert!(left_out + written > 600_000 * 8 / 10, "{left_out}");
+            let most = sites.min(CALL_SITES) as u32 * (BURST + 10);
+            assert!(written <= most && written >= BURST, "{sites}: {written}");
+            assert!(omitted + written > 600_000 * 8 / 10, "{omitted}");
         }
     }
 
     #[test]
-    fn a_place_that_is_silent_for_a_while_may_write_at_once_again() {
+    fn a_silent_call_site_regains_its_burst() {
         let (start, mut limits) = (Instant::now(), Limits(heapless::Vec::new()));
         let mut at = |seconds| limits.admit("broker", start + Duration::from_secs(seconds));
         let first: Vec<_> = (0..10).map(&mut at).collect();

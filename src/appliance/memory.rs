@@ -1,11 +1,10 @@
 //! The process's memory: the system's allocator with a counter, so that `mien bench` and the tests can report allocations; and
 //! locking memory in RAM where the system permits it.
 //!
-//! Cost: a relaxed addition per request. One of six files with unsafe code, because an allocator and `mlockall` require
-//! it.
+//! Cost: a relaxed addition per request. Unsafe code: a global allocator and `mlockall` require it.
 #![expect(
     unsafe_code,
-    reason = "GlobalAlloc is an unsafe trait, whose calls are passed on unchanged, and mlockall, mallopt and malloc_trim foreign functions"
+    reason = "GlobalAlloc is an unsafe trait; mlockall, mallopt and malloc_trim are foreign functions"
 )]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -17,7 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub struct Counting(AtomicU64);
 
 impl Counting {
-    /// Nothing counted yet.
+    /// A counter at zero.
     pub const fn new() -> Self {
         Self(AtomicU64::new(0))
     }
@@ -36,7 +35,7 @@ impl Counting {
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         self.count();
-        // SAFETY: the caller's promise is the one `System` wants.
+        // SAFETY: the caller's contract is that of `System`.
         unsafe { System.alloc(layout) }
     }
 
@@ -71,8 +70,8 @@ pub fn lock() -> io::Result<()> {
     }
 }
 
-/// Has every block of 64 KiB and more mapped by itself, so that a freed one goes back to the system whatever was allocated after
-/// it. Otherwise the allocator raises that bound with every large block it frees, and reloads leave gaps.
+/// Makes the allocator map every block of 64 KiB or more separately, so that freeing one returns it to the system. By default
+/// glibc raises that bound with each large block it frees, and reloads fragment the heap.
 pub fn map_large_blocks() {
     #[cfg(target_env = "gnu")]
     // SAFETY: the call takes no pointers, and changes only where later blocks lie.
@@ -81,8 +80,8 @@ pub fn map_large_blocks() {
     }
 }
 
-/// Returns freed memory to the system, as after a reload: what the next one needs is asked for anew.
-pub fn give_back() {
+/// Returns freed memory to the system, after a reload.
+pub fn trim() {
     #[cfg(target_env = "gnu")]
     // SAFETY: the call takes no pointers, and only memory that is free changes hands.
     unsafe {
@@ -95,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_asked_for_is_counted() {
+    fn allocations_are_counted() {
         let counting = Counting::new();
         let layout = |size| Layout::from_size_align(size, 16).unwrap();
         // SAFETY: sizes are not zero, and every block is given back with the layout it has then.

@@ -1,8 +1,8 @@
 //! Non-blocking writes to outputs that may have no reader: standard output and error, the CSV file.
 //!
-//! A pipe, terminal or socket whose other end is not read fills up, and a plain write would block for ever. So pipes and
+//! A pipe, terminal or socket without a reader fills up, and a plain write would block for ever. So pipes and
 //! terminals are reopened in non-blocking mode (the inherited descriptor, which others may share, stays unchanged) and polled
-//! for room before every write; sockets are only polled. A pipe takes a line of up to [`WHOLE`] bytes completely or not at
+//! for room before every write; sockets are only polled. A pipe takes a line of up to [`ATOMIC_BYTES`] bytes completely or not at
 //! all. Nothing allocates after opening.
 
 use std::fs::File;
@@ -17,14 +17,14 @@ use std::time::Duration;
 use nix::poll::{PollFd, PollFlags, poll};
 
 /// Bytes that a pipe with any room takes at once (`PIPE_BUF`).
-const WHOLE: usize = 4096;
+const ATOMIC_BYTES: usize = 4096;
 /// Interval at which a waiting call checks whether to stop, in milliseconds.
-const LOOK_MS: i32 = 100;
+const POLL_MS: i32 = 100;
 
 /// An open pipe, terminal, socket or file.
 pub(crate) struct Pipe {
     file: File,
-    /// Whether it can be truncated.
+    /// Whether it is a regular file, which can be truncated.
     regular: bool,
 }
 
@@ -36,33 +36,33 @@ impl Pipe {
     pub(crate) fn create(path: &Path, stop: &AtomicBool) -> io::Result<Self> {
         let mut mode = File::options();
         let mode = mode.write(true).create(true).truncate(true);
-        // A plain open would wait for the reader, whatever the signal.
+        // A blocking open would wait for a reader regardless of signals.
         let mode = mode.custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
-        let mut told = false;
+        let mut is_logged = false;
         loop {
             match mode.open(path) {
                 Err(error)
                     if error.raw_os_error() == Some(libc::ENXIO)
                         && !stop.load(Ordering::Relaxed) =>
                 {
-                    if !std::mem::replace(&mut told, true) {
+                    if !std::mem::replace(&mut is_logged, true) {
                         tracing::info!("{}: waiting for a reader", path.display());
                     }
-                    std::thread::sleep(Duration::from_millis(LOOK_MS as u64));
+                    std::thread::sleep(Duration::from_millis(POLL_MS as u64));
                 }
-                opened => return opened.and_then(Self::of),
+                opened => return opened.and_then(Self::from_stream),
             }
         }
     }
 
-    /// The target of `stream`.
+    /// Opens the target of `stream`.
     ///
     /// # Errors
     /// If `stream` is closed.
-    pub(crate) fn of(stream: impl AsFd) -> io::Result<Self> {
+    pub(crate) fn from_stream(stream: impl AsFd) -> io::Result<Self> {
         let file = File::from(stream.as_fd().try_clone_to_owned()?);
         let kind = file.metadata()?.file_type();
-        let again = || {
+        let reopen = || {
             let mut mode = File::options();
             let mode = mode
                 .write(true)
@@ -70,9 +70,9 @@ impl Pipe {
             mode.open(format!("/proc/self/fd/{}", file.as_raw_fd()))
                 .ok()
         };
-        // One that may not be opened is written to as it is.
+        // If reopening fails, the inherited mode remains.
         let opened = (kind.is_fifo() || kind.is_char_device())
-            .then(again)
+            .then(reopen)
             .flatten();
         Ok(Self {
             file: opened.unwrap_or(file),
@@ -80,60 +80,63 @@ impl Pipe {
         })
     }
 
-    /// Whether there is room, or an error to report, within `ms`.
+    /// Whether there is room, or an error to report, within `ms` milliseconds.
     fn has_room(&self, ms: i32) -> bool {
         let mut asked = [PollFd::new(self.file.as_raw_fd(), PollFlags::POLLOUT)];
         poll(&mut asked, ms).is_ok_and(|ready| ready > 0)
     }
 
-    /// Writes as much as there is room for.
+    /// Writes up to [`ATOMIC_BYTES`] bytes; returns how many.
+    ///
+    /// # Errors
+    /// `WouldBlock` without room, or as the write.
     fn write(&self, bytes: &[u8]) -> io::Result<usize> {
         if !self.has_room(0) {
             return Err(ErrorKind::WouldBlock.into());
         }
-        (&self.file).write(&bytes[..bytes.len().min(WHOLE)])
+        (&self.file).write(&bytes[..bytes.len().min(ATOMIC_BYTES)])
     }
 
-    /// Writes a line of at most [`WHOLE`] bytes if there is room; returns whether there was. Other errors are ignored.
-    pub(crate) fn offer(&self, line: &[u8]) -> bool {
+    /// Writes a line of at most [`ATOMIC_BYTES`] bytes if there is room; returns whether there was. Other errors are ignored.
+    pub(crate) fn try_write(&self, line: &[u8]) -> bool {
         !matches!(self.write(line), Err(error) if error.kind() == ErrorKind::WouldBlock)
     }
 
-    /// As [`Self::offer`], but waits up to a second for room.
-    pub(crate) fn insist(&self, line: &[u8]) {
+    /// As [`Self::try_write`], but waits up to a second for room.
+    pub(crate) fn write_with_timeout(&self, line: &[u8]) {
         self.has_room(1000);
-        self.offer(line);
+        self.try_write(line);
     }
 }
 
-/// Writes rows to a pipe or file, each complete: an incomplete one is truncated away, or not started.
+/// Writes complete rows to a pipe or file: an incomplete one is truncated from a file.
 pub(crate) struct Rows {
     pipe: Pipe,
     /// Ends a wait.
     stop: Arc<AtomicBool>,
-    /// Whether a row without room is dropped, because the source does not wait.
+    /// Whether rows without room are dropped, as a live source does not wait.
     live: bool,
-    /// Whether the first row, the header, has been written: it always waits for room.
-    begun: bool,
+    /// Whether the header, the first row, was written; it always waits for room.
+    header_written: bool,
 }
 
 impl Rows {
-    /// Writes rows to `pipe`, until `stop`.
-    pub(crate) fn to(pipe: Pipe, stop: &Arc<AtomicBool>, live: bool) -> Self {
+    /// Rows for `pipe`; `stop` ends a wait for room.
+    pub(crate) fn new(pipe: Pipe, stop: &Arc<AtomicBool>, live: bool) -> Self {
         Self {
             pipe,
             stop: Arc::clone(stop),
             live,
-            begun: false,
+            header_written: false,
         }
     }
 }
 
 impl Write for Rows {
-    /// Takes a row.
+    /// Writes a whole row.
     ///
     /// # Errors
-    /// `WouldBlock` if it was dropped.
+    /// `WouldBlock` if the row was dropped or the wait stopped.
     fn write(&mut self, row: &[u8]) -> io::Result<usize> {
         let mut written = 0;
         while written < row.len() {
@@ -142,12 +145,12 @@ impl Write for Rows {
                 Ok(more) => written += more,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    // What has been begun is ended, if ever that is possible.
-                    let late = self.live && self.begun && written == 0;
+                    // A row that was started is completed.
+                    let late = self.live && self.header_written && written == 0;
                     if late || self.stop.load(Ordering::Relaxed) {
                         return Err(error);
                     }
-                    self.pipe.has_room(LOOK_MS);
+                    self.pipe.has_room(POLL_MS);
                 }
                 Err(error) => {
                     if self.pipe.regular {
@@ -158,7 +161,7 @@ impl Write for Rows {
                 }
             }
         }
-        self.begun = true;
+        self.header_written = true;
         Ok(written)
     }
 
@@ -173,20 +176,20 @@ mod tests {
     use std::io::Read;
 
     #[test]
-    fn what_finds_no_room_is_left_out_whole() {
+    fn a_row_without_room_is_dropped_whole() {
         let (mut reader, writer) = std::io::pipe().unwrap();
-        let pipe = Pipe::of(writer.as_fd()).unwrap();
+        let pipe = Pipe::from_stream(writer.as_fd()).unwrap();
         let row = [b'-'; 1000];
         let mut written = 0;
-        while pipe.offer(&row) {
+        while pipe.try_write(&row) {
             written += row.len();
         }
         let stop = Arc::new(AtomicBool::new(false));
-        let mut live = Rows::to(pipe, &stop, true);
-        live.begun = true;
+        let mut live = Rows::new(pipe, &stop, true);
+        live.header_written = true;
         let left_out = live.write(&row).unwrap_err();
         assert_eq!(left_out.kind(), ErrorKind::WouldBlock);
-        // Whoever waits ends when told to.
+        // `stop` ends a wait.
         live.live = false;
         stop.store(true, Ordering::Relaxed);
         assert!(live.write(&row).is_err());
@@ -200,7 +203,7 @@ mod tests {
     fn a_reader_that_is_slow_gets_every_row() {
         let (mut reader, writer) = std::io::pipe().unwrap();
         let stop = Arc::new(AtomicBool::new(false));
-        let mut rows = Rows::to(Pipe::of(writer).unwrap(), &stop, false);
+        let mut rows = Rows::new(Pipe::from_stream(writer).unwrap(), &stop, false);
         let read = std::thread::spawn(move || {
             let mut all = Vec::new();
             reader.read_to_end(&mut all).map(|_| all)

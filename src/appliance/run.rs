@@ -1,5 +1,4 @@
 //! `mien run`: reads settings and model, runs frames through the pipeline, sends reports, and shuts down in order.
-//! One file: the sequence of a run from start to end.
 
 use std::io;
 use std::path::Path;
@@ -27,7 +26,7 @@ use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::FaceModel;
 use mien_stages::users::saved::People;
 
-/// `mien run`: until the source ends, `--frames` are done, or a signal says stop.
+/// Runs until the source ends, `--frames` are done, or SIGINT or SIGTERM arrives.
 ///
 /// # Errors
 /// As [`Failure`] lists.
@@ -36,7 +35,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let Some(mut session) = Session::start(run)? else {
         return Ok(());
     };
-    let ended = session.play();
+    let ended = session.run_frames();
     session.release();
     ended.map(|()| session.finish())
 }
@@ -46,7 +45,7 @@ struct Session<'r> {
     run: &'r Run,
     settings: Settings,
     model: FaceModel,
-    /// Name of the source that is used.
+    /// Name of the source in use, after resolving `auto`.
     name: String,
     source: Source,
     pipeline: Pipeline,
@@ -60,18 +59,19 @@ struct Session<'r> {
     manager: ServiceManager,
     frame: Frame,
     pacer: Pacer,
-    /// Frames still to come.
-    left: u64,
+    /// Frames left of `--frames`.
+    frames_left: u64,
     started: Instant,
-    /// Whether there was a frame.
-    begun: bool,
-    /// When the last frame was taken up, and when it was whole in memory.
-    taken: Instant,
-    arrived: Instant,
+    /// Whether any frame arrived.
+    any_frame: bool,
+    /// When the last frame was passed to the pipeline.
+    taken_at: Instant,
+    /// When the last frame was complete in memory.
+    arrived_at: Instant,
 }
 
 impl<'r> Session<'r> {
-    /// Opens everything and allocates all memory; `None` if stopped before its CSV had a reader.
+    /// Opens everything and allocates all memory; `None` if stopped while the CSV's pipe had no reader.
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
         let settings = settings(run.config.as_deref())?;
         crate::log::start(run.level(settings.log_level));
@@ -84,7 +84,7 @@ impl<'r> Session<'r> {
         let csv = run.csv.as_deref();
         let csv = csv.map(|to| csv_table(to, &signals, &*source, &pipeline, &settings));
         let csv = match csv.transpose() {
-            // Nobody came to read it.
+            // Stopped while waiting for a reader.
             Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(None),
             csv => csv?,
         };
@@ -94,15 +94,15 @@ impl<'r> Session<'r> {
                 "nothing is sent, because no output is enabled and --csv is not given; enable an output in the configuration (see `mien print-config`)"
             );
         }
-        let (gestures, status) = shown(&settings, &name, &pipeline);
-        let people = people(&settings, &*source);
+        let (gestures, status) = gestures_and_status(&settings, &name, &pipeline);
+        let people = people_file(&settings, &*source);
         if let Some(people) = &people {
             pipeline.recall(people.load());
         }
-        let live = live(run, &name, &settings);
+        let live = open_live(run, &name, &settings);
         let manager = ServiceManager::from_environment();
         lock_memory(&manager);
-        manager.say("READY=1");
+        manager.notify("READY=1");
         Ok(Some(Self {
             run,
             settings,
@@ -120,47 +120,47 @@ impl<'r> Session<'r> {
             manager,
             frame: Frame::default(),
             pacer: Pacer::default(),
-            left: run.frames.unwrap_or(u64::MAX),
+            frames_left: run.frames.unwrap_or(u64::MAX),
             started: Instant::now(),
-            begun: false,
-            taken: Instant::now(),
-            arrived: Instant::now(),
+            any_frame: false,
+            taken_at: Instant::now(),
+            arrived_at: Instant::now(),
         }))
     }
 
-    fn play(&mut self) -> Result<(), Failure> {
-        while self.left > 0 && !self.signals.stop.load(Ordering::Relaxed) {
-            self.renew();
+    fn run_frames(&mut self) -> Result<(), Failure> {
+        while self.frames_left > 0 && !self.signals.stop.load(Ordering::Relaxed) {
+            self.reload_if_requested();
             if self.next_frame()? {
                 self.follow();
-                self.tell()?;
+                self.send_reports()?;
             }
         }
         Ok(())
     }
 
     /// Reloads the configuration if a signal requests it; an invalid one changes nothing.
-    fn renew(&mut self) {
+    fn reload_if_requested(&mut self) {
         if !self.signals.reload.swap(false, Ordering::Relaxed) {
             return;
         }
-        self.manager.say("RELOADING=1");
+        self.manager.notify("RELOADING=1");
         match self.reload() {
             Ok(false) => tracing::info!("configuration reloaded, unchanged"),
             Ok(true) => tracing::info!("configuration reloaded"),
             Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
         }
-        // An unchanged configuration was read too.
-        memory::give_back();
-        self.manager.say("READY=1");
+        // Reading frees memory even if nothing changed.
+        memory::trim();
+        self.manager.notify("READY=1");
     }
 
-    /// Reloads the configuration; if it has changed (returned), its outputs are opened anew, and its stages rebuilt where they
-    /// differ. Nothing is replaced unless all of them succeed.
+    /// Reads the configuration; if it changed, which is returned, reopens all outputs and rebuilds changed stages. An error
+    /// changes nothing.
     fn reload(&mut self) -> Result<bool, Failure> {
         let config = self.run.config.as_deref();
         let path = config.unwrap_or(Path::new(SYSTEM_CONFIG));
-        // What a pipe would give is not waited for.
+        // Reading a pipe would block.
         if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
             return Err(SettingsError::unreadable(path, "not a regular file").into());
         }
@@ -171,76 +171,76 @@ impl<'r> Session<'r> {
         let units = Pipeline::unit_names_with(&new.stages);
         let units: Vec<&str> = units.iter().map(String::as_str).collect();
         let opened = table::open(&new.outputs, &units)?;
-        // Another receiver is no reason to lose whoever is tracked.
+        // A change of outputs alone keeps the tracked users.
         if new.stages != old.stages {
             self.pipeline.rebuild(&new.stages, &self.model)?;
         }
-        let later = [
+        let needs_restart = [
             ("sensor", new.sensor != old.sensor),
             ("log", new.log_level != old.log_level),
         ];
-        for (section, _) in later.iter().filter(|(_, changed)| *changed) {
+        for (section, _) in needs_restart.iter().filter(|(_, changed)| *changed) {
             tracing::warn!("the change in [{section}] needs a restart");
         }
         self.release();
         self.settings = new;
-        let (gestures, status) = shown(&self.settings, &self.name, &self.pipeline);
+        let (gestures, status) = gestures_and_status(&self.settings, &self.name, &self.pipeline);
         let before = std::mem::replace(&mut self.status, status);
         let tallies = self.outputs.iter().map(|output| output.tally());
-        self.status.go_on_from(before, tallies);
+        self.status.continue_from(before, tallies);
         self.gestures = gestures;
-        // Those before say goodbye, and leave their ports.
+        // The old outputs close and free their ports.
         self.outputs = opened;
-        self.people = people(&self.settings, &*self.source);
+        self.people = people_file(&self.settings, &*self.source);
         Ok(true)
     }
 
-    /// Takes the next frame, at its pace; `false` if there is none now, or the source has ended.
+    /// Reads the next frame, paced in real time; `false` if there is none yet or the source has ended.
     fn next_frame(&mut self) -> Result<bool, Failure> {
         match self.source.next_frame(&mut self.frame) {
             Ok(true) => {}
-            Ok(false) if !self.begun => {
+            Ok(false) if !self.any_frame => {
                 return Err(SourceError::Nothing(self.source.state().frames).into());
             }
             Ok(false) => {
-                self.left = 0;
+                self.frames_left = 0;
                 return Ok(false);
             }
-            // For what, the sensor's thread has said.
+            // The sensor's thread has logged the cause.
             Err(_) => {
-                self.wait()?;
+                self.send_absence()?;
                 return Ok(false);
             }
         }
         if !self.run.fast && !self.source.state().is_live {
             self.pacer.wait(self.frame.at);
         }
-        if !std::mem::replace(&mut self.begun, true) {
-            // The frames' time begins only now.
+        if !std::mem::replace(&mut self.any_frame, true) {
+            // Saved people age by the time spent starting: frame time begins now.
             self.pipeline.age(self.started.elapsed().as_secs_f64());
         }
-        self.taken = Instant::now();
-        self.arrived = self.source.state().arrived.unwrap_or(self.taken);
+        self.taken_at = Instant::now();
+        self.arrived_at = self.source.state().arrived.unwrap_or(self.taken_at);
         Ok(true)
     }
 
-    /// Half a second without a frame: outputs continue their heartbeat and let faces fade.
-    fn wait(&mut self) -> Result<(), Failure> {
+    /// Handles half a second without a frame: outputs send their heartbeat and fade faces out.
+    fn send_absence(&mut self) -> Result<(), Failure> {
         let mut nobody = Report {
             frame: self.frame.index,
             at: self.now(),
             ..Report::default()
         };
         self.gestures.observe(std::slice::from_mut(&mut nobody));
-        tell_gestures(&mut self.gestures, &mut self.outputs);
-        // The CSV has rows of frames only.
+        send_switches(&mut self.gestures, &mut self.outputs);
+        // The CSV has rows for frames only.
         for output in &mut self.outputs {
             output.send(&nobody)?;
         }
         self.status.observe(&nobody, None);
         self.pipeline.forget_older(self.now());
         self.save_people();
-        self.keep_up(format_args!("waiting for the sensor"));
+        self.handle_commands_and_status(format_args!("waiting for the sensor"));
         Ok(())
     }
 
@@ -252,15 +252,15 @@ impl<'r> Session<'r> {
         self.pipeline.follow(&self.frame);
     }
 
-    /// Passes the frame's reports to all outputs.
-    fn tell(&mut self) -> Result<(), Failure> {
-        let latency_us = self.arrived.elapsed().as_micros();
+    /// Sends the frame's reports to all outputs.
+    fn send_reports(&mut self) -> Result<(), Failure> {
+        let latency_us = self.arrived_at.elapsed().as_micros();
         let mut reports = self.pipeline.reports();
         self.gestures.observe(&mut reports);
         for report in &mut reports {
             report.latency_us = latency_us.try_into().unwrap_or(u32::MAX);
             if let Some(Err(problem)) = self.csv.as_mut().map(|csv| csv.send(report)) {
-                // Whoever plays a recording wants its table; people who are there want their outputs.
+                // The table is the purpose of playing a recording; a live run must keep its outputs.
                 if !self.source.state().is_live {
                     return Err(problem.into());
                 }
@@ -271,31 +271,31 @@ impl<'r> Session<'r> {
                 output.send(report)?;
             }
         }
-        // After the reports, as a tapped key goes up with the next ones.
-        tell_gestures(&mut self.gestures, &mut self.outputs);
-        let mut latency = Some(self.arrived.elapsed());
+        // After the reports: outputs release a tapped key when the next ones are sent.
+        send_switches(&mut self.gestures, &mut self.outputs);
+        let mut latency = Some(self.arrived_at.elapsed());
         for report in &reports {
             self.status.observe(report, latency.take());
         }
         if let Some(live) = &mut self.live {
-            live.show(&reports, self.pipeline.expression(0).unit_names());
+            live.update(&reports, self.pipeline.expression(0).unit_names());
         }
         let state = self.pipeline.report().state;
         drop(reports);
         self.source.show_tracking(state.has_face());
         self.save_people();
-        self.keep_up(format_args!("{}", state.name()));
-        self.left -= 1;
+        self.handle_commands_and_status(format_args!("{}", state.name()));
+        self.frames_left -= 1;
         Ok(())
     }
 
-    /// Time of the last frame and what has passed since: people age without a sensor too.
+    /// Time of the last frame plus the time elapsed since, so that people age without a sensor too.
     fn now(&self) -> Timestamp {
-        let since = self.taken.elapsed().as_micros() as u64;
+        let since = self.taken_at.elapsed().as_micros() as u64;
         Timestamp::from_us(self.frame.at.as_us() + since)
     }
 
-    /// Saves the people remembered, once a minute.
+    /// Saves people when due, once a minute.
     fn save_people(&mut self) {
         let now = self.now();
         if let Some(people) = self.people.as_mut().filter(|people| people.is_due()) {
@@ -303,17 +303,17 @@ impl<'r> Session<'r> {
         }
     }
 
-    /// Switches off what gestures have switched on.
+    /// Releases all switches that gestures hold.
     fn release(&mut self) {
         self.gestures.release();
-        tell_gestures(&mut self.gestures, &mut self.outputs);
+        send_switches(&mut self.gestures, &mut self.outputs);
     }
 
-    /// What is due with or without a frame: commands, status, the service manager.
-    fn keep_up(&mut self, state: std::fmt::Arguments<'_>) {
+    /// Handles commands and updates status and service manager, with or without a frame.
+    fn handle_commands_and_status(&mut self, state: std::fmt::Arguments<'_>) {
         for output in &mut self.outputs {
             while let Some(command) = output.next_command() {
-                self.pipeline.obey(command);
+                self.pipeline.execute(command);
                 if let Command::Level(gesture, hundredths) = command {
                     let level = f32::from(hundredths) / 100.0;
                     self.gestures.set_level(gesture, level);
@@ -325,18 +325,18 @@ impl<'r> Session<'r> {
         let csv = self.csv.iter().map(Output::tally);
         self.status.write(csv.chain(outputs));
         let now = Instant::now();
-        self.manager.alive(now);
-        self.manager.state(state, now);
+        self.manager.feed_watchdog(now);
+        self.manager.set_status(state, now);
     }
 
     fn finish(mut self) {
-        self.manager.say("STOPPING=1");
+        self.manager.notify("STOPPING=1");
         let now = self.now();
         if let Some(people) = &mut self.people {
             people.save(self.pipeline.people(now), now);
         }
         if let Some(live) = self.live {
-            live.end(self.started.elapsed());
+            live.finish(self.started.elapsed());
         }
         let frames = self.source.state().skipped;
         if frames > 0 {
@@ -345,46 +345,50 @@ impl<'r> Session<'r> {
     }
 }
 
-fn tell_gestures(gestures: &mut Gestures, outputs: &mut [Box<dyn Output>]) {
+fn send_switches(gestures: &mut Gestures, outputs: &mut [Box<dyn Output>]) {
     gestures.for_each_switch(|switch| outputs.iter_mut().for_each(|output| output.switch(switch)));
 }
 
-/// What of the units is looked at besides sending them.
-fn shown(settings: &Settings, source: &str, pipeline: &Pipeline) -> (Gestures, Status) {
+/// Gestures and status of a configuration.
+fn gestures_and_status(
+    settings: &Settings,
+    source: &str,
+    pipeline: &Pipeline,
+) -> (Gestures, Status) {
     let (units, names) = (pipeline.unit_names(), settings.outputs.gesture_names());
     let status = Status::new(&settings.status_path, source, &units, &names)
         .with_ranges(settings.status_ranges);
     (Gestures::new(&settings.outputs.gestures, &units), status)
 }
 
-/// The line on a terminal that goes with the run, unless the CSV goes there or it was asked to be quiet.
-fn live(run: &Run, source: &str, settings: &Settings) -> Option<Live> {
+/// Opens the live line on a terminal, unless `--quiet` is given or the CSV goes to standard output.
+fn open_live(run: &Run, source: &str, settings: &Settings) -> Option<Live> {
     if run.quiet || run.csv.as_ref().is_some_and(|to| to.as_os_str() == "-") {
         return None;
     }
-    let live = Live::on_a_terminal()?;
-    live.greet(source, &table::named(&settings.outputs));
+    let live = Live::on_terminal()?;
+    live.print_header(source, &table::named(&settings.outputs));
     Some(live)
 }
 
 fn lock_memory(manager: &ServiceManager) {
     match memory::lock() {
         Ok(()) => tracing::debug!("memory is locked"),
-        // Only as a service is somebody there who can permit it once and for all.
-        Err(problem) if manager.is_there() => tracing::info!(
+        // Only a service has a unit file that can permit it.
+        Err(problem) if manager.is_connected() => tracing::info!(
             "memory is not locked ({problem}), so page faults may delay frames; LimitMEMLOCK=infinity in the unit allows locking"
         ),
         Err(problem) => tracing::debug!("memory is not locked ({problem})"),
     }
 }
 
-/// Where people are saved, if enabled: a recording must replay identically every time.
-fn people(settings: &Settings, source: &dyn Sensor) -> Option<People> {
+/// The file of saved people, if enabled; not for recordings, which must replay identically.
+fn people_file(settings: &Settings, source: &dyn Sensor) -> Option<People> {
     let saves = settings.state.persist && source.state().is_live;
     saves.then(|| People::new(Path::new(&settings.state.path)))
 }
 
-/// Opens the CSV requested.
+/// Opens the CSV and writes its header.
 fn csv_table(
     to: &Path,
     signals: &Signals,
@@ -393,11 +397,11 @@ fn csv_table(
     settings: &Settings,
 ) -> Result<Csv<Rows>, OutputError> {
     let pipe = if to.as_os_str() == "-" {
-        Pipe::of(io::stdout())
+        Pipe::from_stream(io::stdout())
     } else {
         Pipe::create(to, &signals.stop)
     };
-    let rows = pipe.map(|pipe| Rows::to(pipe, &signals.stop, source.state().is_live));
+    let rows = pipe.map(|pipe| Rows::new(pipe, &signals.stop, source.state().is_live));
     let rows = rows.map_err(OutputError::Csv)?;
     let (units, gestures) = (pipeline.unit_names(), settings.outputs.gesture_names());
     let csv = Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)?;

@@ -1,6 +1,5 @@
-//! `mien send-test`: sweeps each unit from 0 to 1 and back on every output, with its name in the log, so that a rig can be
-//! wired without a face. The head looks straight at the sensor from 0.8 m; for outputs that carry distances the landmarks of
-//! an average face move as the unit moves them.
+//! `mien send-test`: sweeps each unit from 0 to 1 and back on every output and logs its name, so that a rig can be wired
+//! without a face. The head faces the sensor at 0.8 m; the landmarks of the mean face move with the unit.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,14 +21,14 @@ use mien_stages::expression::units::Units;
 use mien_stages::face_model::FaceModel;
 use mien_stages::landmarks::Landmarks;
 
-/// Frames of one unit's sweep: a second.
+/// Frames of one unit's sweep: a second at 30 Hz.
 const SWEEP: u32 = 30;
 /// Frames of the neutral face before and after.
 const NEUTRAL: u32 = 15;
-/// Duration of a frame, as from the sensor.
+/// Duration of a frame at the sensor's 30 Hz.
 const FRAME: Duration = Duration::from_nanos(33_333_333);
-/// Position of the head, metres.
-const PLACE: [f32; 3] = [0.0, 0.0, 0.8];
+/// Position of the head, sensor frame, metres.
+const HEAD_POSITION_M: [f32; 3] = [0.0, 0.0, 0.8];
 
 /// `mien send-test`: every unit swept on every output.
 ///
@@ -37,15 +36,15 @@ const PLACE: [f32; 3] = [0.0, 0.0, 0.8];
 /// As [`Failure`] lists.
 pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
     let settings = settings(config)?;
-    // The names are what the command is for.
+    // Unit names are logged as information.
     crate::log::start(settings.log_level.max(tracing::Level::INFO));
     let (model, signals) = (model(settings.sensor.model())?, Signals::watch()?);
     Ok(sweep(&settings, &model, &signals.stop)?)
 }
 
-/// How landmarks move at the full expression: points, and millimetres to the subject's left, down, into the head.
+/// Motion at weight 1: unit, landmarks, displacement in millimetres to the subject's left, down, into the head.
 type Motion = (&'static str, &'static [usize], [f32; 3]);
-/// The corners of the mouth move apart, so they have two entries.
+/// Motions of the units; landmarks that move differently have separate entries.
 const MOTIONS: [Motion; 31] = [
     ("AU25", &[65, 66, 67], [0.0, 15.0, 0.0]),
     ("AU20", &[54], [8.0, 0.0, 0.0]),
@@ -80,7 +79,7 @@ const MOTIONS: [Motion; 31] = [
     ("AU5", &[37, 38, 43, 44], [0.0, -2.0, 0.0]),
 ];
 
-/// Sweeps all units once, a second each, or until `stop`.
+/// Sweeps all units once, a second each; `stop` ends it early.
 ///
 /// # Errors
 /// If an output cannot be opened or can never work.
@@ -106,7 +105,7 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
     for _ in 0..NEUTRAL {
         sender.send(&weights, "")?;
     }
-    let shown = View {
+    let view = View {
         units: settings.outputs.units.clone(),
         ..View::default()
     };
@@ -114,7 +113,7 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         if stop.load(Ordering::Relaxed) {
             break;
         }
-        let name = Some(shown.name(unit)).filter(|name| name != unit);
+        let name = Some(view.name(unit)).filter(|name| name != unit);
         let renamed = name.map_or_else(String::new, |name| format!("as {name} "));
         let plain = unit_words::plain(unit).map_or_else(String::new, |plain| plain + " ");
         tracing::info!("{unit} {plain}{renamed}({} of {})", i + 1, units.len());
@@ -138,11 +137,11 @@ struct Sender<'a> {
 }
 
 impl Sender<'_> {
-    /// Sends one frame when due; `moving` is the unit that moves the landmarks.
+    /// Sends one frame when due; `moving` names the unit that moves the landmarks, empty for none.
     fn send(&mut self, weights: &[f32], moving: &str) -> Result<(), OutputError> {
         let due = FRAME * self.frames;
         std::thread::sleep(due.saturating_sub(self.start.elapsed()));
-        let pose = Rigid::translation(PLACE[0], PLACE[1], PLACE[2]);
+        let pose = Rigid::translation(HEAD_POSITION_M[0], HEAD_POSITION_M[1], HEAD_POSITION_M[2]);
         let weight = weights.iter().copied().fold(0.0, f32::max);
         let head = face(&self.model.shape.mean, moving, weight);
         let landmarks = Landmarks {
@@ -163,14 +162,14 @@ impl Sender<'_> {
         self.frames += 1;
         for output in &mut self.outputs {
             output.send(&report)?;
-            // Nobody is there to obey.
+            // Commands have no effect here.
             while output.next_command().is_some() {}
         }
         Ok(())
     }
 }
 
-/// The mean face with one unit at a weight.
+/// The mean face with one unit at a weight, metres.
 fn face(mean: &[Point], unit: &str, weight: f32) -> [Point; LANDMARKS] {
     let mut points: [Point; LANDMARKS] = std::array::from_fn(|i| mean[i]);
     for (_, moved, mm) in MOTIONS.iter().filter(|(name, ..)| *name == unit) {
@@ -187,7 +186,7 @@ mod tests {
     use mien_stages::expression::measures;
 
     #[test]
-    fn every_unit_moves_its_measure_the_right_way() {
+    fn every_unit_moves_its_measure_in_the_right_direction() {
         let model = FaceModel::shipped();
         let units = Units::shipped();
         let rest = measures::raw(&face(&model.shape.mean, "", 0.0));

@@ -14,30 +14,30 @@ use mien_stages::face_model::FaceModel;
 
 /// Default path of the configuration.
 pub(super) const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
-/// How long what has failed at its start waits under a service manager before exiting: less than the start timeout.
+/// Delay of the exit after a failed start under a service manager; shorter than systemd's start timeout.
 const BACK_OFF: Duration = Duration::from_secs(15);
-/// Largest face model, bytes: a hundred times ours.
-const MODEL_MOST: usize = 1 << 28;
+/// Largest face model file, bytes: a hundred times the built-in model.
+const MAX_MODEL_BYTES: usize = 1 << 28;
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// The configuration file.
+    /// Invalid configuration file.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// The model file, and what is wrong with it.
+    /// Invalid model file: path and problem.
     #[error("{}: {}", .0.display(), .1)]
     Model(PathBuf, String),
-    /// The source of frames.
+    /// No usable source of frames.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// The stages.
+    /// The stages cannot be built.
     #[error(transparent)]
     Pipeline(#[from] PipelineError),
-    /// An output.
+    /// An output failed.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// Standard output.
+    /// Standard output cannot be written.
     #[error("cannot write to standard output: {0}; is there free space?")]
     Print(io::Error),
     /// Signals cannot be watched.
@@ -46,7 +46,7 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// Exit code of the contract.
+    /// Exit code, as `mien help` lists them.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Settings(_) => 2,
@@ -55,13 +55,13 @@ impl Failure {
         }
     }
 
-    /// Whether only the reader of what is printed has gone away, as `| head` does: an end, not a failure.
+    /// Whether the reader of standard output or the CSV closed it, as `| head` does; this is not a failure.
     pub fn is_reader_gone(&self) -> bool {
         matches!(self, Self::Print(error) | Self::Output(OutputError::Csv(error)) if error.kind() == ErrorKind::BrokenPipe)
     }
 
-    /// Delays the exit under a service manager of what failed soon after its start, as it will probably fail again until somebody
-    /// intervenes: systemd before 254 has no increasing restart delay. `ran` is how long it has run.
+    /// Delays the exit under a service manager if the run failed soon after its start, as the restart will probably fail too:
+    /// systemd before 254 has no increasing restart delay. `ran`: duration of the run.
     pub fn back_off(&self, ran: Duration) {
         if ran < BACK_OFF && std::env::var_os("NOTIFY_SOCKET").is_some() {
             std::thread::sleep(BACK_OFF);
@@ -69,10 +69,10 @@ impl Failure {
     }
 }
 
-/// Prints what a command was asked for.
+/// Prints a command's result.
 ///
 /// # Errors
-/// If standard output takes no more.
+/// If standard output cannot be written.
 pub fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
@@ -92,16 +92,16 @@ pub fn settings(file: Option<&Path>) -> Result<Settings, Failure> {
     })
 }
 
-/// The same without what a run would refuse, to be looked at all the same; the built-in defaults if it cannot be read.
+/// As [`settings`], without the checks of [`refused`]; the defaults if the file is invalid.
 pub(super) fn settings_unchecked(file: Option<&Path>) -> Settings {
     let path = file.unwrap_or(Path::new(SYSTEM_CONFIG));
     Settings::read(path, |_| None).unwrap_or_default()
 }
 
-/// The first thing that a run with these settings would refuse, by the constructors that it calls. Files that this user may not read
-/// are believed: the service's user may.
+/// The first setting that a run would refuse, found with the same constructors. Files that this user may not read are accepted:
+/// the service's user may.
 fn refused(settings: &Settings) -> Option<Refused> {
-    let of = |section, key, problem: String| {
+    let refusal = |section, key, problem: String| {
         Some(Refused {
             section,
             key,
@@ -109,14 +109,14 @@ fn refused(settings: &Settings) -> Option<Refused> {
         })
     };
     if let Err(problem) = source::check(&settings.sensor.source) {
-        return of("sensor", "source", problem.to_string());
+        return refusal("sensor", "source", problem.to_string());
     }
-    // The built-in model has what every stage needs.
+    // The built-in model is always complete.
     if let Some(path) = settings.sensor.model() {
         let checked =
             model(Some(path)).and_then(|model| Ok(Pipeline::check(&settings.stages, &model)?));
         if let Err(problem) = checked {
-            return of("sensor", "model", problem.to_string());
+            return refusal("sensor", "model", problem.to_string());
         }
     }
     let units = Pipeline::unit_names_with(&settings.stages);
@@ -129,13 +129,13 @@ fn refused(settings: &Settings) -> Option<Refused> {
             _ => false,
         };
         if !forbidden {
-            return of(section, problem.key(), problem.to_string());
+            return refusal(section, problem.key(), problem.to_string());
         }
     }
-    let at = &settings.outputs.page.listen;
+    let listen = &settings.outputs.page.listen;
     (table::share_a_port(&settings.outputs)).then_some(())?;
     let problem = "expected page.listen on another port than websocket.listen";
-    of("page", "listen", format!("{problem}, found {at}"))
+    refusal("page", "listen", format!("{problem}, found {listen}"))
 }
 
 /// The face model in a file, or the built-in one.
@@ -147,7 +147,7 @@ pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
         return Ok(FaceModel::shipped());
     };
     let wrong = |problem| Failure::Model(path.into(), problem);
-    let bytes = bounded_read::read(path, MODEL_MOST).map_err(|problem| {
+    let bytes = bounded_read::read(path, MAX_MODEL_BYTES).map_err(|problem| {
         let advice = "give a model written by `mien-studio train`";
         wrong(format!("cannot be read ({}); {advice}", reason(problem)))
     })?;

@@ -1,8 +1,8 @@
 //! Notifications to the service manager: ready, alive, a status line, stopping (the datagrams of systemd's `sd_notify(3)`).
 //!
 //! The socket's path is in `NOTIFY_SOCKET`; a path that begins with `@` is in the abstract namespace. With a watchdog
-//! (`WATCHDOG_USEC`) [`ServiceManager::alive`] triggers it four times per period, and only the loop that runs frames through
-//! the pipeline calls it: the manager kills a run that hangs anywhere. Without a manager every call does nothing.
+//! (`WATCHDOG_USEC`) [`ServiceManager::feed_watchdog`] triggers it four times per period. Only the loop over frames calls it, so
+//! that the manager kills a run that hangs anywhere. Without a manager every call does nothing.
 //! No allocation after construction. Limits: a lost datagram is not repeated; the next one follows soon.
 
 use std::fmt::Write as _;
@@ -11,8 +11,8 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
 /// Least interval between status lines.
-const STATE_PERIOD: Duration = Duration::from_secs(1);
-/// Longest datagram.
+const STATUS_PERIOD: Duration = Duration::from_secs(1);
+/// Longest status datagram, bytes.
 const MESSAGE: usize = 256;
 
 /// The manager of this process, if there is one.
@@ -20,9 +20,9 @@ const MESSAGE: usize = 256;
 pub struct ServiceManager {
     socket: Option<UnixDatagram>,
     feed_every: Option<Duration>,
-    fed: Option<Instant>,
-    state: heapless::String<MESSAGE>,
-    stated: Option<Instant>,
+    last_fed: Option<Instant>,
+    status: heapless::String<MESSAGE>,
+    status_sent: Option<Instant>,
 }
 
 impl ServiceManager {
@@ -35,7 +35,7 @@ impl ServiceManager {
         // The variables pass to children: the watchdog is only for the process it names.
         let mine = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
         let watchdog = number("WATCHDOG_USEC").filter(|_| mine);
-        Self::at(path.as_encoded_bytes(), watchdog.map(Duration::from_micros)).unwrap_or_else(
+        Self::connect(path.as_encoded_bytes(), watchdog.map(Duration::from_micros)).unwrap_or_else(
             |problem| {
                 tracing::warn!(
                     "cannot reach the service manager at {}: {problem}; readiness is not reported",
@@ -50,7 +50,7 @@ impl ServiceManager {
     ///
     /// # Errors
     /// If there is no such socket.
-    pub fn at(path: &[u8], watchdog: Option<Duration>) -> std::io::Result<Self> {
+    pub fn connect(path: &[u8], watchdog: Option<Duration>) -> std::io::Result<Self> {
         let address = match path.strip_prefix(b"@") {
             Some(name) => SocketAddr::from_abstract_name(name)?,
             None => {
@@ -68,45 +68,45 @@ impl ServiceManager {
         })
     }
 
-    /// Whether there is one.
-    pub const fn is_there(&self) -> bool {
+    /// Whether there is a manager.
+    pub const fn is_connected(&self) -> bool {
         self.socket.is_some()
     }
 
-    /// A frame was processed, or the sensor is known to be absent: triggers the watchdog when due.
-    pub fn alive(&mut self, now: Instant) {
+    /// Triggers the watchdog when due; to be called after every frame, or wait for the sensor.
+    pub fn feed_watchdog(&mut self, now: Instant) {
         let due = self.feed_every.is_some_and(|every| {
-            self.fed
-                .is_none_or(|fed| now.saturating_duration_since(fed) >= every)
+            self.last_fed
+                .is_none_or(|last_fed| now.saturating_duration_since(last_fed) >= every)
         });
         if due {
-            self.fed = Some(now);
-            self.say("WATCHDOG=1");
+            self.last_fed = Some(now);
+            self.notify("WATCHDOG=1");
         }
     }
 
-    /// One line for `systemctl status`; sent when it changed, at most once a second.
-    pub fn state(&mut self, line: std::fmt::Arguments<'_>, now: Instant) {
+    /// Sets the line of `systemctl status`; sent if changed, at most once a second.
+    pub fn set_status(&mut self, line: std::fmt::Arguments<'_>, now: Instant) {
         let early = self
-            .stated
-            .is_some_and(|stated| now.saturating_duration_since(stated) < STATE_PERIOD);
+            .status_sent
+            .is_some_and(|status_sent| now.saturating_duration_since(status_sent) < STATUS_PERIOD);
         if self.socket.is_none() || early {
             return;
         }
         let mut message = heapless::String::<MESSAGE>::new();
-        // Too long a line is not sent at all.
-        if write!(message, "STATUS={line}").is_ok() && message != self.state {
-            self.say(&message);
-            self.state = message;
-            self.stated = Some(now);
+        // A line that is too long is not sent.
+        if write!(message, "STATUS={line}").is_ok() && message != self.status {
+            self.notify(&message);
+            self.status = message;
+            self.status_sent = Some(now);
         }
     }
 
     /// Sends a message: `READY=1` when frames are processed (or the sensor is waited for, which counts as ready), `RELOADING=1`
     /// until the next of them, `STOPPING=1` when the run ends.
-    pub fn say(&self, message: &str) {
+    pub fn notify(&self, message: &str) {
         if let Some(socket) = &self.socket {
-            // Lost when the manager's queue is full; see the limits above.
+            // Lost if the manager's queue is full.
             let _ = socket.send(message.as_bytes());
         }
     }
@@ -130,7 +130,7 @@ mod tests {
         let address = SocketAddr::from_abstract_name(&name).unwrap();
         let socket = UnixDatagram::bind_addr(&address).unwrap();
         socket.set_nonblocking(true).unwrap();
-        let manager = ServiceManager::at(format!("@{name}").as_bytes(), watchdog).unwrap();
+        let manager = ServiceManager::connect(format!("@{name}").as_bytes(), watchdog).unwrap();
         (socket, manager)
     }
 
@@ -138,11 +138,11 @@ mod tests {
     fn the_watchdog_is_fed_four_times_a_period_and_not_by_itself() {
         let (socket, mut manager) = manager(Some(Duration::from_secs(4)), "watchdog");
         let start = Instant::now();
-        manager.say("READY=1");
+        manager.notify("READY=1");
         for frame in 0..90 {
-            manager.alive(start + Duration::from_millis(frame * 33));
+            manager.feed_watchdog(start + Duration::from_millis(frame * 33));
         }
-        manager.say("STOPPING=1");
+        manager.notify("STOPPING=1");
         let expected = [
             "READY=1",
             "WATCHDOG=1",
@@ -154,13 +154,13 @@ mod tests {
     }
 
     #[test]
-    fn a_line_of_state_is_sent_when_it_changes() {
+    fn a_status_line_is_sent_when_it_changes() {
         let (socket, mut manager) = manager(None, "state");
         let start = Instant::now();
-        manager.alive(start);
+        manager.feed_watchdog(start);
         for second in 0..6 {
             let users = second / 3;
-            manager.state(
+            manager.set_status(
                 format_args!("{users} users"),
                 start + Duration::from_millis(1100 * second),
             );
@@ -173,10 +173,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
         let bytes = path.as_os_str().as_encoded_bytes();
-        assert!(ServiceManager::at(bytes, None).is_err());
+        assert!(ServiceManager::connect(bytes, None).is_err());
         let socket = UnixDatagram::bind(&path).unwrap();
         socket.set_nonblocking(true).unwrap();
-        ServiceManager::at(bytes, None).unwrap().say("READY=1");
+        ServiceManager::connect(bytes, None)
+            .unwrap()
+            .notify("READY=1");
         assert_eq!(received(&socket), ["READY=1"]);
     }
 }

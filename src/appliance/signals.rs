@@ -8,9 +8,11 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::service::Failure;
 
-/// What the signals requested.
+/// Requests set by signals.
 pub(super) struct Signals {
+    /// SIGTERM, SIGINT, or SIGHUP on a terminal.
     pub(super) stop: Arc<AtomicBool>,
+    /// SIGHUP without a terminal.
     pub(super) reload: Arc<AtomicBool>,
 }
 
@@ -24,7 +26,7 @@ impl Signals {
             signal_hook::flag::register(signal, Arc::clone(&signals.stop))
                 .map_err(Failure::Signals)?;
         }
-        // A terminal that is closed ends what runs on it; a service manager asks for the configuration to be read again.
+        // SIGHUP: closing a terminal ends the run; a service manager requests a reload.
         let on_a_terminal = stdout().is_terminal() || stderr().is_terminal();
         let hang_up = if on_a_terminal {
             &signals.stop

@@ -1,4 +1,4 @@
-//! The sources by name, behind one interface, and the pace at which simulated or recorded frames are delivered.
+//! Opening of frame sources by name, and real-time pacing of simulated and recorded frames.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -14,13 +14,13 @@ use mien_simulator::simulated::{Simulated, UnknownScene};
 use mien_stages::base::nearest_word::hint;
 use mien_stages::base::time::Timestamp;
 
-/// The source unless another is named: a Kinect if one is plugged in, else the simulated sensor.
+/// Default source: a Kinect if one is connected, else the simulated sensor.
 pub const AUTO: &str = "auto";
-/// The simulated sensor.
+/// Name of the simulated sensor.
 pub const SIMULATED: &str = "simulated";
 
-/// The kind of sensor that a source's name begins with, and what follows its colon; everything but `auto`, `kinect` and
-/// `simulated` is a path, and `./kinect` is the directory of that name.
+/// Splits a source's name at the first colon into kind and detail (serial number or scene). Any kind but `auto`, `kinect` and
+/// `simulated` is a path; `./kinect` is the directory of that name.
 ///
 /// ```
 /// use mien_appliance::source::parts;
@@ -44,13 +44,13 @@ pub enum SourceError {
         "expected auto, kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {0}{1}"
     )]
     Unknown(String, String),
-    /// Of so many frames of a recording not one could be used.
+    /// None of this number of frames of a recording could be used.
     #[error("none of the {0} frames of this recording can be used; see the warnings above")]
     Nothing(usize),
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
-    /// No sensor that can be opened, and one was required.
+    /// A sensor was required, and none can be opened.
     #[error("{0}")]
     Missing(SensorError),
 }
@@ -83,7 +83,7 @@ pub fn recording(directory: &Path) -> Result<Source, SourceError> {
     Ok(Box::new(Recording::open(directory)?))
 }
 
-/// The kind of sensor that a name begins with; [`AUTO`] prefers the first.
+/// The kind of sensor and the serial number in a name; [`AUTO`] is the first kind.
 pub(crate) fn kind(name: &str) -> Option<(&'static SensorKind, Option<&str>)> {
     match parts(name) {
         (AUTO, None) => Some((&SENSORS[0], None)),
@@ -91,7 +91,7 @@ pub(crate) fn kind(name: &str) -> Option<(&'static SensorKind, Option<&str>)> {
     }
 }
 
-/// Whether a source of this name can be opened, as far as that is known without a sensor.
+/// Checks whether a source of this name can be opened, without accessing a sensor.
 ///
 /// # Errors
 /// As [`open`].
@@ -103,9 +103,8 @@ pub fn check(name: &str) -> Result<(), SourceError> {
     }
 }
 
-/// Opens a source by name; `settings` are for a sensor on USB. Returns it with the name of what [`AUTO`] has become. If no sensor is
-/// connected, `required` fails, [`AUTO`] plays the simulated sensor in its place, and whoever names a sensor waits until one is
-/// plugged in.
+/// Opens a source by name; `settings` are for a sensor on USB. Returns it with its name, [`AUTO`] resolved. Without a connected
+/// sensor, `required` fails, [`AUTO`] opens the simulated sensor, and a sensor's name waits for one.
 ///
 /// # Errors
 /// If the source does not exist or cannot be opened.
@@ -133,18 +132,18 @@ pub fn open<'a>(
     Ok((sensor, if name == AUTO { kind.name } else { name }))
 }
 
-/// Plays frames in real time, for sources that would otherwise deliver them as fast as possible.
+/// Delays frames to real time, for sources that deliver them as fast as possible.
 #[derive(Debug, Default)]
 pub struct Pacer {
-    /// Wall-clock time of time 0.
+    /// Wall-clock time of frame time 0.
     start: Option<Instant>,
 }
 
 impl Pacer {
-    /// Longest wait for a frame. A longer gap in the frames is shortened to this, so that signals are answered in time.
-    const LONGEST: Duration = Duration::from_millis(500);
+    /// Longest wait for a frame; longer gaps are shortened to it, so that signals are handled in time.
+    const MAX_WAIT: Duration = Duration::from_millis(500);
 
-    /// Waits until it is time for the frame taken at `at`. Late frames do not wait, and a delay beyond the longest wait is not
+    /// Waits until the frame with timestamp `at` is due. Late frames do not wait; a delay of more than half a second is not
     /// caught up.
     pub fn wait(&mut self, at: Timestamp) {
         let (now, offset) = (Instant::now(), Duration::from_micros(at.as_us()));
@@ -155,12 +154,12 @@ impl Pacer {
         let due = start + offset;
         let ahead = due.saturating_duration_since(now);
         let late = now.saturating_duration_since(due);
-        if ahead > Self::LONGEST || late > Self::LONGEST {
-            // Start again from this frame.
-            self.start = (now + ahead.min(Self::LONGEST)).checked_sub(offset);
+        if ahead > Self::MAX_WAIT || late > Self::MAX_WAIT {
+            // Restart the clock at this frame.
+            self.start = (now + ahead.min(Self::MAX_WAIT)).checked_sub(offset);
         } else {
             self.start = Some(start);
         }
-        std::thread::sleep(ahead.min(Self::LONGEST));
+        std::thread::sleep(ahead.min(Self::MAX_WAIT));
     }
 }

@@ -3,8 +3,7 @@
 //! Each file is written under a temporary name and then renamed, so that a reader never sees a partial one. They belong on an
 //! in-memory file system (`/run`) and are not synced. A write error is logged once, and writing is retried.
 //! Latency is the time from a frame's arrival in this machine until its last output has taken it, over the last 1024 frames.
-//! Nothing allocates after the first write; memory: two latency rings of 4 kB and a text of 16 kB.
-//! One file: both formats and their figures.
+//! Nothing allocates after the first write; memory: two latency rings of 4 kB and a text of 24 kB.
 
 use std::fmt::Write as _;
 use std::fs::Metadata;
@@ -27,9 +26,9 @@ use mien_stages::expression::UnitRange;
 const PERIOD: Duration = Duration::from_secs(1);
 /// Frames whose latency is kept.
 const LATENCIES: usize = 1024;
-/// Kinds of outputs, with the CSV, and one to spare.
+/// Capacity for the kinds of outputs, including the CSV.
 const OUTPUTS: usize = 12;
-/// Initial capacity of a text; it grows at the first write if necessary.
+/// Initial capacity of a file's text, bytes.
 const TEXT: usize = 24 * 1024;
 
 /// Figures of the status files.
@@ -43,14 +42,14 @@ pub struct Status {
     frames: u64,
     time_us: u64,
     lost: u64,
-    /// Whether frames arrive.
+    /// Whether the sensor delivers frames.
     sensor: bool,
     latencies: Latencies,
     users: [Option<User>; USERS],
-    /// What outputs had counted before a reload replaced them.
-    before: heapless::Vec<Tally, OUTPUTS>,
+    /// Sums of the outputs that reloads replaced, one per name.
+    replaced: heapless::Vec<Tally, OUTPUTS>,
     text: String,
-    /// Whether learned ranges are written: whoever can read the file sees them.
+    /// Whether learned ranges are written; every user of the machine can read them.
     ranges: bool,
 }
 
@@ -66,7 +65,7 @@ struct User {
 }
 
 impl Status {
-    /// Figures for the file at `path`; an empty path writes none. `source`, `units` and `gestures` are names.
+    /// Figures for the JSON file at `path`, empty for no files; `source`, `units` and `gestures` are names.
     pub fn new(path: &str, source: &str, units: &[&str], gestures: &[&str]) -> Self {
         let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
         Self {
@@ -82,45 +81,45 @@ impl Status {
             sensor: false,
             latencies: Latencies::default(),
             users: [const { None }; USERS],
-            before: heapless::Vec::new(),
+            replaced: heapless::Vec::new(),
             text: String::with_capacity(TEXT),
             ranges: false,
         }
     }
 
-    /// Whether learned ranges are written too.
+    /// Sets whether learned ranges are written too.
     pub fn with_ranges(self, ranges: bool) -> Self {
         Self { ranges, ..self }
     }
 
-    /// Continues the figures of the run before a reload, whose outputs had counted so much.
-    pub fn go_on_from(&mut self, before: Self, outputs: impl Iterator<Item = Tally>) {
+    /// Continues the figures from before a reload; `outputs` are the final tallies of the replaced outputs.
+    pub fn continue_from(&mut self, before: Self, outputs: impl Iterator<Item = Tally>) {
         (self.start, self.frames, self.lost) = (before.start, before.frames, before.lost);
         (self.time_us, self.sensor) = (before.time_us, before.sensor);
         (self.latencies, self.users) = (before.latencies, before.users);
-        // Each name once: a reload adds to what was counted before the last one.
-        let mut sums = before.before;
+        // One sum per name over all reloads.
+        let mut sums = before.replaced;
         for tally in outputs {
             match sums.iter_mut().find(|sum| sum.name == tally.name) {
                 Some(sum) => *sum = sum.plus(tally),
-                // There is room for all outputs that there are.
+                // Has room for all kinds of outputs.
                 None => drop(sums.push(tally)),
             }
         }
-        self.before = sums;
+        self.replaced = sums;
     }
 
     /// An output's counts since the program started.
     fn since_start(&self, tally: Tally) -> Tally {
-        let before = self.before.iter().find(|sum| sum.name == tally.name);
+        let before = self.replaced.iter().find(|sum| sum.name == tally.name);
         before.map_or(tally, |before| before.plus(tally))
     }
 
-    /// Adds a report, and its frame's latency until all outputs had it; `None` without a frame, or if another report of the same
-    /// frame was added.
+    /// Adds a report. `latency`: from arrival of the frame until all outputs took it, with the frame's first report only; `None`
+    /// without a frame.
     pub fn observe(&mut self, report: &Report, latency: Option<Duration>) {
         self.time_us = report.at.as_us();
-        // Reports of a frame come with its time first; without, and of nobody, the sensor is away.
+        // A report with neither latency nor user means that the sensor is absent.
         self.sensor = latency.is_some() || self.sensor && report.user.is_some();
         if let Some(latency) = latency {
             self.frames += 1;
@@ -160,7 +159,7 @@ impl Status {
         self.written = Some(now);
         let mut text = std::mem::take(&mut self.text);
         let outputs = outputs.map(|tally| self.since_start(tally));
-        // A string takes everything.
+        // Writing to a string cannot fail.
         let _ = self.json(outputs.clone(), &mut text);
         files.write(0, text.as_bytes());
         text.clear();
@@ -322,7 +321,7 @@ fn value_of_output(metric: &str, tally: &Tally) -> u64 {
 }
 
 defaults! {
-    /// The last latencies, a ring.
+    /// Ring of the last latencies, microseconds.
     struct Latencies {
         us: [u32; LATENCIES] = [0; LATENCIES],
         pushed: usize = 0,
@@ -358,7 +357,7 @@ struct Files {
     /// Whether a write error was logged.
     error_logged: bool,
     /// The files as last written: device, inode and creation time.
-    left: [Option<[u64; 3]>; 2],
+    last_written: [Option<[u64; 3]>; 2],
     /// Whether another writer was logged.
     other_writer_logged: bool,
 }
@@ -366,20 +365,22 @@ struct Files {
 impl Files {
     fn beside(json: &Path) -> Self {
         let prometheus = json.with_file_name("mien.prom");
-        // Whoever watches may read them, whatever else the process keeps to itself. Not synced: they are of this second.
+        // Readable for everybody regardless of the umask; not synced, as they are outdated after a second.
         let file = |path: &Path| AtomicFile::new(path, Some(0o644), false);
         Self {
             files: [json, &prometheus].map(file),
             error_logged: false,
-            left: [None; 2],
+            last_written: [None; 2],
             other_writer_logged: false,
         }
     }
 
     fn write(&mut self, file: usize, text: &[u8]) {
         let path = self.files[file].path();
-        let found = std::fs::metadata(path).ok().as_ref().map(mark);
-        let other = self.left[file].is_some() && found.is_some() && found != self.left[file];
+        let found = std::fs::metadata(path).ok().as_ref().map(file_identity);
+        let other = self.last_written[file].is_some()
+            && found.is_some()
+            && found != self.last_written[file];
         if other && !std::mem::replace(&mut self.other_writer_logged, true) {
             tracing::warn!(
                 "another program, perhaps a second mien, also writes {}; give each its own status.path",
@@ -389,12 +390,12 @@ impl Files {
         match self.files[file].write(text) {
             Ok(written) => {
                 self.error_logged = false;
-                self.left[file] = Some(mark(&written));
+                self.last_written[file] = Some(file_identity(&written));
             }
             Err(error) if !self.error_logged => {
-                // Only the service makes that folder: elsewhere nobody asked for the file.
-                let unasked = path.to_str() == Some(STATUS_PATH);
-                if !(unasked && error.kind() == ErrorKind::NotFound) {
+                // The default folder exists only under the service; a missing one is not reported.
+                let is_default_path = path.to_str() == Some(STATUS_PATH);
+                if !(is_default_path && error.kind() == ErrorKind::NotFound) {
                     tracing::info!(
                         "{} is not written ({}); set status.path to another file",
                         path.display(),
@@ -409,7 +410,7 @@ impl Files {
 }
 
 /// Identity of a file, to detect replacement.
-fn mark(about: &Metadata) -> [u64; 3] {
+fn file_identity(about: &Metadata) -> [u64; 3] {
     [about.dev(), about.ino(), about.mtime_nsec() as u64]
 }
 
@@ -435,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_whole_and_nothing_else_is_left() {
+    fn files_are_complete_and_leave_no_others() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("status.json");
         let status = Status::new(path.to_str().unwrap(), "a \"b\"\\", &["AU26"], &[]);
@@ -486,7 +487,10 @@ mod tests {
             "mien_users{state=\"tracking\"} 1",
             "mien_users{state=\"posed\"} 0",
         ] {
-            assert!(prom.lines().any(|told| told == line), "{line} in {prom}");
+            assert!(
+                prom.lines().any(|expected| expected == line),
+                "{line} in {prom}"
+            );
         }
         // Each metric is explained once, and all its samples stand below that.
         let mut metric = "";
@@ -499,7 +503,7 @@ mod tests {
             }
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
-        // A head without a face is told as one, and is no face.
+        // A head without a face counts as posed, not as a face.
         let posed = Report {
             state: TrackingState::Posed,
             weights: &[],
@@ -515,21 +519,21 @@ mod tests {
         ));
         assert!(prom.contains("mien_face_present 0\n"), "{prom}");
         assert!(prom.contains("mien_users{state=\"posed\"} 1\n"), "{prom}");
-        // Not again within the second.
+        // Not written again within a second.
         std::fs::remove_file(&path).unwrap();
         status.write([tally; 2].into_iter());
         assert!(!path.exists());
-        // Ranges stay with the service unless they are asked for.
+        // Ranges are omitted unless enabled.
         status.ranges = false;
         status.observe(&report, None);
         json.clear();
         status.json([tally].into_iter(), &mut json).unwrap();
-        let told = "\"AU26\": {\"weight\": 0.250, \"readiness\": 0.50}";
-        assert!(json.contains(told), "{json}");
-        // A reload goes on counting, what outputs counted before it included.
+        let expected = "\"AU26\": {\"weight\": 0.250, \"readiness\": 0.50}";
+        assert!(json.contains(expected), "{json}");
+        // Counts continue across a reload, those of the outputs included.
         let mut after = Status::new("", "", &["AU26"], &[]);
         let start = status.start;
-        after.go_on_from(status, [tally].into_iter());
+        after.continue_from(status, [tally].into_iter());
         assert_eq!((after.frames, after.start), (1, start));
         assert_eq!(after.since_start(tally).sent, 10);
     }
@@ -553,7 +557,7 @@ mod tests {
     }
 
     #[test]
-    fn another_program_that_writes_the_same_file_is_noticed_by_both() {
+    fn two_writers_of_one_file_detect_each_other() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("status.json");
         let mut both = [(); 2].map(|()| Files::beside(&path));
@@ -569,7 +573,7 @@ mod tests {
     }
 
     #[test]
-    fn the_files_are_for_everybody_whatever_the_mask() {
+    fn the_files_are_readable_for_everybody_under_any_umask() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("status.json");

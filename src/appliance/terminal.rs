@@ -1,9 +1,9 @@
 //! The output of `mien run` on a terminal: destinations at the start, one live line, and a summary at the end.
 //!
-//! One of six files with unsafe code, which the terminal's width requires.
+//! Unsafe code: the ioctl for the terminal's width.
 #![expect(
     unsafe_code,
-    reason = "TIOCGWINSZ, which tells a terminal's width, is a foreign function"
+    reason = "TIOCGWINSZ, the query of a terminal's width, is a foreign function"
 )]
 
 use core::fmt::Write as _;
@@ -17,31 +17,32 @@ use mien_stages::base::capacity::USERS;
 use mien_stages::expression::unit_words;
 
 /// Moves to the start of the live line and clears it.
-pub(crate) const OVER: &str = "\r\x1b[K";
-/// Columns of the narrowest and the widest line.
+pub(crate) const CLEAR_LINE: &str = "\r\x1b[K";
+/// Columns of the narrowest line.
 const NARROW: usize = 60;
+/// Columns of the widest line.
 const WIDE: usize = 160;
 /// Bytes of the longest line, with its control sequence.
-const LINE: usize = WIDE + OVER.len();
+const LINE: usize = WIDE + CLEAR_LINE.len();
 /// Columns if the width is unknown.
-const USUAL: usize = 80;
+const DEFAULT_COLUMNS: usize = 80;
 /// Weights below this are not shown.
-const SHOWN: f32 = 0.15;
-/// Where `mien-studio preview` receives OSC unless told otherwise.
-const LIVE_PAGE_HEARS: &str = "OSC to 127.0.0.1:9130";
-/// Units of one person on the line, at most.
-const MOST: usize = 8;
+const MIN_WEIGHT: f32 = 0.15;
+/// Default destination of OSC for `mien-studio preview`, as an output describes it.
+const PREVIEW_TARGET: &str = "OSC to 127.0.0.1:9130";
+/// Maximum number of units shown per person.
+const MAX_UNITS: usize = 8;
 
 /// Columns of the terminal behind a stream.
-fn width(of: &impl AsRawFd) -> usize {
+fn width(stream: &impl AsRawFd) -> usize {
     // A `winsize`: rows, columns, and both in pixels.
     let mut size = [0_u16; 4];
-    // SAFETY: TIOCGWINSZ writes one `winsize`, four numbers of 16 bits, which are there and ours alone.
-    let told = unsafe { libc::ioctl(of.as_raw_fd(), libc::TIOCGWINSZ, &raw mut size) };
+    // SAFETY: TIOCGWINSZ writes one `winsize`, four 16-bit numbers, into `size`, which is not aliased.
+    let result = unsafe { libc::ioctl(stream.as_raw_fd(), libc::TIOCGWINSZ, &raw mut size) };
     let columns = usize::from(size[1]);
     Some(columns)
-        .filter(|&columns| told == 0 && columns > 0)
-        .unwrap_or(USUAL)
+        .filter(|&columns| result == 0 && columns > 0)
+        .unwrap_or(DEFAULT_COLUMNS)
 }
 
 /// A line with a limited number of columns: words that do not fit are omitted.
@@ -53,27 +54,27 @@ struct Line {
 impl Line {
     fn new(columns: usize) -> Self {
         let mut text = heapless::String::new();
-        let _ = text.push_str(OVER);
+        let _ = text.push_str(CLEAR_LINE);
         // The last column stays free: some terminals wrap as soon as it is written.
         let columns = columns.clamp(NARROW, WIDE) - 1;
         Self { text, columns }
     }
 
-    /// Adds words if they fit.
+    /// Adds words if they fit, which is returned.
     fn add(&mut self, words: core::fmt::Arguments<'_>) -> bool {
         let mut piece: heapless::String<48> = heapless::String::new();
         let whole = piece.write_fmt(words).is_ok();
         // ASCII only, so bytes are columns.
-        let fits = whole && self.text.len() - OVER.len() + piece.len() <= self.columns;
+        let fits = whole && self.text.len() - CLEAR_LINE.len() + piece.len() <= self.columns;
         fits && self.text.push_str(&piece).is_ok()
     }
 
-    /// Adds the strongest units of a face, by their plain names; both sides acting together are one.
+    /// Adds the strongest units of a face by their plain names; the two sides of a unit, if both are active, are averaged.
     fn add_units(&mut self, names: &[impl AsRef<str>], weights: &[f32]) {
-        let mut strong: heapless::Vec<(f32, &str, bool), MOST> = heapless::Vec::new();
+        let mut strong: heapless::Vec<(f32, &str, bool), MAX_UNITS> = heapless::Vec::new();
         let all = || {
             let all = names.iter().map(AsRef::as_ref).zip(weights.iter().copied());
-            all.filter(|(_, weight)| *weight >= SHOWN)
+            all.filter(|(_, weight)| *weight >= MIN_WEIGHT)
         };
         for (name, weight) in all() {
             let other = |side: char, other: char| {
@@ -83,19 +84,19 @@ impl Line {
                     .find(|(name, _)| is_other(name))
                     .map(|(_, weight)| weight)
             };
-            // The left side speaks for both.
+            // Both sides are listed with the left one.
             if other('R', 'L').is_some() {
                 continue;
             }
             let both = other('L', 'R');
             let weight = both.map_or(weight, |other| 0.5 * (weight + other));
-            let at = strong.iter().position(|(other, _, _)| weight > *other);
-            let at = at.unwrap_or(strong.len());
-            if strong.is_full() && at < strong.len() {
+            let index = strong.iter().position(|(other, _, _)| weight > *other);
+            let index = index.unwrap_or(strong.len());
+            if strong.is_full() && index < strong.len() {
                 strong.pop();
             }
-            // A full list ends with the weakest, which this one is weaker than.
-            let _ = strong.insert(at, (weight.min(9.99), name, both.is_some()));
+            // Fails if the list is full of stronger units.
+            let _ = strong.insert(index, (weight.min(9.99), name, both.is_some()));
         }
         for (weight, name, both) in strong {
             let written = match unit_words::find(name) {
@@ -112,7 +113,7 @@ impl Line {
     }
 }
 
-/// One readable line: the time, and for everybody present the state and the strongest units.
+/// The live line: time, then state and strongest units of each person present.
 fn line(
     columns: usize,
     reports: &[Report<'_>],
@@ -128,9 +129,9 @@ fn line(
     if many == 0 {
         line.add(format_args!("nobody in view"));
     }
-    let (all, start) = (line.columns, line.text.len() - OVER.len());
+    let (all, start) = (line.columns, line.text.len() - CLEAR_LINE.len());
     for (k, report) in there.enumerate() {
-        // Everybody has the same share of the line.
+        // Each person has the same share of the line.
         line.columns = start + (all - start) * (k + 1) / many;
         let state = report.state.name();
         if many == 1 {
@@ -197,18 +198,18 @@ pub(super) struct Live {
 }
 
 impl Live {
-    /// Only on a terminal: a log is no place for weights.
-    pub(super) fn on_a_terminal() -> Option<Self> {
+    /// The live line, if standard output is a terminal.
+    pub(super) fn on_terminal() -> Option<Self> {
         let terminal = Some(io::stdout()).filter(IsTerminal::is_terminal);
         Some(Self {
-            out: Pipe::of(terminal?).ok()?,
+            out: Pipe::from_stream(terminal?).ok()?,
             shown: false,
             tally: Tally::default(),
         })
     }
 
     /// Prints the source, the destinations, and what to do next.
-    pub(super) fn greet(&self, source: &str, outputs: &str) {
+    pub(super) fn print_header(&self, source: &str, outputs: &str) {
         let version = env!("CARGO_PKG_VERSION");
         let to = if outputs.is_empty() {
             "nowhere"
@@ -217,29 +218,29 @@ impl Live {
         };
         let next = if outputs.is_empty() {
             "enable an output in the configuration (see `mien print-config`), or add --csv FILE; Ctrl-C stops"
-        } else if outputs.contains(LIVE_PAGE_HEARS) {
+        } else if outputs.contains(PREVIEW_TARGET) {
             "`mien-studio preview` shows the face at http://127.0.0.1:9180, `mien send-test` tests a receiver; Ctrl-C stops"
         } else {
             "`mien send-test` moves every shape once to test a receiver; Ctrl-C stops"
         };
         let words = format!("mien {version}: {source}\nsends to: {to}\nnext: {next}\n");
-        self.out.offer(words.as_bytes());
+        self.out.try_write(words.as_bytes());
     }
 
-    /// Shows a frame's reports in place of the previous ones. Does not wait for a blocked terminal.
-    pub(super) fn show(&mut self, reports: &[Report<'_>], names: &[impl AsRef<str>]) {
+    /// Replaces the line by a frame's reports; never waits for a blocked terminal.
+    pub(super) fn update(&mut self, reports: &[Report<'_>], names: &[impl AsRef<str>]) {
         self.tally.count(reports);
         let line = line(width(&io::stdout()), reports, names);
-        self.shown |= self.out.offer(line.as_bytes());
+        self.shown |= self.out.try_write(line.as_bytes());
     }
 
     /// Ends the live line and prints the summary.
-    pub(super) fn end(self, took: Duration) {
+    pub(super) fn finish(self, took: Duration) {
         if self.shown {
-            self.out.offer(b"\n");
+            self.out.try_write(b"\n");
         }
         let summary = self.tally.summary(took);
-        self.out.offer(format!("{summary}\n").as_bytes());
+        self.out.try_write(format!("{summary}\n").as_bytes());
     }
 }
 
@@ -262,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn the_line_names_what_is_strongest_first() {
+    fn the_line_lists_the_strongest_units_first() {
         let weights = [0.5, 0.1, 0.16, 0.8];
         assert_eq!(
             line(80, &[report(0, &weights)], &NAMES).as_str(),
@@ -276,14 +277,17 @@ mod tests {
     }
 
     #[test]
-    fn everybody_is_on_it_and_it_never_wraps() {
+    fn the_line_shows_everybody_and_never_wraps() {
         let names: Vec<String> = (0..40).map(|_| "AU43L".to_owned()).collect();
         let weights = [1.0; 40];
         for columns in [60, 80, 100, 300] {
             for people in 0..=USERS {
                 let reports: Vec<Report> = (0..people).map(|user| report(user, &weights)).collect();
                 let line = line(columns, &reports, &names);
-                assert!(line.len() - OVER.len() < columns, "{columns}: {line:?}");
+                assert!(
+                    line.len() - CLEAR_LINE.len() < columns,
+                    "{columns}: {line:?}"
+                );
                 for user in (0..people).filter(|_| people > 1) {
                     let part = format!("| {} tracking", user + 1);
                     assert!(columns < 80 || line.contains(&part), "{columns}: {line:?}");

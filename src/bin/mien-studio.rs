@@ -1,4 +1,4 @@
-//! The workstation: training, pictures, recordings, baking.
+//! The program `mien-studio`: training, images, recordings, baking.
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use signal_hook::consts::SIGPIPE;
 
 fn main() -> ExitCode {
     mien_appliance::log::start(tracing::Level::INFO);
-    // A reader of standard output that goes away (`| head -1`) ends the program quietly, with the code shells give for it.
+    // A closed standard output (`| head -1`) ends the program silently, with the shell's exit code for SIGPIPE.
     let always = Arc::new(AtomicBool::new(true));
     let _ = signal_hook::flag::register_conditional_shutdown(SIGPIPE, 128 + SIGPIPE, always);
     let done = cli::run(std::env::args_os().skip(1));

@@ -34,8 +34,12 @@ fn pipeline() -> Pipeline {
 
 fn written(people: &[Gone], pipeline: &Pipeline, at: SystemTime) -> String {
     let mut text = String::new();
-    write(people.iter().cloned(), (pipeline.at(), at), &mut text)
-        .expect("a String takes everything");
+    write(
+        people.iter().cloned(),
+        (pipeline.last_frame_time(), at),
+        &mut text,
+    )
+    .expect("a String takes everything");
     text
 }
 
@@ -43,7 +47,7 @@ fn written(people: &[Gone], pipeline: &Pipeline, at: SystemTime) -> String {
 fn who_was_there_is_known_after_a_restart() {
     let mut before = pipeline();
     play(&mut before, 600);
-    let people: Vec<Gone> = before.people(before.at()).collect();
+    let people: Vec<Gone> = before.people(before.last_frame_time()).collect();
     assert_eq!(people.len(), 1, "one person is there");
     let learned = people[0].learned.clone();
 
@@ -51,7 +55,7 @@ fn who_was_there_is_known_after_a_restart() {
     let path = folder.path().join("people.ranges");
     let mut file = People::new(&path);
     assert!(file.load().is_empty(), "no file, nobody");
-    file.save(people.iter().cloned(), before.at());
+    file.save(people.iter().cloned(), before.last_frame_time());
     let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
     assert_eq!(names.len(), 1, "nothing is left beside it");
 
@@ -86,7 +90,9 @@ fn a_file_reads_back_and_ages() {
     play(&mut pipeline, 60);
     let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
     let text = written(
-        &pipeline.people(pipeline.at()).collect::<Vec<_>>(),
+        &pipeline
+            .people(pipeline.last_frame_time())
+            .collect::<Vec<_>>(),
         &pipeline,
         at,
     );
@@ -110,7 +116,9 @@ fn a_damaged_file_is_refused_and_set_aside() {
     play(&mut pipeline, 60);
     let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
     let text = written(
-        &pipeline.people(pipeline.at()).collect::<Vec<_>>(),
+        &pipeline
+            .people(pipeline.last_frame_time())
+            .collect::<Vec<_>>(),
         &pipeline,
         at,
     );

@@ -1,8 +1,8 @@
-//! One person's stages in order (pose, landmarks, expression) and everything known about that person.
+//! One person's stages in order (pose, landmarks, expression) and that person's state.
 //!
 //! All memory is allocated at construction, about 0.3 MB per person; the standard head is shared.
 
-use super::stage::{Now, Stage};
+use super::stage::{FrameContext, Stage};
 use mien_outputs::Report;
 use mien_stages::base::capacity::UNITS;
 use mien_stages::base::frames::SensorFromFace;
@@ -18,61 +18,62 @@ use mien_stages::users::matching::LastSeen;
 use mien_stages::users::memory::Gone;
 use mien_stages::users::{Presence, TrackingState};
 
-/// A pose without a face for this many frames is rejected.
+/// Consecutive frames without a face after which a known person's pose is rejected.
 const FACELESS_FRAMES: u32 = 3;
-/// A face seen in this many frames is known, and may turn away.
+/// Frames with a face after which depth alone tracks a hidden face; without colour, frames after which unsure poses count.
 const KNOWN_FRAMES: u64 = 30;
-/// A head whose face was seen in this many frames has a speed, by which it is found where it is expected.
+/// Frames with a face after which the head's velocity predicts its position well enough to skip segmentation.
 const SETTLED_FRAMES: u64 = 8;
-/// Cosines of the angle to the line of sight between which a head counts as turned away while depth still sees its face: 20°
-/// and 70°.
+/// Cosine of the angle between face and line of sight, 70° to 20°, in which a head counts as turned away but still has a depth
+/// image of its face.
 const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
-/// After this long unseen, a head may be another person's, seconds.
+/// Time unseen after which a head may be another person's, seconds.
 const AWAY_GAP_S: f64 = 0.1;
 /// Confidence reported for a face tracked by depth alone.
 const AWAY_CONFIDENCE: f32 = 0.25;
 /// Minimum confidence of a face that may correct the head pose.
 const FUSED_CONFIDENCE: f32 = 0.6;
-/// The face corrects a pose in this many of its first frames.
+/// Frames with a face in which a person is new to [`PoseTracker::register_face`].
 const CORRECTED_FRAMES: u64 = 3;
-/// Without a picture, a head becomes a user once it was certain in this many consecutive frames.
+/// Consecutive frames with a sure head after which it becomes a user without an image.
 const POSED_FRAMES: u64 = 2;
-/// Certain head: least coverage of the middle of the standard head's face, and least agreement with it. In the real film
-/// nine of ten frames of the head pass; chair, arms, paper and clothes never exceed an agreement of 0.54.
+/// Minimum coverage of the middle of the standard head's face for a sure head, 0…1.
 const SURE_COVERAGE: f32 = 0.65;
+/// Minimum agreement with the standard head for a sure head, 0…1. In the real recording nine of ten frames of the head pass;
+/// chair, arms, paper and clothes never exceed 0.54.
 const SURE_CONFIDENCE: f32 = 0.56;
-/// A head with this agreement needs only one frame.
+/// Agreement at which one frame suffices instead of [`POSED_FRAMES`].
 const CERTAIN_CONFIDENCE: f32 = 0.62;
 
-/// What is known of a person besides what their stages have learned.
+/// A person's state outside their stages.
 #[derive(Clone, Default)]
 pub(crate) struct Person {
     pub(crate) state: TrackingState,
     /// Last head pose; kept while held.
     head: Option<SensorFromFace>,
     /// Last landmarks; kept while the face is held.
-    points: Option<Landmarks>,
+    landmarks: Option<Landmarks>,
     /// Confidence of the landmarks, or of the pose if there are none; 0…1.
     confidence: f32,
-    /// The head's box in this frame's depth picture, if there is one.
-    pub(crate) rect: Option<PixelRect>,
-    /// Expected position.
-    pub(crate) place: Option<LastSeen>,
-    /// When they came.
-    pub(crate) since: Timestamp,
-    /// When the head was last tracked, with its face or by depth alone.
+    /// Box of the head in this frame's depth image, pixels; `None` if not seen.
+    pub(crate) head_box: Option<PixelRect>,
+    /// Last position and velocity, for prediction.
+    pub(crate) position: Option<LastSeen>,
+    /// Time of the first head pose.
+    pub(crate) first_seen: Timestamp,
+    /// Time of the last head pose, with a face or by depth alone.
     pub(crate) last_seen: Timestamp,
     /// Frames in which the face was seen.
-    pub(crate) frames: u64,
+    pub(crate) face_frames: u64,
     /// Consecutive frames in which the head was tracked without colour.
-    posed: u64,
-    /// Whether the head was missed since, so that a new detection has to be certain.
+    posed_frames: u64,
+    /// Whether the head was missed since the last pose; the next one without an image must then be sure.
     missed: bool,
-    /// Features for re-identification, besides the head.
-    face: FaceLengths,
+    /// Facial proportions for re-identification.
+    face_lengths: FaceLengths,
 }
 
-/// Tracks one person.
+/// Tracks one person through all stages.
 pub(crate) struct Follower {
     pub(crate) pose: PoseTracker,
     pub(crate) landmarks: LandmarkStage,
@@ -81,7 +82,7 @@ pub(crate) struct Follower {
     pub(crate) person: Person,
     /// Consecutive frames with a pose and without a face.
     faceless: u32,
-    /// Number of places searched for a face without depth; continues from person to person.
+    /// Number of searches for a face in the image alone; selects the next regions.
     guesses: usize,
     /// Learned ranges, one for each unit.
     ranges: heapless::Vec<UnitRange, UNITS>,
@@ -111,100 +112,123 @@ impl Follower {
         self.person.state != TrackingState::Absent
     }
 
-    /// Whether enough was seen to make this a user: a face, or without colour a stable head.
-    pub(crate) fn is_somebody(&self) -> bool {
-        self.person.frames > 0 || self.person.posed >= POSED_FRAMES
+    /// Whether the candidate may become a user: a face was seen or, without colour, a sure head.
+    pub(crate) fn is_admissible(&self) -> bool {
+        self.person.face_frames > 0 || self.person.posed_frames >= POSED_FRAMES
     }
 
-    /// Whether enough was seen to accept an uncertain pose.
+    /// Whether the person is known well enough to accept an unsure pose.
     fn is_known(&self) -> bool {
-        self.person.frames > 0 || self.person.posed >= KNOWN_FRAMES
+        self.person.face_frames > 0 || self.person.posed_frames >= KNOWN_FRAMES
     }
 
-    /// Whether the face is followed without interruption, so that the head need not be cut out.
+    /// Whether the face is tracked without interruption, so that segmentation can be skipped.
     pub(crate) fn is_settled(&self) -> bool {
-        self.person.frames >= SETTLED_FRAMES && self.faceless == 0 && self.person.state.has_face()
+        self.person.face_frames >= SETTLED_FRAMES
+            && self.faceless == 0
+            && self.person.state.has_face()
     }
 
-    /// Frames for which the candidate was tracked.
-    pub(crate) fn followed(&self) -> u64 {
-        self.person.frames + self.person.posed
+    /// Number of tracked frames.
+    pub(crate) fn tracked_frames(&self) -> u64 {
+        self.person.face_frames + self.person.posed_frames
     }
 
-    /// The stages where the head is expected, whose cut-out is centred on `middle`; `None` if it is not there. Whether they
-    /// found it. `cloud` is filled with its points.
+    /// Runs the stages at the expected head pose, shifted to the segmented centre `middle` (sensor frame, metres) if given, and
+    /// fills `cloud` with the head's points. `None`: no head there; otherwise whether a face was found.
     pub(crate) fn follow_expected(
         &mut self,
-        now: &mut Now<'_>,
+        context: &mut FrameContext<'_>,
         cloud: &mut HeadCloud,
         middle: Option<Point>,
     ) -> Option<bool> {
-        self.person.rect = None;
-        let at = now.frame.at;
-        let (place, scale) = self.pose.expected(at, middle)?;
-        if !gather_at_pose(&now.frame.depth, now.camera, &place, scale, cloud) {
+        self.person.head_box = None;
+        let at = context.frame.at;
+        let (expected_pose, scale) = self.pose.expected(at, middle)?;
+        if !gather_at_pose(
+            &context.frame.depth,
+            context.camera,
+            &expected_pose,
+            scale,
+            cloud,
+        ) {
             return None;
         }
         let pose = self.pose.follow(cloud, at);
-        (now.after)(Stage::Pose);
-        Some(self.look(now, cloud, &pose?))
+        (context.stage_done)(Stage::Pose);
+        Some(self.run_face_stages(context, cloud, &pose?))
     }
 
-    /// The stages on a cut-out head; whether a face was found, or the pose where that is enough.
-    pub(crate) fn follow_in(&mut self, now: &mut Now<'_>, cloud: &HeadCloud) -> bool {
+    /// Runs the stages on a segmented head. Returns whether a face was found, or a pose that needs none.
+    pub(crate) fn follow_in_cloud(
+        &mut self,
+        context: &mut FrameContext<'_>,
+        cloud: &HeadCloud,
+    ) -> bool {
         let pose;
-        (pose, now.searches) = self.pose.find(cloud, now.frame.at, now.searches);
-        (now.after)(Stage::Pose);
+        (pose, context.search_budget) =
+            self.pose
+                .find(cloud, context.frame.at, context.search_budget);
+        (context.stage_done)(Stage::Pose);
         let Some(pose) = pose else {
-            self.person.rect = Some(cloud.rect);
+            self.person.head_box = Some(cloud.rect);
             self.miss_head();
-            self.search_face(now, cloud);
+            self.search_face(context, cloud);
             return false;
         };
-        self.look(now, cloud, &pose)
+        self.run_face_stages(context, cloud, &pose)
     }
 
-    /// The stages after the pose: landmarks, the pose's correction by them, expression.
-    fn look(&mut self, now: &mut Now<'_>, cloud: &HeadCloud, pose: &HeadPose) -> bool {
-        self.person.rect = Some(cloud.rect);
-        let Some(landmarks) = self.fit(now, pose) else {
-            return self.follow_without_face(now, cloud, pose);
+    /// Runs the stages after the pose: landmarks, face registration, expression. Returns as [`Self::follow_in_cloud`].
+    fn run_face_stages(
+        &mut self,
+        context: &mut FrameContext<'_>,
+        cloud: &HeadCloud,
+        pose: &HeadPose,
+    ) -> bool {
+        self.person.head_box = Some(cloud.rect);
+        let Some(landmarks) = self.fit_landmarks(context, pose) else {
+            return self.follow_without_face(context, cloud, pose);
         };
         let is_confident = landmarks.confidence >= FUSED_CONFIDENCE;
-        let is_new = self.person.frames < CORRECTED_FRAMES;
+        let is_new = self.person.face_frames < CORRECTED_FRAMES;
         let sensor_from_face = self.pose.register_face(cloud, pose, is_confident, is_new);
         self.expression
-            .observe(&landmarks, &sensor_from_face, now.frame.at);
+            .observe(&landmarks, &sensor_from_face, context.frame.at);
         self.ranges = self.expression.unit_ranges();
-        self.person.face.add(&landmarks.head);
-        self.show(now, landmarks, sensor_from_face, cloud);
+        self.person.face_lengths.add(&landmarks.head);
+        self.accept_landmarks(context, landmarks, sensor_from_face, cloud);
         true
     }
 
-    /// The landmarks at a pose, if the frame has a picture and there is a face.
-    fn fit(&mut self, now: &mut Now<'_>, pose: &HeadPose) -> Option<Landmarks> {
-        let frame = now.frame;
+    /// Fits landmarks at a pose; `None` without an image or a face.
+    fn fit_landmarks(
+        &mut self,
+        context: &mut FrameContext<'_>,
+        pose: &HeadPose,
+    ) -> Option<Landmarks> {
+        let frame = context.frame;
         if !frame.has_image() {
             return None;
         }
-        self.person.posed = 0;
+        self.person.posed_frames = 0;
         let fitted = self.landmarks.fit(
-            now.scratch,
+            context.scratch,
             &frame.luma,
             &frame.depth,
-            now.camera,
+            context.camera,
             pose,
             &mut self.pose.face,
             frame.at,
         );
-        (now.after)(Stage::Landmarks);
+        (context.stage_done)(Stage::Landmarks);
         fitted.cloned()
     }
 
-    /// A pose without a face, which may be one all the same: in the dark, turned away, or behind a hand.
+    /// Accepts a pose without a face in the dark, for a head turned away, or for a covered face. Returns whether it did.
     fn follow_without_face(
         &mut self,
-        now: &mut Now<'_>,
+        context: &mut FrameContext<'_>,
         cloud: &HeadCloud,
         pose: &HeadPose,
     ) -> bool {
@@ -213,120 +237,123 @@ impl Follower {
             self.pose.update(Evidence::Nothing);
             return false;
         }
-        if !now.frame.has_image() {
-            // Until somebody is known to be there, only what is surely a head counts.
-            let is_one = is_sure || (self.is_known() && !self.person.missed);
-            if is_one {
-                self.follow_by_depth(now, cloud, pose);
+        if !context.frame.has_image() {
+            // Before the person is known, only a sure head counts.
+            let is_head = is_sure || (self.is_known() && !self.person.missed);
+            if is_head {
+                self.follow_by_depth(context, cloud, pose);
             } else {
                 self.miss_head();
             }
-            return is_one;
+            return is_head;
         }
         let sensor_from_face = self.pose.sensor_from_face(&pose.sensor_from_head);
-        if let Some(landmarks) = self.turned_away(&sensor_from_face, now.camera, now.frame.at) {
-            self.show(now, landmarks, sensor_from_face, cloud);
+        if let Some(landmarks) =
+            self.turned_away(&sensor_from_face, context.camera, context.frame.at)
+        {
+            self.accept_landmarks(context, landmarks, sensor_from_face, cloud);
             return true;
         }
-        // Somebody whose head is there beyond doubt: a hand, the light or the hair hides the face.
-        if self.person.frames >= KNOWN_FRAMES && is_sure {
-            self.follow_by_depth(now, cloud, pose);
+        // A sure head of a known person: a hand, the light or hair hides the face.
+        if self.person.face_frames >= KNOWN_FRAMES && is_sure {
+            self.follow_by_depth(context, cloud, pose);
             return true;
         }
         self.count_faceless();
-        self.search_face(now, cloud);
+        self.search_face(context, cloud);
         false
     }
 
-    /// The landmarks of this frame, in it or moved with the head.
-    fn show(
+    /// Stores the frame's landmarks, fitted or moved with the head.
+    fn accept_landmarks(
         &mut self,
-        now: &mut Now<'_>,
+        context: &mut FrameContext<'_>,
         landmarks: Landmarks,
         sensor_from_face: SensorFromFace,
         cloud: &HeadCloud,
     ) {
-        (now.after)(Stage::Expression);
-        let at = now.frame.at;
-        self.find(sensor_from_face, cloud, at);
+        (context.stage_done)(Stage::Expression);
+        let at = context.frame.at;
+        self.accept_head(sensor_from_face, cloud, at);
         self.person.confidence = landmarks.confidence;
-        self.person.points = Some(landmarks);
+        self.person.landmarks = Some(landmarks);
         self.faceless = 0;
         self.person.missed = false;
-        self.person.frames += 1;
+        self.person.face_frames += 1;
         let ready = !self.expression.weights().warming;
         self.person.state = self.presence.seen(at, ready);
     }
 
-    /// Searches the colour picture for a face that depth does not show: one place per frame.
-    fn search_face(&mut self, now: &mut Now<'_>, cloud: &HeadCloud) {
-        if !now.frame.has_image() {
+    /// Searches the image for a face without a depth pose, in one region per frame.
+    fn search_face(&mut self, context: &mut FrameContext<'_>, cloud: &HeadCloud) {
+        if !context.frame.has_image() {
             return;
         }
         let guesses = guess::guesses(&cloud.points, self.guesses);
         self.guesses += 1;
-        let (luma, camera) = (&now.frame.luma, now.camera);
+        let (luma, camera) = (&context.frame.luma, context.camera);
         let search_face = |guess| {
             self.landmarks
-                .search_face(now.scratch, luma, camera, &guess)
+                .search_face(context.scratch, luma, camera, &guess)
         };
         let found = guesses.into_iter().flatten().filter_map(search_face);
         if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
-            self.pose.update(Evidence::Elsewhere(head, now.frame.at));
+            self.pose
+                .update(Evidence::Elsewhere(head, context.frame.at));
         }
     }
 
-    /// The head was found, with or without its face.
-    fn find(&mut self, sensor_from_face: SensorFromFace, cloud: &HeadCloud, at: Timestamp) {
+    /// Stores the head pose, found with or without a face.
+    fn accept_head(&mut self, sensor_from_face: SensorFromFace, cloud: &HeadCloud, at: Timestamp) {
         let origin = sensor_from_face.translation.vector;
-        match &mut self.person.place {
-            Some(place) => place.update(cloud.centre, origin, at),
-            None => self.person.place = Some(LastSeen::new(cloud.centre, origin, at)),
+        match &mut self.person.position {
+            Some(position) => position.update(cloud.centre, origin, at),
+            None => self.person.position = Some(LastSeen::new(cloud.centre, origin, at)),
         }
         if self.person.head.is_none() {
-            self.person.since = at;
+            self.person.first_seen = at;
         }
         self.person.head = Some(sensor_from_face);
         self.person.last_seen = at;
     }
 
-    /// Depth shows no head; for a known person a single such frame is ignored.
+    /// Notes a frame without a head in depth.
     fn miss_head(&mut self) {
         self.person.missed = true;
         if !self.is_known() {
-            self.person.posed = 0;
+            self.person.posed_frames = 0;
         }
     }
 
-    /// A frame without colour: the pose is accepted, and a face that was just seen moves with it.
-    fn follow_by_depth(&mut self, now: &Now<'_>, cloud: &HeadCloud, pose: &HeadPose) {
-        let at = now.frame.at;
+    /// Accepts a pose without a face; landmarks still held move with it.
+    fn follow_by_depth(&mut self, context: &FrameContext<'_>, cloud: &HeadCloud, pose: &HeadPose) {
+        let at = context.frame.at;
         let sensor_from_face = self.pose.sensor_from_face(&pose.sensor_from_head);
         self.pose.update(Evidence::Head(cloud));
-        self.find(sensor_from_face, cloud, at);
+        self.accept_head(sensor_from_face, cloud, at);
         self.faceless = 0;
         self.person.missed = false;
-        self.person.posed += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
+        self.person.posed_frames += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
         self.person.state = self.presence.posed(at);
         if self.person.state == TrackingState::Posed {
-            self.person.points = None;
+            self.person.landmarks = None;
         }
-        match &mut self.person.points {
-            Some(points) => points.reproject(&sensor_from_face, now.camera),
+        match &mut self.person.landmarks {
+            Some(points) => points.reproject(&sensor_from_face, context.camera),
             None => self.person.confidence = pose.confidence,
         }
     }
 
-    /// A known head that turns away is tracked by depth alone: its landmarks stay fixed to the head and the weights unchanged.
-    /// `None` for a head that faces the sensor without showing a face, or was not tracked until now.
+    /// The last landmarks moved with a known head that turns away, at low confidence. `None` if the head faces the sensor, turns
+    /// too far, or was not tracked just before.
     fn turned_away(
         &self,
         pose: &SensorFromFace,
         camera: &Camera,
         at: Timestamp,
     ) -> Option<Landmarks> {
-        let last = self.person.points.as_ref()?;
-        let known = self.person.frames >= KNOWN_FRAMES
+        let last = self.person.landmarks.as_ref()?;
+        let known = self.person.face_frames >= KNOWN_FRAMES
             && at.seconds_since(self.person.last_seen) < AWAY_GAP_S;
         let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
         if !known || !AWAY_FACING.contains(&facing) {
@@ -341,21 +368,21 @@ impl Follower {
         Some(landmarks)
     }
 
-    /// A pose without a face: after a few of them it is rejected, since depth alone may track a wrong pose for long.
+    /// Counts a pose without a face and rejects it after a few: depth alone may track a wrong pose for long.
     fn count_faceless(&mut self) {
         self.faceless += 1;
-        if self.faceless >= FACELESS_FRAMES || self.person.frames < KNOWN_FRAMES {
+        if self.faceless >= FACELESS_FRAMES || self.person.face_frames < KNOWN_FRAMES {
             self.faceless = 0;
             self.pose.update(Evidence::NoFace);
         }
     }
 
-    /// The face was not found in this frame.
+    /// Notes a frame in which the person was not found.
     pub(crate) fn miss(&mut self, at: Timestamp) {
         self.person.state = self.presence.unseen(at);
     }
 
-    /// Resets for the next person, who starts from the priors.
+    /// Resets everything to the priors for the next person.
     pub(crate) fn forget(&mut self) {
         self.pose.reset();
         self.landmarks.reset();
@@ -366,8 +393,8 @@ impl Follower {
         self.faceless = 0;
     }
 
-    /// Learns in another way from now on; what was learned about the person stays.
-    pub(crate) fn learn_with(&mut self, mut expression: Expression, mut presence: Presence) {
+    /// Replaces the learning stages; the person's learned ranges and presence carry over.
+    pub(crate) fn replace_learning(&mut self, mut expression: Expression, mut presence: Presence) {
         if self.is_taken() {
             expression.restore(&self.expression.learned());
             expression.freeze(self.expression.weights().frozen);
@@ -377,15 +404,15 @@ impl Follower {
         self.ranges = self.expression.unit_ranges();
     }
 
-    /// Features for re-identification.
+    /// The person's features for re-identification.
     pub(crate) fn likeness(&self) -> Likeness {
         Likeness {
             head: self.pose.signature(),
-            face: self.person.face,
+            face: self.person.face_lengths,
         }
     }
 
-    /// What to remember of the person, and when they were last seen.
+    /// The person's record for [`mien_stages::users::memory`].
     pub(crate) fn gone(&self, slot: usize) -> Gone {
         Gone {
             slot,
@@ -396,7 +423,7 @@ impl Follower {
         }
     }
 
-    /// Fills in a report that has frame, time and user.
+    /// Adds the person's results to a report with frame, time and user.
     pub(crate) fn report<'a>(&'a self, known: Report<'a>) -> Report<'a> {
         let known = Report {
             state: self.person.state,
@@ -408,11 +435,11 @@ impl Follower {
         let known = Report {
             confidence: self.person.confidence,
             sensor_from_face: self.person.head.as_deref(),
-            head_box: self.person.rect,
+            head_box: self.person.head_box,
             frozen: self.expression.weights().frozen,
             ..known
         };
-        match &self.person.points {
+        match &self.person.landmarks {
             Some(points) => Report {
                 landmarks: Some(points),
                 measures: &self.expression.weights().measures,
@@ -449,7 +476,7 @@ mod tests {
         )
     }
 
-    /// Frames of a seated person, each with its cloud and the true head pose.
+    /// Calls `see` with each frame of a seated person, its cloud and the true head pose.
     fn frames(count: usize, mut see: impl FnMut(&Frame, &Camera, &HeadCloud, Rigid)) {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
         let camera = sensor.camera().clone();
@@ -473,34 +500,34 @@ mod tests {
         }
     }
 
-    /// The stages after a given pose; which ones ran.
-    fn look(
+    /// Runs the face stages after a given pose; returns their result and the stages that ran.
+    fn run_face_stages(
         follower: &mut Follower,
         (frame, camera): (&Frame, &Camera),
         cloud: &HeadCloud,
         pose: &HeadPose,
     ) -> (bool, Vec<Stage>) {
         let mut done = Vec::new();
-        let mut now = Now {
+        let mut context = FrameContext {
             frame,
             camera,
             scratch: &mut Scratch::default(),
-            searches: 0,
-            after: &mut |stage| done.push(stage),
+            search_budget: 0,
+            stage_done: &mut |stage| done.push(stage),
         };
-        let seen = follower.look(&mut now, cloud, pose);
+        let seen = follower.run_face_stages(&mut context, cloud, pose);
         (seen, done)
     }
 
     #[test]
-    fn a_head_that_depth_has_turned_is_turned_back_by_its_face() {
-        // Less than what makes the pose be searched anew.
+    fn landmarks_correct_a_rotated_depth_pose() {
+        // Too small to restart the pose search.
         let wrong = Rotation::new(Vector::y() * 0.10);
         let mut follower = follower();
         let mut left = Vec::new();
         frames(40, |frame, camera, cloud, truth| {
             let given = pose(truth * wrong);
-            let (seen, done) = look(&mut follower, (frame, camera), cloud, &given);
+            let (seen, done) = run_face_stages(&mut follower, (frame, camera), cloud, &given);
             if seen {
                 assert_eq!(done, [Stage::Landmarks, Stage::Expression]);
             }
@@ -515,18 +542,18 @@ mod tests {
     }
 
     fn search_face(follower: &mut Follower, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
-        let mut now = Now {
+        let mut context = FrameContext {
             frame,
             camera,
             scratch: &mut Scratch::default(),
-            searches: 0,
-            after: &mut |_| {},
+            search_budget: 0,
+            stage_done: &mut |_| {},
         };
-        follower.search_face(&mut now, cloud);
+        follower.search_face(&mut context, cloud);
     }
 
     #[test]
-    fn a_face_that_depth_does_not_tell_of_is_found_in_the_picture() {
+    fn a_face_without_a_depth_pose_is_found_in_the_image() {
         let mut follower = follower();
         let mut random = fastrand::Rng::with_seed(5);
         let (mut looked, mut off) = (0, Vec::new());
@@ -539,7 +566,7 @@ mod tests {
                 let apart = (found.translation.vector - truth.translation.vector).norm();
                 off.push((found.rotation.angle_to(&truth.rotation), apart));
             }
-            // Noise is not believed: nothing is kept of it.
+            // Noise leaves no state.
             follower.pose.reset();
             let mut covered = frame.clone();
             covered.luma.fill_with(|| random.u8(..));
@@ -553,19 +580,22 @@ mod tests {
     }
 
     #[test]
-    fn who_learns_with_other_settings_is_who_they_were() {
+    fn other_learning_settings_keep_the_person() {
         let mut after = follower();
         let mut at = Timestamp::default();
         let mut face = FaceLengths::default();
         frames(12, |frame, camera, cloud, truth| {
-            let frames = after.person.frames;
-            look(&mut after, (frame, camera), cloud, &pose(truth));
-            if after.person.frames > frames {
-                face.add(&after.person.points.as_ref().expect("a face").head);
+            let frames = after.person.face_frames;
+            run_face_stages(&mut after, (frame, camera), cloud, &pose(truth));
+            if after.person.face_frames > frames {
+                face.add(&after.person.landmarks.as_ref().expect("a face").head);
             }
             at = frame.at;
         });
-        assert_eq!(after.person.face, face, "known by every face that was seen");
+        assert_eq!(
+            after.person.face_lengths, face,
+            "known by every face that was seen"
+        );
         after.expression.freeze(true);
         let learned = format!("{:?}", after.expression.learned());
         let Follower {
@@ -573,34 +603,36 @@ mod tests {
             presence,
             ..
         } = follower();
-        after.learn_with(expression, presence);
+        after.replace_learning(expression, presence);
         assert_eq!(format!("{:?}", after.expression.learned()), learned);
-        assert!(after.person.frames > 5 && after.person.face == face);
+        assert!(after.person.face_frames > 5 && after.person.face_lengths == face);
         assert!(after.expression.weights().frozen && !after.ranges.is_empty());
-        // Unseen just after, they are held and not lost: their presence came along.
+        // Presence carried over: a missed frame holds the user.
         after.miss(Timestamp::from_us(at.as_us() + 33_000));
         assert_eq!(after.person.state, TrackingState::Held);
-        // And nothing is left of them in the end.
+        // Forgetting clears everything.
         after.forget();
-        assert!(!after.is_taken() && after.person.head.is_none() && after.person.place.is_none());
-        assert!(!after.is_somebody() && !after.expression.weights().frozen);
+        assert!(
+            !after.is_taken() && after.person.head.is_none() && after.person.position.is_none()
+        );
+        assert!(!after.is_admissible() && !after.expression.weights().frozen);
     }
 
     #[test]
-    fn a_known_head_whose_face_is_covered_is_followed_by_depth_if_it_is_surely_one() {
+    fn a_sure_head_with_a_covered_face_is_tracked_by_depth() {
         let mut follower = follower();
         let mut frame_number = 0;
         let mut covered = 0;
         frames(45, |frame, camera, cloud, truth| {
             frame_number += 1;
             if frame_number <= 35 {
-                look(&mut follower, (frame, camera), cloud, &pose(truth));
+                run_face_stages(&mut follower, (frame, camera), cloud, &pose(truth));
                 return;
             }
-            if follower.person.frames < KNOWN_FRAMES {
+            if follower.person.face_frames < KNOWN_FRAMES {
                 return;
             }
-            // Something before the face: a picture, but none of a face.
+            // An image without a face.
             let mut hidden = frame.clone();
             for (k, luma) in hidden.luma.iter_mut().enumerate() {
                 *luma = (k % 251) as u8;
@@ -611,13 +643,13 @@ mod tests {
                 ..pose(truth)
             };
             let faces = (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
-            let before = follower.person.frames;
+            let before = follower.person.face_frames;
             if faces >= AWAY_FACING.end {
                 if covered == 1 {
-                    assert!(!look(&mut follower, (&hidden, camera), cloud, &unsure).0);
+                    assert!(!run_face_stages(&mut follower, (&hidden, camera), cloud, &unsure).0);
                 }
-                assert!(look(&mut follower, (&hidden, camera), cloud, &pose(truth)).0);
-                assert_eq!(follower.person.frames, before, "no face was seen");
+                assert!(run_face_stages(&mut follower, (&hidden, camera), cloud, &pose(truth)).0);
+                assert_eq!(follower.person.face_frames, before, "no face was seen");
                 assert_eq!(follower.person.last_seen, frame.at);
                 assert!(follower.person.head.is_some_and(|head| {
                     (head.translation.vector - truth.translation.vector).norm() < 1e-4
@@ -628,7 +660,7 @@ mod tests {
     }
 
     #[test]
-    fn without_colour_two_frames_of_a_sure_head_make_somebody_or_one_of_a_certain_one() {
+    fn without_colour_two_sure_frames_or_a_certain_one_admit_a_head() {
         for (confidence, coverage, somebody_after) in [
             (0.61, 0.7, Some(2)),
             (0.63, 0.7, Some(1)),
@@ -645,10 +677,10 @@ mod tests {
                     coverage,
                     ..pose(truth)
                 };
-                let found = look(&mut follower, (&dark, camera), cloud, &given).0;
+                let found = run_face_stages(&mut follower, (&dark, camera), cloud, &given).0;
                 assert_eq!(found, somebody_after.is_some());
                 seen += 1;
-                if first.is_none() && follower.is_somebody() {
+                if first.is_none() && follower.is_admissible() {
                     first = Some(seen);
                     assert_eq!(follower.person.state, TrackingState::Posed);
                     assert_eq!(follower.person.confidence, confidence);
@@ -659,10 +691,10 @@ mod tests {
     }
 
     #[test]
-    fn who_is_known_is_doubted_at_the_third_frame_without_a_face_who_is_not_at_once() {
+    fn a_known_pose_is_rejected_at_the_third_frame_without_a_face_an_unknown_one_at_the_first() {
         let mut follower = follower();
         for (frames, counts) in [(29, [0, 0, 0]), (30, [1, 2, 0])] {
-            follower.person.frames = frames;
+            follower.person.face_frames = frames;
             for count in counts {
                 follower.count_faceless();
                 assert_eq!(follower.faceless, count, "{frames} frames");
@@ -671,7 +703,7 @@ mod tests {
     }
 
     #[test]
-    fn a_covered_face_is_followed_from_the_thirtieth_frame_of_a_head_on() {
+    fn a_covered_face_is_tracked_after_thirty_frames() {
         for (frames_before, followed) in [(29, false), (30, true)] {
             let mut looked = false;
             frames(6, |frame, camera, cloud, truth| {
@@ -686,8 +718,9 @@ mod tests {
                     *luma = (k % 251) as u8;
                 }
                 let mut follower = follower();
-                follower.person.frames = frames_before;
-                let found = look(&mut follower, (&hidden, camera), cloud, &pose(truth)).0;
+                follower.person.face_frames = frames_before;
+                let found =
+                    run_face_stages(&mut follower, (&hidden, camera), cloud, &pose(truth)).0;
                 assert_eq!(found, followed, "{frames_before} frames");
             });
             assert!(looked);

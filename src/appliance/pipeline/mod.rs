@@ -11,7 +11,7 @@ pub(crate) mod tests;
 
 pub use people::PipelineError;
 #[cfg(feature = "studio")]
-pub use people::{FIRST_LOOK, FIRST_LOOK_APART, SECOND_LOOK, SECOND_LOOK_APART};
+pub use people::{REID_EARLY_DISTANCE, REID_FULL_DISTANCE, REID_FULL_FRAMES, REID_MIN_FRAMES};
 pub use settings::Settings;
 pub use stage::Stage;
 pub use stages::Pipeline;

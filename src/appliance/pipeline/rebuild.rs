@@ -1,8 +1,8 @@
-//! Other settings during a run: stages are replaced one person after the other, so that hardly more memory is needed than before.
+//! Changes of settings during a run: stages are replaced person by person, so that peak memory hardly grows.
 
 use std::sync::Arc;
 
-use super::people::{People, PipelineError, learning};
+use super::people::{People, PipelineError, expression_and_presence};
 use super::settings::Settings;
 use mien_stages::base::second_core::SecondCore;
 use mien_stages::expression::units::Units;
@@ -12,16 +12,16 @@ use mien_stages::pose::PoseTracker;
 use mien_stages::users::choice::Choice;
 
 impl People {
-    /// Starts or ends the second thread.
-    pub(super) fn share(&mut self, settings: &Settings) {
-        let shares = settings.second_core && settings.users.most > 1;
-        if shares != self.second.is_some() {
-            let core = shares.then(SecondCore::start).flatten();
-            self.second = core.map(|core| (core, Scratch::default()));
+    /// Starts or ends the second thread as the settings require.
+    pub(super) fn set_second_core(&mut self, settings: &Settings) {
+        let wanted = settings.second_core && settings.users.most > 1;
+        if wanted != self.second_core.is_some() {
+            let core = wanted.then(SecondCore::start).flatten();
+            self.second_core = core.map(|core| (core, Scratch::default()));
         }
     }
 
-    /// Takes other settings, person by person; pose and landmarks are built anew if `stages` differ.
+    /// Applies new settings, person by person; `stages` rebuilds pose and landmarks too.
     ///
     /// # Errors
     /// As [`Self::new`]; nothing has changed then.
@@ -37,18 +37,18 @@ impl People {
         let units = Arc::new(Units::shipped());
         for follower in &mut self.followers {
             if let Some(pose) = &pose {
-                // It fails for the first one or for none.
+                // Fails for the first follower or for none.
                 follower.landmarks = LandmarkStage::new(settings.landmarks, model)?;
                 follower.pose = pose.for_another_head();
             }
-            let (expression, presence) = learning(settings, &units);
-            follower.learn_with(expression, presence);
+            let (expression, presence) = expression_and_presence(settings, &units);
+            follower.replace_learning(expression, presence);
         }
         let choice = Choice::new(settings.users.single);
         let before = core::mem::replace(&mut self.choice, choice);
         self.choice.adopt(&before);
         self.settings = settings.users.clone();
-        self.share(settings);
+        self.set_second_core(settings);
         Ok(())
     }
 }

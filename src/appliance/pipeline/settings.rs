@@ -16,9 +16,9 @@ defaults! {
         pub landmarks: landmarks::StageSettings = landmarks::StageSettings::default(),
         /// Learning of ranges.
         pub learning: expression::Settings = expression::Settings::default(),
-        /// Which people are tracked, and what happens when a face is lost.
+        /// Selection of tracked people, and handling of a lost face.
         pub users: users::Settings = users::Settings::default(),
-        /// Whether two threads share the people between them, with the same results: if this process has a second core.
+        /// Whether two threads share the people, with the same results; by default if a second core is available.
         pub second_core: bool = SecondCore::is_available(),
     }
 }

@@ -1,4 +1,4 @@
-//! The stages by name, and what they share of a frame.
+//! Names of the stages, and the data of a frame that they share.
 
 use mien_sensors::Frame;
 use mien_stages::camera::Camera;
@@ -7,23 +7,23 @@ use mien_stages::landmarks::Scratch;
 /// Stages of [`super::Pipeline::follow`], in order; all but the first run once for each tracked head.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Segments heads in the depth picture.
+    /// Segmentation of heads in the depth image.
     Segment,
     /// Head pose.
     Pose,
-    /// The 68 points.
+    /// 68 landmarks.
     Landmarks,
-    /// Measures, ranges, weights.
+    /// Measures, their ranges, and unit weights.
     Expression,
 }
 
-/// A frame on its way through the stages.
-pub(super) struct Now<'a> {
+/// A frame and the resources for processing it.
+pub(super) struct FrameContext<'a> {
     pub(super) frame: &'a Frame,
     pub(super) camera: &'a Camera,
     pub(super) scratch: &'a mut Scratch,
-    /// Halves of a search that this frame has time for.
-    pub(super) searches: u32,
-    /// Called at the end of each stage reached.
-    pub(super) after: &'a mut dyn FnMut(Stage),
+    /// Halves of an initial pose search that this frame may still run.
+    pub(super) search_budget: u32,
+    /// Called after each stage.
+    pub(super) stage_done: &'a mut dyn FnMut(Stage),
 }

@@ -1,4 +1,4 @@
-//! Frame to reports: the diagram in `lib.rs` as code.
+//! Frame to reports:
 //!
 //! ```text
 //! frame ─► segment ─► heads ─► people ─► follower of each: pose ─► landmarks ─► expression ─► report of each
@@ -6,9 +6,9 @@
 //! All memory is allocated in [`Pipeline::new`].
 
 use super::follower::Follower;
-use super::people::{CANDIDATE, FIRST_LOOK, People, PipelineError};
+use super::people::{CANDIDATE, People, PipelineError, REID_MIN_FRAMES};
 use super::settings::Settings;
-use super::stage::{Now, Stage};
+use super::stage::{FrameContext, Stage};
 use mien_outputs::{Command, Report};
 use mien_sensors::Frame;
 use mien_stages::base::capacity::USERS;
@@ -32,7 +32,7 @@ pub struct Pipeline {
     segmenter: Segmenter,
     people: People,
     scratch: Scratch,
-    /// Of pose and landmarks.
+    /// Settings of pose and landmarks, to detect changes.
     settings: (pose::Settings, StageSettings),
 }
 
@@ -60,20 +60,20 @@ impl Pipeline {
         self.follow_by_stage(frame, |_| {});
     }
 
-    /// As [`Pipeline::follow`], and calls `after` at the end of each stage reached.
-    pub fn follow_by_stage(&mut self, frame: &Frame, mut after: impl FnMut(Stage)) {
-        let mut now = Now {
+    /// As [`Pipeline::follow`]; calls `stage_done` after each stage.
+    pub fn follow_by_stage(&mut self, frame: &Frame, mut stage_done: impl FnMut(Stage)) {
+        let mut context = FrameContext {
             frame,
             camera: &self.camera,
             scratch: &mut self.scratch,
-            searches: 0,
-            after: &mut after,
+            search_budget: 0,
+            stage_done: &mut stage_done,
         };
-        self.people.follow(&mut now, &mut self.segmenter);
+        self.people.follow(&mut context, &mut self.segmenter);
     }
 
-    /// The reports of the last frame: one for each user, one with the state absent for each user forgotten in this frame, and
-    /// one without a user if there is neither.
+    /// Reports of the last frame: one per user, one with the state absent per user forgotten in it, or a single one without a
+    /// user if there is neither.
     pub fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
         let people = &self.people;
         let users = &people.followers[..USERS];
@@ -85,7 +85,7 @@ impl Pipeline {
         let mut reports = heapless::Vec::new();
         for (slot, user) in users.iter().enumerate() {
             if user.is_taken() || people.left[slot] {
-                // Room for all slots and one more.
+                // Has room for all slots and one more.
                 let _ = reports.push(user.report(Report {
                     user: Some(slot),
                     other_is_shown: people.choice.shown().is_some_and(|shown| shown != slot),
@@ -104,7 +104,7 @@ impl Pipeline {
         reports
     }
 
-    /// The report of the user that single-person outputs show; of nobody if there is none.
+    /// The report of the user chosen for single-person outputs, else one without a user.
     pub fn report(&self) -> Report<'_> {
         let reports = self.reports();
         let shown = reports
@@ -118,7 +118,7 @@ impl Pipeline {
         Measure::ALL.iter().map(|measure| measure.name()).collect()
     }
 
-    /// Names that the units have with these settings, in the order of [`Report::weights`].
+    /// Names of the units with these settings, in the order of [`Report::weights`].
     pub fn unit_names_with(settings: &Settings) -> Vec<String> {
         let expression = Expression::new(settings.learning, Units::shipped());
         let names = expression.unit_names().iter();
@@ -131,8 +131,8 @@ impl Pipeline {
         names.map(|name| name.as_str()).collect()
     }
 
-    /// Executes a receiver's command; a slot without a user is left unchanged.
-    pub fn obey(&mut self, command: Command) {
+    /// Executes a receiver's command. Commands for slots out of range are ignored.
+    pub fn execute(&mut self, command: Command) {
         let people = &mut self.people;
         match command {
             Command::Forget(slot @ ..USERS) => {
@@ -150,90 +150,93 @@ impl Pipeline {
         }
     }
 
-    /// People who left, longest gone first, and those present, as if they left now; of them those not gone too long by then, and
-    /// nobody if none are remembered.
+    /// Records of people to save at `now`: first those who left, longest gone first, then the present users. Omits people gone
+    /// for longer than `users.remember_s`; empty if that is 0.
     pub fn people(&self, now: Timestamp) -> impl Iterator<Item = Gone> + '_ {
         let most_s = f64::from(self.people.settings.remember_s);
         let users = self.people.followers[..USERS].iter().enumerate();
-        let known =
-            users.filter(|(_, user)| user.is_taken() && user.pose.learned_frames() >= FIRST_LOOK);
+        let known = users
+            .filter(|(_, user)| user.is_taken() && user.pose.learned_frames() >= REID_MIN_FRAMES);
         let there = known.map(|(slot, user)| user.gone(slot));
         let all = self.people.memory.gone().iter().cloned().chain(there);
         all.filter(move |gone| most_s > 0.0 && gone.away_s(now) <= most_s)
     }
 
-    /// Forgets who is gone for too long by now, as each frame does by its own time.
+    /// Forgets people gone for longer than `users.remember_s` at `now`; each frame does so too.
     pub fn forget_older(&mut self, now: Timestamp) {
         let most_s = self.people.settings.remember_s.into();
         self.people.memory.forget_older(now, most_s);
     }
 
-    /// As if everybody remembered had left so much earlier, seconds.
+    /// Moves the departure of everybody remembered back by `seconds`.
     pub fn age(&mut self, seconds: f64) {
         self.people.memory.age(seconds);
     }
 
-    /// Remembers people of an earlier run.
+    /// Adds people saved by an earlier run to the memory.
     pub fn recall(&mut self, people: impl IntoIterator<Item = Gone>) {
         people
             .into_iter()
             .for_each(|gone| self.people.memory.keep(gone));
     }
 
-    /// Whether [`Pipeline::new`] would succeed, for one person.
+    /// Builds the stages of one person as a check.
     ///
     /// # Errors
-    /// As there.
+    /// As [`Pipeline::new`].
     pub fn check(settings: &Settings, model: &FaceModel) -> Result<(), PipelineError> {
         pose::PoseTracker::new(settings.pose, &model.standard_head)?;
         LandmarkStage::new(settings.landmarks, model)?;
         Ok(())
     }
 
-    /// Takes other settings during a run. Stages are replaced one after the other, so that only one person's exist twice at
-    /// a time. Users stay, with their poses and faces too unless the settings differ there.
+    /// Applies new settings during a run. Users are kept; their poses and landmarks too unless those settings change. Stages are
+    /// replaced person by person, which bounds peak memory.
     ///
     /// # Errors
     /// As [`Pipeline::new`]; nothing has changed then.
     pub fn rebuild(&mut self, settings: &Settings, model: &FaceModel) -> Result<(), PipelineError> {
-        let of_stages = (settings.pose, settings.landmarks);
+        let stage_settings = (settings.pose, settings.landmarks);
         self.people
-            .rebuild(settings, model, of_stages != self.settings)?;
+            .rebuild(settings, model, stage_settings != self.settings)?;
         self.segmenter.set(settings.segment);
-        self.settings = of_stages;
+        self.settings = stage_settings;
         Ok(())
     }
 
-    /// The frames now come from another camera.
+    /// Replaces the camera and forgets all users.
     pub fn set_camera(&mut self, camera: &Camera) {
         self.camera = camera.clone();
         self.segmenter.reset();
-        self.people.refused.clear();
+        self.people.rejected.clear();
         self.people.followers.iter_mut().for_each(Follower::forget);
     }
 
     /// Time of the last frame.
-    pub fn at(&self) -> Timestamp {
+    pub fn last_frame_time(&self) -> Timestamp {
         self.people.at
     }
 
-    /// The camera the pipeline assumes.
+    /// The camera of the frames.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
-    /// What was learned about the user of a slot (beyond the last: the candidate), for pictures and tables.
+    /// Expression stage of a slot, or of the candidate for a slot out of range.
     pub fn expression(&self, slot: usize) -> &Expression {
         &self.people.followers[slot.min(CANDIDATE)].expression
     }
 
-    /// How far apart two people are; `None` when too little was seen to tell.
+    /// Distance of two people's features, dimensionless; `None` if too little of a head was seen.
     #[cfg(feature = "studio")]
-    pub fn apart(&self, one: &Likeness, other: &Likeness) -> Option<f32> {
-        self.people.apart(one, other)
+    pub fn identity_distance(&self, one: &Likeness, other: &Likeness) -> Option<f32> {
+        self.people.identity_distance(one, other)
     }
 
-    /// The features of the user of a slot so far.
+    /// Re-identification features of the user in a slot.
+    ///
+    /// # Panics
+    /// If there is no such slot.
     #[cfg(feature = "studio")]
     pub fn likeness(&self, slot: usize) -> Likeness {
         self.people.followers[slot].likeness()
@@ -247,7 +250,7 @@ mod tests {
     use mien_stages::pose::Evidence;
 
     #[test]
-    fn a_picture_in_which_all_are_followed_is_segmented_every_third_time() {
+    fn every_third_frame_is_segmented_while_all_users_are_tracked() {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
         let camera = sensor.camera().clone();
         let (settings, model) = (Settings::default(), FaceModel::shipped());
@@ -264,7 +267,7 @@ mod tests {
         }
         segmented.retain(|&number| number >= 45);
         assert_eq!(segmented, [47, 50, 53, 56, 59, 62, 65, 68, 71, 74]);
-        // Nobody there: every picture is searched.
+        // Without users every frame is segmented.
         frame.depth.fill(mien_sensors::NO_DEPTH);
         let mut searched = 0;
         for _ in 0..6 {
@@ -276,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn two_threads_report_what_one_does() {
+    fn two_threads_give_the_reports_of_one() {
         let mut sensor = Simulated::new(Some("four")).expect("a scene");
         let mut pipelines = [false, true].map(|second_core| {
             let settings = Settings {
@@ -295,12 +298,12 @@ mod tests {
             most = most.max(pipelines[0].reports().len());
         }
         assert_eq!(most, 4);
-        let threads = pipelines.map(|one| one.people.second.is_some());
+        let threads = pipelines.map(|one| one.people.second_core.is_some());
         assert_eq!(threads, [false, true]);
     }
 
     #[test]
-    fn another_way_to_learn_loses_no_face_and_another_pose_searches_it_anew() {
+    fn learning_settings_keep_the_face_and_pose_settings_restart_the_search() {
         for (rounds, searched) in [(0, 0), (1, 1)] {
             let mut sensor = Simulated::new(Some("acted")).expect("a scene");
             let mut settings = Settings::default();
@@ -328,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_forgotten_is_followed_on_from_where_they_are() {
+    fn a_forgotten_user_is_tracked_without_a_gap() {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
         let mut pipeline =
             Pipeline::new(&Settings::default(), sensor.camera(), &FaceModel::shipped())
@@ -338,13 +341,13 @@ mod tests {
             sensor.next_frame(&mut frame);
             pipeline.follow(&frame);
             let user = &pipeline.people.followers[0];
-            let (learned, place) = (user.pose.learned_frames(), user.person.place);
+            let (learned, position) = (user.pose.learned_frames(), user.person.position);
             if number == 45 {
-                pipeline.obey(Command::Forget(0));
+                pipeline.execute(Command::Forget(0));
                 let user = &mut pipeline.people.followers[0];
                 assert!(learned > 20 && user.pose.learned_frames() == 0);
                 let (expected, _) = user.pose.expected(frame.at, None).expect("a place");
-                let apart = expected.translation.vector - place.expect("one").centre().coords;
+                let apart = expected.translation.vector - position.expect("one").centre().coords;
                 assert!(apart.norm() < 0.15, "{apart}");
             }
             assert!(number < 45 || pipeline.report().landmarks.is_some());
@@ -352,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_known_again_in_another_slot_came_when_they_came_first() {
+    fn recognition_in_another_slot_keeps_the_time_of_arrival() {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
         let camera = sensor.camera();
         let settings = Settings::default();
@@ -370,16 +373,16 @@ mod tests {
             frame.at
         };
         follow(&mut pipeline, 45, true);
-        let since = pipeline.people.followers[0].person.since;
+        let since = pipeline.people.followers[0].person.first_seen;
         assert!(pipeline.people.followers[0].person.state.has_face());
-        // Lost, in another slot, and not where they were.
+        // Lost, in another slot, without a position.
         pipeline.people.followers.swap(0, 2);
         follow(&mut pipeline, 45, false);
         assert_eq!(
             pipeline.people.followers[2].person.state,
             TrackingState::Lost
         );
-        pipeline.people.followers[2].person.place = None;
+        pipeline.people.followers[2].person.position = None;
         pipeline.people.followers[2].pose.update(Evidence::NoFace);
         let left = pipeline.people.followers[2].person.last_seen;
         let now = follow(&mut pipeline, 15, true);
@@ -390,7 +393,10 @@ mod tests {
             user.person.state
         );
         assert!(!pipeline.people.followers[0].is_taken());
-        assert_eq!(user.person.since, since, "came at {left:?}, it is {now:?}");
-        assert!(user.person.since < left);
+        assert_eq!(
+            user.person.first_seen, since,
+            "came at {left:?}, it is {now:?}"
+        );
+        assert!(user.person.first_seen < left);
     }
 }

@@ -1,8 +1,8 @@
-//! Synthetic sessions and the recorded output of the stages, so that any change of behaviour shows.
+//! Regression tests: synthetic sessions compared with the recorded output of the stages.
 //!
-//! `tests/it/replays_the_corpus.rs` does the same with real recordings; these need no data set, and their tolerances are tight
-//! enough to detect one constant changed by a tenth. They are the output of the last accepted version, not ground truth,
-//! which the other tests check. `MIEN_WRITE_GOLDEN=1 cargo test -p mien-appliance pipeline::tests` rewrites `tests/golden/stages/*.txt`.
+//! They need no data set, unlike `tests/it/replays_the_corpus.rs`, and detect one constant changed by a tenth. The recorded
+//! output is that of the last accepted version, not ground truth. `MIEN_WRITE_GOLDEN=1 cargo test -p mien-appliance
+//! pipeline::tests` rewrites `tests/golden/stages/*.txt`.
 
 use std::fmt::Write;
 
@@ -23,7 +23,7 @@ use mien_stages::expression::{Expression, Method, Scale, Settings as ExpressionS
 use mien_stages::face_model::FaceModel;
 use mien_stages::landmarks::Landmarks;
 
-/// What rounds to zero has no sign.
+/// Replaces `-0` by `0`, as the sign of a rounded zero is arbitrary.
 fn plain(line: &str) -> String {
     let words = line
         .split(' ')
@@ -31,11 +31,11 @@ fn plain(line: &str) -> String {
     words.collect::<Vec<_>>().join(" ")
 }
 
-/// A face that moves every part at its own pace: frame `n` of somebody whose face is `longer` than usual.
+/// Frame `n`, at 30 Hz, of a face whose parts move at different rates; its height is scaled by `longer`.
 fn acting(n: u64, longer: f32, random: &mut fastrand::Rng) -> Landmarks {
     let seconds = n as f32 / 30.0;
     let mut head = toy_face().map(|p| Point::new(p.x, p.y * longer, p.z));
-    // What moves, which way (mm), and how often a minute; at rest for the first three seconds and half of the time.
+    // Landmarks, displacement (mm), cycles per minute; at rest for the first three seconds and half of the time.
     let parts: [(&[usize], [f32; 3], f32); 11] = [
         (&[65, 66, 67, 55, 56, 57, 58, 59], [0.0, 9.0, 0.0], 17.0),
         (&[7, 8, 9], [0.0, 12.0, 1.0], 13.0),
@@ -74,18 +74,18 @@ fn acting(n: u64, longer: f32, random: &mut fastrand::Rng) -> Landmarks {
     }
 }
 
-fn learned(name: &str, settings: ExpressionSettings, units: Units) {
+fn check_learning(name: &str, settings: ExpressionSettings, units: Units) {
     let mut expression = Expression::new(settings, units);
     let mut random = fastrand::Rng::with_seed(11);
     let mut lines = Vec::new();
-    // Frames that arrive: half a second is missing, then four seconds, after which it is somebody else.
+    // Gaps of half a second and four seconds; after the second one the face is another person's.
     let frames = (0..900).chain(915..1500).chain(1620..2400);
     for (k, n) in frames.enumerate() {
         let face = acting(n, if n < 1500 { 1.0 } else { 1.15 }, &mut random);
         let turn = rotation_from_yaw_pitch_roll((n as f32 * 0.01).sin() * 0.8, 0.1, 0.0);
-        let place = nalgebra::Translation3::new(0.1, 0.0, 0.7 + 0.3 * (n as f32 * 0.003).sin());
+        let position = nalgebra::Translation3::new(0.1, 0.0, 0.7 + 0.3 * (n as f32 * 0.003).sin());
         let at = Timestamp::from_us(n * 33_333);
-        let pose = Rigid::from_parts(place, turn);
+        let pose = Rigid::from_parts(position, turn);
         let weights = expression
             .observe(&face, &SensorFromFace::assume_frames(pose), at)
             .clone();
@@ -123,22 +123,22 @@ fn learned(name: &str, settings: ExpressionSettings, units: Units) {
 }
 
 #[test]
-fn what_is_learned_by_evidence() {
+fn learning_by_evidence() {
     let settings = ExpressionSettings {
         half_life_s: 40.0,
         ..ExpressionSettings::default()
     };
-    learned("learned", settings, Units::shipped());
+    check_learning("learned", settings, Units::shipped());
 }
 
 #[test]
-fn what_is_learned_of_single_measures() {
+fn learning_of_single_measures() {
     let settings = ExpressionSettings {
         scale: Scale::Frame,
         half_life_s: 0.0,
         ..ExpressionSettings::default()
     };
-    learned(
+    check_learning(
         "learned_by_measure",
         settings,
         Units::shipped().by_measure(),
@@ -146,17 +146,17 @@ fn what_is_learned_of_single_measures() {
 }
 
 #[test]
-fn what_is_learned_as_in_the_paper() {
+fn learning_as_in_the_paper() {
     let settings = ExpressionSettings {
         method: Method::Paper,
         compensation_scale: 0.05,
         half_life_s: 40.0,
         ..ExpressionSettings::default()
     };
-    learned("learned_as_in_the_paper", settings, Units::shipped());
+    check_learning("learned_as_in_the_paper", settings, Units::shipped());
 }
 
-/// Runs a scene at 15 frames per second over the given spans, seconds; appends a line per user.
+/// Runs a scene at 15 frames per second over the given spans, seconds; appends a line per user to `lines`.
 fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &mut Vec<String>) {
     let people = if matches!(scene, Scene::Swap | Scene::Two) {
         2
@@ -166,14 +166,14 @@ fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &m
     let heads = (0..people).map(|_| HeadAsset::shipped());
     let mut heads = heads.collect::<Vec<_>>().into_iter();
     let first = heads.next().expect("one");
-    let looks = if scene == Scene::Demo {
+    let appearances = if scene == Scene::Demo {
         vec![Appearance::demonstration()]
     } else {
         Vec::new()
     };
     let mut simulator = Simulator::new(first, scene, 5)
         .with_others(heads)
-        .dressed(looks);
+        .dressed(appearances);
     let mut frame = Frame::default();
     for (k, tick) in seconds
         .iter()
@@ -184,7 +184,7 @@ fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &m
         simulator.draw(at, &mut frame);
         (frame.at, frame.index) = (at, tick);
         match tick % 90 {
-            // Nothing is seen; then something is, but without colour.
+            // Frames without depth, then without colour.
             70..74 => frame.depth.fill(NO_DEPTH),
             80..84 => frame.drop_colour(),
             _ => {}
@@ -229,43 +229,43 @@ fn pipeline() -> Pipeline {
     Pipeline::new(&Settings::default(), seen.camera(), &model).expect("a pipeline")
 }
 
-fn followed(scene: Scene, seconds: &[[u64; 2]]) {
+fn check_tracking(scene: Scene, seconds: &[[u64; 2]]) {
     let mut lines = Vec::new();
     follow(&mut pipeline(), scene, seconds, &mut lines);
     compare_with_golden(&format!("stages/followed_{scene:?}").to_lowercase(), &lines);
 }
 
 #[test]
-fn who_is_followed_away_and_back() {
-    followed(Scene::Leaving, &[[5, 9], [12, 17]]);
+fn tracking_of_a_person_who_leaves_and_returns() {
+    check_tracking(Scene::Leaving, &[[5, 9], [12, 17]]);
 }
 
 #[test]
-fn who_is_followed_acting() {
-    followed(Scene::Demo, &[[0, 4]]);
+fn tracking_of_an_acting_person() {
+    check_tracking(Scene::Demo, &[[0, 4]]);
 }
 
 #[test]
-fn who_is_followed_looking_from_side_to_side() {
-    followed(Scene::Fast, &[[0, 3]]);
+fn tracking_of_fast_turns() {
+    check_tracking(Scene::Fast, &[[0, 3]]);
 }
 
 #[test]
-fn who_is_followed_behind_a_hand() {
-    followed(Scene::Hand, &[[4, 7]]);
+fn tracking_behind_a_hand() {
+    check_tracking(Scene::Hand, &[[4, 7]]);
 }
 
 #[test]
-fn who_is_followed_in_place_of_another() {
-    followed(Scene::Swap, &[[4, 9], [12, 16]]);
+fn tracking_of_a_person_replaced_by_another() {
+    check_tracking(Scene::Swap, &[[4, 9], [12, 16]]);
 }
 
 #[test]
-fn who_is_followed_far_round_and_forgotten() {
+fn tracking_of_wide_turns_and_forgetting() {
     let (mut pipeline, mut lines) = (pipeline(), Vec::new());
     follow(&mut pipeline, Scene::Wide, &[[4, 10]], &mut lines);
-    pipeline.obey(Command::Neutral(0));
-    pipeline.obey(Command::Forget(0));
+    pipeline.execute(Command::Neutral(0));
+    pipeline.execute(Command::Forget(0));
     follow(&mut pipeline, Scene::Wide, &[[10, 11]], &mut lines);
     compare_with_golden("stages/followed_wide", &lines);
 }

@@ -1,4 +1,4 @@
-//! The tables `[[gesture]]`: what goes beyond their keys.
+//! The tables `[[gesture]]`: names, presets and checks across keys.
 
 use toml::de::DeTable;
 
@@ -6,11 +6,11 @@ use super::sections::Settings;
 use mien_outputs::gesture::{Gesture, PRESETS};
 use mien_stages::base::capacity::GESTURES;
 
-/// An error: what was expected, what was found.
+/// An error: expected and found value.
 type Refusal = (String, String);
 
-/// Begins with what is known of a gesture of that name.
-pub(super) fn begin(table: &DeTable<'_>, settings: &mut Settings) -> Result<(), Refusal> {
+/// Adds a gesture with the name in `table`, preset if it has one of the known names.
+pub(super) fn add_named(table: &DeTable<'_>, settings: &mut Settings) -> Result<(), Refusal> {
     let all = &mut settings.outputs.gestures;
     if all.len() == GESTURES {
         return Err((format!("at most {GESTURES} gestures"), "more".to_owned()));
@@ -24,7 +24,7 @@ pub(super) fn begin(table: &DeTable<'_>, settings: &mut Settings) -> Result<(), 
 }
 
 /// Checks the last gesture as a whole.
-pub(super) fn end(settings: &Settings) -> Result<(), Refusal> {
+pub(super) fn check_last(settings: &Settings) -> Result<(), Refusal> {
     let Some(Gesture {
         name, of, on, off, ..
     }) = settings.outputs.gestures.last()

@@ -1,8 +1,7 @@
-//! Every key of the configuration: section, name, meaning, unit, range, and where it is stored.
+//! Every key of the configuration: section, name, meaning, unit, range, and field.
 //!
-//! Outputs bring their sections along; the sensor, the users and the saved state bring their keys ([`Keys`]); the other stages and the
-//! box itself have theirs in the tables here. A row is
-//! `name: meaning => kind of value;`. Printing, reading and `config/mien.toml` follow the order of the table.
+//! Outputs define their own sections; sensor, users and saved state define their own keys ([`Keys`]); the tables here define the
+//! others. A row is `name: meaning => kind of value;`. Printing, reading and `config/mien.toml` follow the order of the table.
 
 use tracing::Level;
 
@@ -17,17 +16,18 @@ pub(super) const UNITS: &str = "units";
 /// The section that is an array of tables.
 pub(super) const GESTURE: &str = "gesture";
 
-/// A section, with a sentence about it.
+/// A section of the configuration.
 #[derive(Clone, Copy)]
 pub(super) struct Section {
     pub(super) name: &'static str,
+    /// Comment printed above the section.
     pub(super) about: &'static str,
-    source: Source,
+    source: KeySource,
 }
 
-/// Whose settings have the keys.
+/// Access to a section's keys in the settings.
 #[derive(Clone, Copy)]
-enum Source {
+enum KeySource {
     All(fn(&mut Settings) -> Vec<Key<'_>>),
     Outputs(fn(&mut mien_outputs::table::Settings) -> Vec<Key<'_>>),
 }
@@ -42,8 +42,8 @@ impl Section {
 
     pub(super) fn keys<'a>(&self, settings: &'a mut Settings) -> Vec<Key<'a>> {
         match self.source {
-            Source::All(keys) => keys(settings),
-            Source::Outputs(keys) => keys(&mut settings.outputs),
+            KeySource::All(keys) => keys(settings),
+            KeySource::Outputs(keys) => keys(&mut settings.outputs),
         }
     }
 }
@@ -53,19 +53,19 @@ pub(super) fn sections() -> impl Iterator<Item = Section> {
     let outputs = mien_outputs::table::SECTIONS.iter().map(|section| Section {
         name: section.name,
         about: section.about,
-        source: Source::Outputs(section.keys),
+        source: KeySource::Outputs(section.keys),
     });
     let before = STAGES.iter().copied();
-    before.chain(outputs).chain(BOX.iter().copied())
+    before.chain(outputs).chain(APPLIANCE.iter().copied())
 }
 
-/// Sections of keys; `..settings` stands for the keys that settings bring along.
+/// Defines a list of sections; `..settings` inserts the keys that `settings` define themselves.
 macro_rules! sections {
-    ($list:ident: $s:ident $($section:ident: $of:literal { $($name:ident: $about:expr => $kind:expr;)* $(..$more:expr)? })*) => {
+    ($list:ident: $s:ident $($section:ident: $section_about:literal { $($name:ident: $about:expr => $kind:expr;)* $(..$more:expr)? })*) => {
         const $list: &[Section] = &[$(Section {
             name: stringify!($section),
-            about: $of,
-            source: Source::All(|$s| {
+            about: $section_about,
+            source: KeySource::All(|$s| {
                 let _ = &$s;
                 let keys = vec![$(Key { name: stringify!($name), about: $about, kind: $kind }),*];
                 keys.into_iter()$(.chain($more.keys()))?.collect()
@@ -137,7 +137,7 @@ sections! { STAGES: s
     units: "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }" {}
 }
 
-sections! { BOX: s
+sections! { APPLIANCE: s
     state: "What is kept across restarts about people tracked with a Kinect." { ..s.state }
     status: "Status files." {
         path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>

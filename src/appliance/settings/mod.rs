@@ -1,8 +1,7 @@
 //! The configuration file: TOML to the settings of each stage, every key checked.
 //!
-//! One table ([`keys`]) names every key once, with its comment, unit, range and place in [`Settings`]. Reading, checking,
-//! printing and the shipped `config/mien.toml` all come from it, so they cannot disagree. Errors carry file, line and column.
-//! One file: reading and writing one format; the keys have their own.
+//! One table ([`keys`]) lists every key with its comment, unit, range and field in [`Settings`]. Reading, checking, printing
+//! and the shipped `config/mien.toml` are derived from it. Errors carry file, line and column.
 
 mod gestures;
 mod keys;
@@ -28,17 +27,18 @@ use mien_stages::base::nearest_word::hint;
 use mien_stages::base::settings::Key;
 use values::{as_toml, assign};
 
-/// Largest file, bytes: fifty times ours.
-const MOST: usize = 1 << 20;
+/// Largest configuration file, bytes: fifty times the shipped one.
+const MAX_FILE_BYTES: usize = 1 << 20;
 
-/// Why a configuration is invalid, with the place in the file and what was expected and found there.
+/// An invalid configuration: file, line, column, expected and found value.
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[error("{0}")]
 pub struct SettingsError(String);
 
-/// What a run would refuse although every key is in its range: section, key (empty for the section as a whole), a sentence.
+/// A setting that a run would refuse although every key is in its range.
 pub(super) struct Refused {
     pub(super) section: &'static str,
+    /// Empty for the section as a whole.
     pub(super) key: &'static str,
     pub(super) problem: String,
 }
@@ -53,9 +53,9 @@ impl SettingsError {
     }
 }
 
-/// The text of a configuration.
-fn text_of(path: &Path) -> Result<String, SettingsError> {
-    let bytes = bounded_read::read(path, MOST);
+/// Reads a configuration file as UTF-8.
+fn read_text(path: &Path) -> Result<String, SettingsError> {
+    let bytes = bounded_read::read(path, MAX_FILE_BYTES);
     let bytes = bytes.map_err(|error| SettingsError::unreadable(path, error))?;
     String::from_utf8(bytes).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
@@ -68,15 +68,15 @@ fn text_of(path: &Path) -> Result<String, SettingsError> {
     })
 }
 
-/// Line and column of a place in a text, counted from 1.
-fn line_and_column(text: &str, at: usize) -> (usize, usize) {
-    let before = &text[..at.min(text.len())];
+/// Line and column of a byte offset in a text, counted from 1.
+fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
+    let before = &text[..offset.min(text.len())];
     let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
     (before.matches('\n').count() + 1, column)
 }
 
-/// Where the value stands that was refused: itself, else its section, else the first gesture, of which some outputs are.
-fn offset_of(document: &DeTable<'_>, refused: &Refused) -> usize {
+/// Byte offset of the refused value, else of its section, else of the first gesture, whose settings an output may refuse.
+fn refused_offset(document: &DeTable<'_>, refused: &Refused) -> usize {
     let section = |name: &str| document.iter().find(|(key, _)| key.get_ref() == name);
     let Some((name, value)) = section(refused.section).or_else(|| section(GESTURE)) else {
         return 0;
@@ -90,15 +90,15 @@ fn offset_of(document: &DeTable<'_>, refused: &Refused) -> usize {
 }
 
 impl Settings {
-    /// Reads a file, without what is `refused` of it.
+    /// Reads a file and checks it with `refused`, which returns a setting that a run would refuse.
     ///
     /// # Errors
-    /// As [`Settings::parse`], or if the file cannot be read, or something is refused.
+    /// As [`Settings::parse`], or if the file cannot be read or a setting is refused.
     pub(super) fn read(
         path: &Path,
         refused: fn(&Self) -> Option<Refused>,
     ) -> Result<Self, SettingsError> {
-        Self::parse_checked(&text_of(path)?, path, refused)
+        Self::parse_checked(&read_text(path)?, path, refused)
     }
 
     /// Parses the text of a file; `path` is for messages only. Keys that are absent keep their defaults.
@@ -121,17 +121,17 @@ impl Settings {
         refused: fn(&Self) -> Option<Refused>,
     ) -> Result<Self, SettingsError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        let wrong = |at: usize, expected: String, found: String| {
-            let (line, column) = line_and_column(text, at);
+        let wrong = |offset: usize, expected: String, found: String| {
+            let (line, column) = line_and_column(text, offset);
             let path = path.display();
             SettingsError(format!(
                 "{path}:{line}:{column}: expected {expected}, found {found}"
             ))
         };
         let document = DeTable::parse(text).map_err(|error| {
-            let at = error.span().map_or(0, |span| span.start);
+            let offset = error.span().map_or(0, |span| span.start);
             let message = error.message().lines().collect::<Vec<_>>().join(", ");
-            wrong(at, "TOML".into(), message)
+            wrong(offset, "TOML".into(), message)
         })?;
         let mut settings = Self::default();
         for (section, value) in document.get_ref() {
@@ -155,13 +155,14 @@ impl Settings {
                 return Err(wrong(start, expected, describe(value.get_ref())));
             };
             for table in tables {
-                settings.table(&known, table, start, &wrong)?;
+                settings.read_table(&known, table, start, &wrong)?;
             }
         }
         settings.outputs.copy_units();
         match refused(&settings) {
             Some(refused) => {
-                let (line, column) = line_and_column(text, offset_of(document.get_ref(), &refused));
+                let (line, column) =
+                    line_and_column(text, refused_offset(document.get_ref(), &refused));
                 let (path, problem) = (path.display(), refused.problem);
                 Err(SettingsError(format!("{path}:{line}:{column}: {problem}")))
             }
@@ -169,8 +170,8 @@ impl Settings {
         }
     }
 
-    /// Reads one table of a section, which begins at `start`.
-    fn table(
+    /// Reads one table of a section that begins at byte `start`.
+    fn read_table(
         &mut self,
         known: &Section,
         table: &DeTable<'_>,
@@ -180,7 +181,7 @@ impl Settings {
         let name = known.name;
         let whole = |(expected, found)| wrong(start, expected, found);
         if name == GESTURE {
-            gestures::begin(table, self).map_err(whole)?;
+            gestures::add_named(table, self).map_err(whole)?;
         }
         for (key, value) in table {
             if name == UNITS {
@@ -192,20 +193,20 @@ impl Settings {
                 continue;
             }
             let mut rows = known.keys(self);
-            let Some(at) = rows.iter().position(|row| row.name == key.get_ref()) else {
+            let Some(index) = rows.iter().position(|row| row.name == key.get_ref()) else {
                 let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
                 let expected =
                     format!("one of the keys {} in {}", names.join(", "), known.header());
                 let found = format!("{key}{}", hint(key.get_ref(), names), key = key.get_ref());
                 return Err(wrong(key.span().start, expected, found));
             };
-            let row = rows.swap_remove(at);
+            let row = rows.swap_remove(index);
             let path = format!("{name}.{}", row.name);
             assign(row.kind, &path, value.get_ref())
                 .map_err(|(expected, found)| wrong(value.span().start, expected, found))?;
         }
         if name == GESTURE {
-            gestures::end(self).map_err(whole)?;
+            gestures::check_last(self).map_err(whole)?;
         }
         Ok(())
     }
@@ -216,7 +217,7 @@ impl Settings {
             "# Configuration of mien. Every key appears once, with its meaning, range and value.\n\
              # `mien check-config FILE` checks a copy; omitted keys keep the value shown by `mien print-config`.\n",
         );
-        // Without any gesture, one that is commented out.
+        // Without gestures, an example is printed as a comment.
         let is_example = self.outputs.gestures.is_empty();
         if is_example {
             self.outputs.gestures.push(Gesture::named(PRESETS[0].0));
@@ -230,7 +231,7 @@ impl Settings {
             } else {
                 1
             } {
-                // Keys are of the last gesture: each has its turn there.
+                // The keys refer to the last gesture: rotates each one there.
                 if is_gesture {
                     self.outputs.gestures.rotate_left(1);
                 }
@@ -259,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_printed_is_read_back() {
+    fn printed_settings_parse_to_the_same() {
         let mut settings = Settings::default();
         settings.stages.users.hold_s = 1.25;
         settings.sensor.source = "simulated:still".into();
@@ -279,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_key_is_named_with_its_place_and_the_known_ones() {
+    fn an_unknown_key_is_reported_with_position_and_known_keys() {
         let message = refused("[users]\nhold = 1\n");
         assert!(
             message.starts_with("a.toml:2:1: expected one of the keys most, single, hold_s, forget_s, remember_s in [users]"),
@@ -296,16 +297,16 @@ mod tests {
         assert!(refused("[user]\n").contains("a.toml:1:2: expected one of the sections sensor,"));
         assert!(refused("users = 3\n").contains("expected a section [users], found 3"));
         for prefix in ["", "a/", "/a", "a b", "a+", "\u{e4}"] {
-            let told = refused(&format!("[mqtt]\nprefix = {prefix:?}\n"));
+            let message = refused(&format!("[mqtt]\nprefix = {prefix:?}\n"));
             assert!(
-                told.contains("to be at most 64 bytes without spaces"),
-                "{told}"
+                message.contains("to be at most 64 bytes without spaces"),
+                "{message}"
             );
         }
     }
 
     #[test]
-    fn gestures_are_presets_with_what_is_said_of_them() {
+    fn gestures_are_presets_with_overrides() {
         let text = "[[gesture]]\nname = \"smile\"\nkey = \"space\"\nperson = \"any\"\n\
             [[gesture]]\nname = \"frown\"\nof = \"AU4L + AU4R - AU1L\"\non = 1\noff = 0.5\npress = \"hold\"\n";
         let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
@@ -358,8 +359,8 @@ mod tests {
                 "a name that no other gesture has",
             ),
         ] {
-            let told = refused(text);
-            assert!(told.contains(part), "{told}");
+            let message = refused(text);
+            assert!(message.contains(part), "{message}");
         }
         let many: String = (0..17)
             .map(|i| format!("[[gesture]]\nname = \"g{i}\"\nof = \"AU26\"\n"))

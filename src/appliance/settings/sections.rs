@@ -7,7 +7,7 @@ use crate::source;
 use mien_stages::base::defaults;
 use mien_stages::base::settings::keyed;
 
-/// Where the status file is unless another place is named.
+/// Default path of the status file.
 pub(crate) const STATUS_PATH: &str = "/run/mien/status.json";
 
 defaults! {
@@ -22,11 +22,11 @@ defaults! {
         pub outputs: mien_outputs::table::Settings = mien_outputs::table::Settings::default(),
         /// State kept across restarts.
         pub state: StateSettings = StateSettings::default(),
-        /// Path of the status file; empty = none.
+        /// Path of the status file; empty for none.
         pub status_path: String = STATUS_PATH.into(),
-        /// Whether it has learned ranges.
+        /// Whether the status file contains learned ranges.
         pub status_ranges: bool = false,
-        /// Least severity written to standard error.
+        /// Lowest severity logged.
         pub log_level: tracing::Level = tracing::Level::INFO,
     }
 }
@@ -54,14 +54,17 @@ keyed! {
 }
 
 impl SensorSettings {
-    /// The face model's file, if it is not the built-in one.
+    /// Path of the face model's file; `None` for the built-in one.
     pub(crate) fn model(&self) -> Option<&Path> {
         Some(Path::new(&self.model)).filter(|path| !path.as_os_str().is_empty())
     }
 }
 
 impl Settings {
-    /// The gesture that is being read or printed.
+    /// The gesture being read or printed: the last one.
+    ///
+    /// # Panics
+    /// If there is none.
     pub(super) fn gesture(&mut self) -> &mut mien_outputs::gesture::Gesture {
         let last = self.outputs.gestures.last_mut();
         last.expect("keys of gestures are asked for only while there is one")

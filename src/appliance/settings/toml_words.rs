@@ -1,4 +1,4 @@
-//! Converts between TOML values and their text.
+//! Conversion between TOML values and text.
 
 use toml::de::DeValue;
 
@@ -9,6 +9,7 @@ pub(super) fn toml_string(text: &str) -> String {
     Quoted(text).to_string()
 }
 
+/// A TOML value as text, for messages.
 pub(super) fn describe(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("{text:?}"),
@@ -27,7 +28,7 @@ fn integer(number: &toml::de::DeInteger<'_>) -> Option<i64> {
     i64::from_str_radix(&number.as_str().replace('_', ""), number.radix()).ok()
 }
 
-/// Any number.
+/// A TOML number, integer or float.
 pub(super) fn float(value: &DeValue<'_>) -> Option<f64> {
     match value {
         DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),

@@ -12,14 +12,14 @@ use super::values;
 use mien_outputs::{UnitView, all_units, is_name};
 use mien_stages::base::settings::Kind;
 
-/// Largest gain; anything more belongs on the receiving side.
+/// Largest gain; larger ones are the receiver's task.
 const LARGEST_GAIN: f32 = 10.0;
 
-/// What a unit's name looks like.
+/// Valid names of units, for messages.
 const NAME: &str =
     "at most 24 letters, digits and signs such as _ or -, and not the name of another unit";
 
-/// An error: where, what was expected, what was found.
+/// An error: span in the file, expected and found value.
 type Refusal = (Option<Range<usize>>, String, String);
 
 /// Adds the name and gain of `unit`.
@@ -62,7 +62,7 @@ pub(super) fn assign(
     Ok(())
 }
 
-/// The lines of the section.
+/// Appends the lines of the section to `text`.
 pub(super) fn print(views: &[UnitView], text: &mut String) {
     let known = all_units();
     text.push_str("# Codes and movements; L and R are the subject's own left and right.\n");

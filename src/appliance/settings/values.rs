@@ -5,7 +5,7 @@ use toml::de::DeValue;
 use super::toml_words::{describe, float, toml_string};
 use mien_stages::base::settings::Kind;
 
-/// What is allowed, and the value as TOML.
+/// The allowed values in words, and the current value as TOML.
 pub(super) fn as_toml(kind: &Kind<'_>) -> (String, String) {
     match kind {
         Kind::Number(number, [min, max], unit) => {
@@ -22,7 +22,7 @@ pub(super) fn as_toml(kind: &Kind<'_>) -> (String, String) {
     }
 }
 
-/// One string as such, any other number of them as an array.
+/// A single string as a TOML string, otherwise an array.
 fn toml_strings(texts: &[String]) -> String {
     match texts {
         [text] => toml_string(text),
@@ -33,7 +33,7 @@ fn toml_strings(texts: &[String]) -> String {
     }
 }
 
-/// One string as such, or an array of them.
+/// The strings of a TOML string or array of strings.
 fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
     match (value.as_str(), value.as_array()) {
         (Some(text), _) => Some(vec![text]),
@@ -42,7 +42,10 @@ fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
     }
 }
 
-/// Stores a validated value, or returns (expected, found).
+/// Stores a value if it is valid.
+///
+/// # Errors
+/// Expected and found value.
 pub(super) fn assign(
     slot: Kind<'_>,
     path: &str,

@@ -77,7 +77,7 @@ pub fn follow(
             pipeline.set_camera(source.camera());
         }
         while let Ok(command) = commands.try_recv() {
-            pipeline.obey(command);
+            pipeline.execute(command);
         }
         pipeline.follow(&frame);
         if live {

@@ -6,7 +6,7 @@ use super::measure::SceneRun;
 use crate::evaluate::sessions::Trial;
 use crate::frame_time::frame_time;
 use mien_appliance::pipeline::{
-    FIRST_LOOK, FIRST_LOOK_APART, PipelineError, SECOND_LOOK, SECOND_LOOK_APART,
+    PipelineError, REID_EARLY_DISTANCE, REID_FULL_DISTANCE, REID_FULL_FRAMES, REID_MIN_FRAMES,
 };
 use mien_baking::heads::PersonHead;
 use mien_sensors::Frame;
@@ -19,8 +19,8 @@ use mien_stages::users::likeness::Likeness;
 
 /// Frames after which a newcomer is compared with people who left, and the largest distance of heads that match.
 const REID_RULES: [(usize, f32); 2] = [
-    (FIRST_LOOK as usize, FIRST_LOOK_APART),
-    (SECOND_LOOK as usize, SECOND_LOOK_APART),
+    (REID_MIN_FRAMES as usize, REID_EARLY_DISTANCE),
+    (REID_FULL_FRAMES as usize, REID_FULL_DISTANCE),
 ];
 
 /// The people of the scenes and the pipeline's settings.
@@ -168,7 +168,7 @@ impl Cast<'_> {
                 let (mut same, mut other) = ([0; 2], [0; 2]);
                 for (k, seen) in looks.iter().enumerate() {
                     for (n, known) in learned.iter().enumerate() {
-                        let apart = judge.apart(&seen[look], known);
+                        let apart = judge.identity_distance(&seen[look], known);
                         let count = if n == k { &mut same } else { &mut other };
                         count[0] += usize::from(apart.is_some_and(|apart| apart < most));
                         count[1] += 1;
