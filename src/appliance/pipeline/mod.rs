@@ -3,6 +3,7 @@
 mod follower;
 mod people;
 mod rebuild;
+mod recognition;
 mod settings;
 mod stage;
 mod stages;
@@ -10,8 +11,7 @@ mod stages;
 pub(crate) mod tests;
 
 pub use people::PipelineError;
-#[cfg(feature = "studio")]
-pub use people::{REID_EARLY_DISTANCE, REID_FULL_DISTANCE, REID_FULL_FRAMES, REID_MIN_FRAMES};
+pub use recognition::{REID_EARLY_DISTANCE, REID_FULL_DISTANCE, REID_FULL_FRAMES, REID_MIN_FRAMES};
 pub use settings::Settings;
 pub use stage::Stage;
 pub use stages::Pipeline;

@@ -25,29 +25,10 @@ use mien_stages::landmarks::{LandmarkStage, Scratch};
 use mien_stages::pose::{PoseError, PoseTracker};
 use mien_stages::segment::{HeadCloud, Segmenter};
 use mien_stages::users::choice::{Candidate, Choice};
-use mien_stages::users::likeness::Likeness;
 use mien_stages::users::matching::LastSeen;
 use mien_stages::users::memory::Memory;
 use mien_stages::users::{self, Presence, TrackingState, matching};
 
-/// Frames of the whole head before a newcomer is first compared with people who left.
-pub const REID_MIN_FRAMES: u64 = 4;
-/// Distance of two people ([`mien_stages::users::likeness`]) below which they match after [`REID_MIN_FRAMES`]. Over eight frames,
-/// seven of ten returning people are nearer, and three of a thousand strangers.
-pub const REID_EARLY_DISTANCE: f32 = 1.0;
-/// Tracked frames after which a newcomer is admitted even if the image edge cuts off their head and prevents a comparison.
-const REID_MAX_FRAMES: u64 = 40;
-/// Interval at which a new user is compared again, in frames: a person walking in shows one side of the head first.
-const RECHECK_STEP: u64 = 8;
-/// Frames of the head after which a user is not compared again.
-const RECHECK_MAX_FRAMES: u64 = 48;
-/// Distance from everybody remembered beyond which a newcomer is a stranger before [`REID_FULL_FRAMES`].
-const STRANGER_DISTANCE: f32 = 1.6;
-/// Frames of the head after which the comparison of a newcomer ends; with detection, within ten frames.
-pub const REID_FULL_FRAMES: u64 = 5;
-/// Distance of two people below which they match after [`REID_FULL_FRAMES`]. Over ten frames, nine of ten returning people are
-/// nearer, and two of a hundred strangers.
-pub const REID_FULL_DISTANCE: f32 = 1.2;
 /// Frames until a head without a face is tried again.
 const RETRY_FRAMES: u64 = 4;
 /// First tries of a head without a face that run in consecutive frames if nobody else is present: two for each image position
@@ -129,13 +110,6 @@ pub(super) fn expression_and_presence(
         Expression::new(settings.learning, units.clone()),
         Presence::new(users.hold_s, users.forget_s),
     )
-}
-
-/// Whether a user with this many frames of their head is compared again with people who left.
-fn is_recheck_due(learned: u64) -> bool {
-    learned > REID_FULL_FRAMES
-        && learned <= RECHECK_MAX_FRAMES
-        && learned.is_multiple_of(RECHECK_STEP)
 }
 
 impl People {
@@ -261,9 +235,7 @@ impl People {
             if self.left[slot] {
                 self.remember(slot);
                 self.followers[slot].forget();
-            } else if self.followers[slot].person.head_box.is_some()
-                && is_recheck_due(self.followers[slot].pose.learned_frames())
-            {
+            } else if self.followers[slot].person.head_box.is_some() && self.is_recheck_due(slot) {
                 self.recheck_identity(slot);
             }
         }
@@ -313,7 +285,7 @@ impl People {
     }
 
     /// Remembers the user of a slot.
-    fn remember(&mut self, slot: usize) {
+    pub(super) fn remember(&mut self, slot: usize) {
         let user = &self.followers[slot];
         if self.settings.remember_s > 0.0 {
             self.memory.keep(user.gone(slot));
@@ -400,109 +372,6 @@ impl People {
         };
         // Not full.
         let _ = self.rejected.insert(0, head);
-    }
-
-    /// Gives the candidate a slot once it is compared with the people who left.
-    fn admit(&mut self) {
-        let lost = |slot: usize| self.followers[slot].person.state == TrackingState::Lost;
-        let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
-        let candidate = &self.followers[CANDIDATE];
-        let (learned, waited) = (
-            candidate.pose.learned_frames(),
-            candidate.tracked_frames() >= REID_MAX_FRAMES,
-        );
-        if anybody && learned < REID_MIN_FRAMES && !waited {
-            return;
-        }
-        let most = self.settings.most as usize;
-        let sure = learned >= REID_FULL_FRAMES || waited;
-        let max_distance = if sure {
-            REID_FULL_DISTANCE
-        } else {
-            REID_EARLY_DISTANCE
-        };
-        let known = self.recognise(CANDIDATE, max_distance);
-        // A possible match is compared for longer, so that no slot is revoked.
-        if known.is_none() && !sure && self.nearest_known(CANDIDATE, STRANGER_DISTANCE).is_some() {
-            return;
-        }
-        let slot = known.filter(|&slot| slot < most);
-        // Else a free slot, else that of the user lost for longest.
-        let slot = slot.or_else(|| {
-            let slot = self.memory.slot_for_newcomer(&self.free_slots())?;
-            self.memory.forget_slot(slot);
-            Some(slot)
-        });
-        let slot = slot.or_else(|| {
-            let lost =
-                (0..most).filter(|&slot| self.followers[slot].person.state == TrackingState::Lost);
-            lost.min_by_key(|&slot| self.followers[slot].person.last_seen)
-        });
-        if let Some(slot) = slot {
-            if known.is_some() {
-                self.memory.forget_slot(slot);
-            } else if self.followers[slot].is_taken() {
-                self.remember(slot);
-            }
-            self.followers.swap(slot, CANDIDATE);
-        }
-        self.followers[CANDIDATE].forget();
-    }
-
-    /// Compares a recent newcomer again with people who left, and moves them to their old slot if recognised.
-    fn recheck_identity(&mut self, slot: usize) {
-        let known = self.recognise(slot, REID_FULL_DISTANCE);
-        if let Some(theirs) = known.filter(|&theirs| theirs != slot) {
-            self.memory.forget_slot(theirs);
-            self.followers.swap(slot, theirs);
-            self.followers[slot].forget();
-            self.left[slot] = true;
-        }
-    }
-
-    fn free_slots(&self) -> [bool; USERS] {
-        let most = self.settings.most as usize;
-        core::array::from_fn(|slot| slot < most && !self.followers[slot].is_taken())
-    }
-
-    /// Restores the ranges of the lost or remembered person nearest to a follower's person. Returns their slot if it is
-    /// available; `None` also if nobody is nearer than `max_distance`.
-    fn recognise(&mut self, index: usize, max_distance: f32) -> Option<usize> {
-        let (slot, is_lost) = self.nearest_known(index, max_distance)?;
-        if is_lost {
-            // Old ranges, current pose.
-            let [one, other] = self.followers.get_disjoint_mut([index, slot]).ok()?;
-            core::mem::swap(&mut one.expression, &mut other.expression);
-            one.person.first_seen = other.person.first_seen;
-            return Some(slot);
-        }
-        let gone = self.memory.take(slot)?;
-        self.followers[index].expression.restore(&gone.learned);
-        (slot == index || self.free_slots()[slot]).then_some(slot)
-    }
-
-    /// The lost or remembered person nearest to a follower's: their slot, and whether they are lost.
-    fn nearest_known(&self, index: usize, max_distance: f32) -> Option<(usize, bool)> {
-        let one = &self.followers[index];
-        let likeness = one.likeness();
-        let lost = (0..USERS).filter(|&slot| {
-            slot != index && self.followers[slot].person.state == TrackingState::Lost
-        });
-        let lost = lost.map(|slot| (slot, true, self.followers[slot].likeness()));
-        let gone = self.memory.gone().iter();
-        let gone = gone.map(|gone| (gone.slot, false, gone.likeness.clone()));
-        let near = lost.chain(gone).filter_map(|(slot, is_lost, other)| {
-            let distance = self.identity_distance(&likeness, &other)?;
-            (distance < max_distance).then_some((distance, slot, is_lost))
-        });
-        let (_, slot, is_lost) = near.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some((slot, is_lost))
-    }
-
-    /// Distance of two people's features, dimensionless; `None` if too little of a head was seen.
-    pub(super) fn identity_distance(&self, one: &Likeness, other: &Likeness) -> Option<f32> {
-        let pose = &self.followers[CANDIDATE].pose;
-        Some(one.distance(other, pose.difference(&one.head, &other.head)?))
     }
 
     /// Chooses the user for single-person outputs.

@@ -6,7 +6,8 @@
 //! All memory is allocated in [`Pipeline::new`].
 
 use super::follower::Follower;
-use super::people::{CANDIDATE, People, PipelineError, REID_MIN_FRAMES};
+use super::people::{CANDIDATE, People, PipelineError};
+use super::recognition::REID_MIN_FRAMES;
 use super::settings::Settings;
 use super::stage::{FrameContext, Stage};
 use mien_outputs::{Command, Report};

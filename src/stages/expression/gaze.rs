@@ -62,6 +62,18 @@ pub fn row([right, left]: &Eyes, ahead: [f32; 2], axis: usize) -> [f32; CELLS + 
     row
 }
 
+/// An eye whose iris seems off the middle at rest turns less visibly to that side and more to the other: a glance changes by this
+/// share of the gaze at rest.
+const OFF_CENTRE: f64 = 0.8;
+/// Largest such change.
+const MAX_OFF_CENTRE: f64 = 0.5;
+
+/// How far somebody looks across, given how much further than at rest they seem to, and the gaze at rest.
+pub(super) fn corrected_gaze(seems: f64, rest: f64) -> f64 {
+    let off = OFF_CENTRE * rest * seems.signum();
+    seems * (1.0 + off.clamp(-MAX_OFF_CENTRE, MAX_OFF_CENTRE))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,5 +140,22 @@ mod tests {
         let [left, up, _] = gaze.estimate(&eyes, &turned);
         assert!((left - 2.0 * ahead.x).abs() < 1e-6 && up.abs() < 1e-6);
         assert!((left.abs() - 2.0 * 0.3f32.sin()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn eyes_that_rest_to_the_left_look_further_there_than_they_seem_to() {
+        for (seems, rest, gaze) in [
+            (0.5, 0.0, 0.5),
+            (0.5, 0.25, 0.6),
+            (-0.5, 0.25, -0.4),
+            (0.5, -0.25, 0.4),
+            (0.5, 2.0, 0.75),
+            (-0.5, 2.0, -0.25),
+        ] {
+            assert!(
+                (corrected_gaze(seems, rest) - gaze).abs() < 1e-12,
+                "{seems} {rest}"
+            );
+        }
     }
 }

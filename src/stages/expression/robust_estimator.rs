@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 use super::covered::{self, CoveredMouth};
 use super::estimator::{Estimator, FADE_S, Observation, UsedRange, is_warming, without_cross_talk};
 use super::features::{self, Feature};
+use super::gaze::corrected_gaze;
 use super::head_motion_leak::{HeadMotionLeak, Turn};
 use super::measures::{self, Measure};
 use super::newcomer::Newcomer;
@@ -41,12 +42,6 @@ const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 /// together when it looks far towards the nose.
 const OPEN: [f64; 2] = [0.55, 0.3];
 
-/// An eye whose iris seems off the middle at rest turns less visibly to that side and more to the other: a glance changes by this
-/// share of the gaze at rest.
-const OFF_CENTRE: f64 = 0.8;
-/// Largest such change.
-const MAX_OFF_CENTRE: f64 = 0.5;
-
 /// Noise of a glance, of the full range of the eyes.
 const GLANCE_NOISE: f64 = 0.05;
 
@@ -56,12 +51,6 @@ const ABSOLUTE: Range = Range {
     rest: 0.0,
     high: 1.0,
 };
-
-/// How far somebody looks across, given how much further than at rest they seem to, and the gaze at rest.
-fn corrected_gaze(seems: f64, rest: f64) -> f64 {
-    let off = OFF_CENTRE * rest * seems.signum();
-    seems * (1.0 + off.clamp(-MAX_OFF_CENTRE, MAX_OFF_CENTRE))
-}
 
 /// What is known of one person.
 #[derive(Clone, Debug)]
@@ -347,26 +336,6 @@ impl RobustEstimator {
         filters.for_each(MeasureFilter::reset);
     }
 
-    /// Starts the readings from saved measures alone: large movements of a measure imply high readings of its units.
-    fn restore_from_measures(&mut self, ranges: &[Range; LEARNT_MEASURES]) {
-        let units = Arc::clone(&self.units);
-        for (row, range) in units.rows.iter().zip(ranges) {
-            let sides = [
-                (&row.rises, range.high - range.rest, row.prior.up),
-                (&row.falls, range.rest - range.low, row.prior.down),
-            ];
-            for (unit, own, usual) in sides {
-                if let Some(unit) = unit.as_ref().filter(|_| usual > 0.0) {
-                    let range = Range {
-                        high: own / usual,
-                        ..Range::default()
-                    };
-                    self.restore_reading(unit, range);
-                }
-            }
-        }
-    }
-
     fn restore_reading(&mut self, unit: &UnitName, range: Range) {
         let reading = self.units.reading(Some(unit));
         if let Some(learner) = reading.and_then(|reading| self.learners.get_mut(reading)) {
@@ -491,29 +460,10 @@ impl Estimator for RobustEstimator {
             self.restore_reading(unit, *range);
         }
         if learned.readings.is_empty() {
-            self.restore_from_measures(&learned.ranges);
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn eyes_that_rest_to_the_left_look_further_there_than_they_seem_to() {
-        for (seems, rest, gaze) in [
-            (0.5, 0.0, 0.5),
-            (0.5, 0.25, 0.6),
-            (-0.5, 0.25, -0.4),
-            (0.5, -0.25, 0.4),
-            (0.5, 2.0, 0.75),
-            (-0.5, 2.0, -0.25),
-        ] {
-            assert!(
-                (corrected_gaze(seems, rest) - gaze).abs() < 1e-12,
-                "{seems} {rest}"
-            );
+            let units = Arc::clone(&self.units);
+            for (unit, range) in learned.implied_readings(&units) {
+                self.restore_reading(unit, range);
+            }
         }
     }
 }

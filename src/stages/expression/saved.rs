@@ -20,6 +20,7 @@ use super::features;
 use super::measures::Measure;
 use super::prior::UnitName;
 use super::range::Range;
+use super::units::Units;
 use crate::base::capacity::{FEATURES, LEARNT_MEASURES, UNITS};
 
 const HEADER: &str = "mien-ranges";
@@ -65,6 +66,33 @@ fn parse_line(line: &str) -> Option<(&str, Range)> {
 }
 
 impl Learned {
+    /// Readings that version 1, which has none, implies: large movements of a measure mean high readings of its units.
+    pub(super) fn implied_readings<'a>(
+        &'a self,
+        units: &'a Units,
+    ) -> impl Iterator<Item = (&'a UnitName, Range)> {
+        units
+            .rows
+            .iter()
+            .zip(&self.ranges)
+            .flat_map(|(row, range)| {
+                let sides = [
+                    (&row.rises, range.high - range.rest, row.prior.up),
+                    (&row.falls, range.rest - range.low, row.prior.down),
+                ];
+                sides.into_iter().filter_map(|(unit, own, usual)| {
+                    let high = own / usual;
+                    let range = Range {
+                        high,
+                        ..Range::default()
+                    };
+                    unit.as_ref()
+                        .filter(|_| usual > 0.0)
+                        .map(|unit| (unit, range))
+                })
+            })
+    }
+
     /// Writes the text.
     ///
     /// # Errors
