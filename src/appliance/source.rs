@@ -108,11 +108,11 @@ pub fn check(name: &str) -> Result<(), SourceError> {
 ///
 /// # Errors
 /// If the source does not exist or cannot be opened.
-pub fn open<'a>(
-    name: &'a str,
+pub fn open(
+    name: &str,
     required: bool,
     settings: SensorSettings,
-) -> Result<(Source, &'a str), SourceError> {
+) -> Result<(Source, &str), SourceError> {
     let Some((kind, serial)) = kind(name) else {
         return match parts(name) {
             (SIMULATED, scene) => Ok((simulated(scene)?, name)),

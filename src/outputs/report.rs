@@ -13,7 +13,7 @@ pub const SCHEMA_VERSION: i32 = 1;
 /// Everything known about one user at one frame, borrowed by the outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Report<'a> {
-    /// Number of the frame ([`mien_sensors::Frame::index`]).
+    /// Number of the frame ([`mien_stages::frame::Frame::index`]).
     pub frame: u64,
     /// Capture time of the frame.
     pub at: Timestamp,

@@ -83,6 +83,9 @@ pub struct Missing {
     pub text: String,
 }
 
+/// A sensor, and why its device could not be opened so far.
+pub type Opened = (Box<dyn Sensor>, Option<SensorError>);
+
 /// A kind of sensor that can be plugged in.
 pub struct SensorKind {
     /// What the name of its source begins with: `kinect`, `kinect:SERIAL`.
@@ -91,7 +94,7 @@ pub struct SensorKind {
     pub title: &'static str,
     /// Opens the device with this serial number, else the first free one. Returns within seconds, with the reason if it could not be
     /// opened so far; the sensor then waits for it.
-    pub open: fn(Option<&str>, Settings) -> (Box<dyn Sensor>, Option<SensorError>),
+    pub open: fn(Option<&str>, Settings) -> Opened,
     /// Lists the devices.
     pub list: fn() -> Result<Vec<Found>, Missing>,
     /// The sentence that none of so many devices has this serial number.

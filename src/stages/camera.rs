@@ -150,7 +150,12 @@ impl Camera {
     /// Unrounded raw value of a distance `z` > 0 in metres: the inverse of [`Self::depth_m`].
     ///
     /// ```
-    /// let camera = mien_sensors::kinect::geometry::nominal();
+    /// # use mien_stages::base::geometry::Rigid;
+    /// # use mien_stages::camera::{Camera, ColourProjection, Distortion, Pinhole};
+    /// # let view = Pinhole { focal: [576.0; 2], centre: [320.0, 240.0] };
+    /// # let (distortion, colour_from_sensor) = (Distortion::default(), Rigid::identity());
+    /// # let colour = ColourProjection::Pinhole { view, distortion, colour_from_sensor };
+    /// let camera = Camera::metric(view, [640, 480], colour);
     /// assert!((camera.raw_from_m(camera.depth_m(700)) - 700.0).abs() < 0.01);
     /// ```
     pub fn raw_from_m(&self, z: f32) -> f32 {

@@ -9,7 +9,7 @@ use super::live::LiveKinect;
 use super::recording::Recording;
 use super::registration::Registration;
 use super::usb_devices::{self, Listed};
-use crate::sensor::{Found, Missing, Sensor, SensorError, SensorKind, SensorState};
+use crate::sensor::{Found, Missing, Opened, Sensor, SensorError, SensorKind, SensorState};
 use mien_stages::base::prelude::*;
 use mien_stages::camera::Camera;
 
@@ -27,7 +27,7 @@ pub(crate) const KIND: SensorKind = SensorKind {
     other_serial: |wanted, count| DeviceError::OtherSerial(wanted.to_owned(), count).to_string(),
 };
 
-fn open(serial: Option<&str>, settings: Settings) -> (Box<dyn Sensor>, Option<SensorError>) {
+fn open(serial: Option<&str>, settings: Settings) -> Opened {
     let mut live = LiveKinect::usb(serial.map(str::to_owned), settings);
     let status = live.wait_for_first_attempt(FIRST_ATTEMPT);
     let problem = (status.openings == 0)

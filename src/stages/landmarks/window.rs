@@ -350,6 +350,30 @@ mod tests {
     }
 
     #[test]
+    fn every_window_pixel_is_interpolated_from_its_four_neighbours() {
+        let mut random = fastrand::Rng::with_seed(4);
+        let luma: Vec<u8> = (0..WIDTH * HEIGHT).map(|_| random.u8(..)).collect();
+        let image = LumaImage {
+            luma: &luma,
+            width: WIDTH,
+            height: HEIGHT,
+        };
+        let head = Rigid::from_parts(
+            Vector::new(0.02, -0.03, 0.8).into(),
+            rotation_from_yaw_pitch_roll(0.3, 0.1, 0.2),
+        );
+        let placement = Placement::from_pose(&Camera::default(), &head).expect("in the image");
+        let mut window = vec![0.0; WINDOW * WINDOW];
+        placement.resample(&image, &Region::WHOLE, &mut window);
+        for (k, value) in window.iter().enumerate().step_by(7) {
+            let [x, y] = placement.image_pixel([(k % WINDOW) as f32, (k / WINDOW) as f32]);
+            let expected = image.bilinear(x, y);
+            // A thousandth of a pixel in an image of noise.
+            assert!((value - expected).abs() < 1.0, "{k}: {value} {expected}");
+        }
+    }
+
+    #[test]
     fn split_parts_add_up() {
         for x in [0.0, 0.25, 0.5, 0.999, 1.0, 1.5, 638.99, 639.0] {
             let (whole, rest) = split(x);

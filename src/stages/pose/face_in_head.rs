@@ -6,8 +6,6 @@
 
 use crate::base::frames::{Head, HeadFromFace, Motion};
 use crate::base::geometry::{Rigid, Rotation, Vector, yaw_pitch_roll};
-#[cfg(not(feature = "std"))]
-use crate::base::prelude::*;
 
 /// Time over which the rotation is averaged, seconds: a shorter mean makes the pose wander.
 const TURN_TIME_S: f32 = 40.0;

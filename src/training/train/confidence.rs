@@ -2,7 +2,7 @@
 //!
 //! Per landmark a linear discriminant (Fisher 1936) of its patch separates visible points within 5 % of the eye
 //! distance from points that are covered, beyond 8 % or on no face. Confidences are logistic regressions of "within 5
-//! %" (of a landmark: and visible) on these discriminants ([`landmark_signs`], [`face_signs`]). The face's is
+//! %" (of a landmark: and visible) on these discriminants ([`landmark_inputs`], [`face_inputs`]). The face's is
 //! weighted by the frequency of each kind of fit, so that a share c of the faces with confidence c is good as long as
 //! failures are about as frequent as here. Fits must be of pictures that the cascade was not trained on. Limits: only
 //! failures like these are recognised.
