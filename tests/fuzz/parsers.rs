@@ -36,7 +36,6 @@ use mien_studio::preview::hub::Hub;
 use mien_studio::preview::http;
 use mien_studio::preview::table::Columns;
 use mien_studio::preview::{osc, serial};
-use mien_training::train;
 use mien_workbench::text_files;
 use mien_stages::users::saved;
 use serde_json::{Value, json};
@@ -178,7 +177,7 @@ fuzz_target!(init: {
                 std::fs::write(folder.join("a.pgm"), b"P5 1 1 255\n.").expect("a picture");
             }
             std::fs::write(folder.join(file), bytes).expect("a file");
-            drop(train::dataset::read_folder(&folder));
+            drop(mien_workbench::dataset::read_folder(&folder));
         }
         "obj" => {
             let text = words();
