@@ -50,7 +50,7 @@ pub trait Sensor: Send {
     /// Geometry of the sensor behind the last frame.
     fn camera(&self) -> &Camera;
 
-    /// Counts and times so far.
+    /// Counts and times so far. Asked in every frame: allocates nothing.
     fn state(&self) -> SensorState;
 
     /// Calibration of the Kinect behind the frames, if it is one.

@@ -5,6 +5,10 @@ use std::time::Duration;
 
 use mien_appliance::cli::Run;
 use mien_appliance::memory::Counting;
+use mien_sensors::kinect::device::DeviceError;
+use mien_sensors::kinect::live::LiveKinect;
+use mien_sensors::kinect::usb::UsbKinect;
+use mien_sensors::sensor::Sensor;
 
 #[path = "../common/whole_run.rs"]
 mod whole_run;
@@ -50,4 +54,24 @@ fn main() {
     );
     assert!(end.0 > start.0);
     assert_eq!(start.1, end.1, "requests between 5 % and 95 % of the table");
+    a_kinects_state_asks_for_nothing();
+}
+
+/// The state is asked in every frame. The sensor's own thread may ask for memory in between, hence the least of several.
+fn a_kinects_state_asks_for_nothing() {
+    let open = || Err::<UsbKinect, _>(DeviceError::OtherSerial("A00366A08793039A".into(), 1));
+    let mut live = LiveKinect::with_source(open, Default::default());
+    assert!(
+        live.wait_for_first_attempt(Duration::from_secs(10))
+            .waiting_for
+            .is_some()
+    );
+    let requests = (0..10).map(|_| {
+        let before = MEMORY.requests();
+        for _ in 0..100 {
+            std::hint::black_box(live.state());
+        }
+        MEMORY.requests() - before
+    });
+    assert_eq!(requests.min(), Some(0), "requests of a hundred states");
 }

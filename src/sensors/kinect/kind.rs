@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::device::{DeviceError, Stream};
+use super::device::DeviceError;
 use super::driver::Settings;
 use super::frame::FrameSink;
 use super::live::LiveKinect;
@@ -67,7 +67,7 @@ impl Sensor for LiveKinect {
         SensorState {
             is_live: true,
             arrived: self.arrived,
-            skipped: self.status().health.streams[Stream::Depth.index()].broken,
+            skipped: self.broken_depth_images(),
             ..SensorState::default()
         }
     }

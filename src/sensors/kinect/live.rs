@@ -156,6 +156,11 @@ impl LiveKinect {
         inner.status.clone()
     }
 
+    /// Damaged depth images of the sensor last opened. Cheap to call every frame: nothing is copied.
+    pub fn broken_depth_images(&self) -> u64 {
+        self.shared.lock().status.health.streams[Stream::Depth.index()].broken
+    }
+
     /// State and counters.
     pub fn status(&self) -> Status {
         self.shared.lock().status.clone()

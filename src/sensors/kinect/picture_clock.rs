@@ -2,11 +2,11 @@
 
 use core::time::Duration;
 
-use super::packet::TICKS_PER_SECOND;
+use super::packet::{TICKS_PER_PICTURE, TICKS_PER_SECOND};
 use mien_stages::base::time::Timestamp;
 
 /// Ticks of the 60 MHz counter between pictures at 30 Hz.
-pub const FRAME_TICKS: i64 = 2_000_000;
+pub const FRAME_TICKS: i64 = TICKS_PER_PICTURE as i64;
 
 /// Capture time of unwrapped 60 MHz ticks since the first depth picture, rounded down to whole microseconds. Every source uses this
 /// function, so that a run and its replay have identical times.
@@ -44,7 +44,6 @@ impl PictureClock {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kinect::packet::TICKS_PER_PICTURE;
 
     #[test]
     fn time_goes_on_across_the_wrap_and_across_losses_and_restarts() {
