@@ -56,7 +56,7 @@ pub struct Keys {
     held: [u128; KEYS.len()],
     /// Whether each key is being tapped.
     tapped: [bool; KEYS.len()],
-    /// Whether the device was last told that each key is down.
+    /// Whether each key was last sent as pressed.
     is_down: [bool; KEYS.len()],
     tally: Tally,
 }

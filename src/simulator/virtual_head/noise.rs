@@ -13,6 +13,7 @@
 
 use super::random::{hash, uniform};
 use mien_sensors::NO_DEPTH;
+use mien_sensors::kinect::geometry::BLANK_COLUMNS;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use mien_stages::camera::Camera;
 
@@ -24,8 +25,6 @@ pub(super) const DISPARITY_SIGMA: f32 = 0.4;
 pub(super) const NEAREST_RAW: f32 = 395.0;
 /// Largest raw value that is a measurement: about 13 m.
 pub(super) const FARTHEST_RAW: f32 = 1075.0;
-/// Columns at the right edge without data, because of the correlation window.
-pub(super) const BLANK_COLUMNS: usize = 8;
 /// Slope from which readings fail, raw units per pixel: 0.6 tan(angle) / z, so 77° at 0.8 m.
 pub(super) const GRAZING_SLOPE: f32 = 3.2;
 /// Further slope at which four of five readings fail, raw units per pixel.

@@ -19,11 +19,12 @@
 
 use super::appearance::Material;
 use super::noise::{
-    BLANK_COLUMNS, DISPARITY_SIGMA, DepthReading, FARTHEST_RAW, GRAZING_SLOPE, GRAZING_SPAN,
-    NEAREST_RAW, SIDE, Tiles, blurred, line,
+    DISPARITY_SIGMA, DepthReading, FARTHEST_RAW, GRAZING_SLOPE, GRAZING_SPAN, NEAREST_RAW, SIDE,
+    Tiles, blurred, line,
 };
 use super::random::{hash, uniform};
 use mien_sensors::NO_DEPTH;
+use mien_sensors::kinect::geometry::BLANK_COLUMNS;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
 /// Width of the rim in which readings fail more often, pixels.
