@@ -31,8 +31,7 @@ use mien_stages::users::{self, Presence, TrackingState, matching};
 
 /// Frames until a head without a face is tried again.
 const RETRY_FRAMES: u64 = 4;
-/// First tries of a head without a face that run in consecutive frames if nobody else is present: two for each image position
-/// searched.
+/// Tries in consecutive frames of a head without a face while nobody else is present: two at each position searched.
 const EAGER_TRIES: u64 = 24;
 /// Largest movement of a rejected head between tries, metres.
 const SAME_REJECTED_M: f32 = 0.06;

@@ -22,7 +22,7 @@ const MIN_BUDGET: usize = 1 << 28;
 /// Largest count of an accessor that is accepted.
 const MAX_ROWS: usize = 50_000_000;
 
-/// An error: the file does not hold what was expected.
+/// The error for content other than expected.
 pub fn unexpected(expected: &str, found: impl Display) -> Fault {
     Fault::new(format!(
         "expected {expected} in the GLB file, found {found}"

@@ -103,8 +103,8 @@ impl Canvas {
     }
 }
 
-/// Renders triangles with vertices given as (right, up, towards the viewer); `tint` is the colour of a triangle
-/// without one, or `None` to skip it, and is told whether it has one.
+/// Renders triangles with vertices given as (right, up, towards the viewer). `tint` gets a triangle and whether it has a
+/// colour of its own; it returns the colour of those without, or `None` to skip the triangle.
 pub fn paint(
     mesh: &Mesh,
     seen: &[Vec3],
