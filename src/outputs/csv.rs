@@ -10,8 +10,9 @@ use std::io::Write;
 #[cfg(feature = "std")]
 use super::{Output, OutputError, Tally};
 use super::{Report, TrackingState};
-use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::capacity::{LANDMARKS, REGIONS};
 use mien_stages::base::prelude::*;
+use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 use mien_stages::landmarks::Landmarks;
 
 /// Decimals of lengths in metres, quaternions, measures and weights: 1 µm, below their accuracy.
@@ -44,11 +45,17 @@ impl Rows {
         let names = names.chain(units.iter().map(|unit| format!("w_{unit}")));
         let names = names.chain(BOX.map(|side| format!("head_{side}")));
         let names = names.chain(gestures.iter().map(|gesture| format!("g_{gesture}")));
+        let names = names.chain(
+            VISIBLE_REGIONS
+                .iter()
+                .map(|(region, _)| format!("s_{region}")),
+        );
         let mut row =
             String::from("frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw");
         names.for_each(|name| row += &format!(",{name}"));
         row.push('\n');
-        let fields = 12 + 3 * LANDMARKS + measures.len() + units.len() + BOX.len() + gestures.len();
+        let names = measures.len() + units.len() + gestures.len();
+        let fields = 12 + 3 * LANDMARKS + names + BOX.len() + REGIONS;
         row.reserve(fields * FIELD_BYTES);
         Self {
             row,
@@ -135,6 +142,7 @@ impl Rows {
             let is_on = report.gestures >> i & 1 == 1;
             self.row.push_str(if is_on { ",1" } else { ",0" });
         }
+        (0..REGIONS).for_each(|i| self.number(points(&|face| face.seen[i]), COARSE));
         self.row.push('\n');
         true
     }

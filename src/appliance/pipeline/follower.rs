@@ -4,7 +4,7 @@
 
 use super::stage::{FrameContext, Stage};
 use mien_outputs::Report;
-use mien_stages::base::capacity::UNITS;
+use mien_stages::base::capacity::{REGIONS, UNITS};
 use mien_stages::base::frames::SensorFromFace;
 use mien_stages::base::geometry::{Point, Vector};
 use mien_stages::base::time::Timestamp;
@@ -196,7 +196,9 @@ impl Follower {
         self.expression
             .observe(&landmarks, &sensor_from_face, context.frame.at);
         self.ranges = self.expression.unit_ranges();
-        self.person.face_lengths.add(&landmarks.head);
+        if landmarks.seen == [1.0; REGIONS] {
+            self.person.face_lengths.add(&landmarks.head);
+        }
         self.accept_landmarks(context, landmarks, sensor_from_face, cloud);
         true
     }

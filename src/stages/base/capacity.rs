@@ -23,6 +23,8 @@ pub const PIXELS: usize = WIDTH * HEIGHT;
 pub const RAW_DEPTH_VALUES: usize = 2048;
 /// Tracked points of the face, in the order of iBUG / Multi-PIE 68.
 pub const LANDMARKS: usize = 68;
+/// Regions of the face whose visibility is judged.
+pub const REGIONS: usize = 6;
 /// Most points of one head's cloud, which is thinned evenly: beyond about a thousand the sensor's depth steps, not the count,
 /// limit the pose.
 pub const HEAD_POINTS: usize = 2048;

@@ -16,12 +16,12 @@
 //! Memory: three sets of weights. Cost: negligible. Degenerate: a mouth that stays covered decays to rest; one of permanently
 //! low confidence (beard, mask) counts as covered only below its usual confidence.
 
-use super::measures::Measure;
+use super::regions::{MOUTH as MOUTH_REGION, RegionSet};
 use crate::base::capacity::UNITS;
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::face_model::scheme::{CHIN, MOUTH};
+use crate::face_model::scheme::MOUTH;
 use crate::landmarks::Landmarks;
 
 /// Landmarks of brows, nose and eyes.
@@ -65,12 +65,6 @@ const PRIOR_RHO_WEIGHT: f32 = 4.0;
 const RHO: [f32; 2] = [0.1, 0.8];
 /// Sum of squared weights at which both sums are halved: minutes of acting.
 const MAX_RHO_WEIGHT: f32 = 400.0;
-
-/// Whether a measure depends on the area of a hand over the mouth: mouth, chin, or the cheeks, which have no landmarks.
-pub(super) fn moves_mouth(measure: Measure) -> bool {
-    let covers = |point: usize| MOUTH.contains(&point) || CHIN.contains(&point);
-    measure.groups().is_empty() || measure.landmarks().any(covers)
-}
 
 defaults! {
     /// State of one person's mouth.
@@ -123,11 +117,12 @@ impl CoveredMouth {
         };
         // Light, distance and a bent head lower the confidence of a free mouth too, so depth must show an object before it.
         let hidden = landmarks.mouth_hidden >= if is_covered { HIDDEN_RELEASE } else { HIDDEN };
-        let covered = if hidden {
+        let by_object = if hidden {
             ((least - seen) / TRUST_FALLOFF).clamp(0.0, 1.0)
         } else {
             0.0
         };
+        let covered = by_object.max(1.0 - MOUTH_REGION.seen(&landmarks.seen));
         self.covered = covered.max(self.covered - dt / RETURN_S).max(0.0);
         if self.covered > 0.0 {
             self.covered_s += dt;
@@ -148,9 +143,14 @@ impl CoveredMouth {
         -LAG_S / (both / before).clamp(RHO[0], RHO[1]).ln()
     }
 
-    /// Blends the weights of the columns `is_mouth` with the inferred ones as far as the mouth is covered; otherwise learns from them.
-    pub(super) fn infer_weights(&mut self, weights: &mut [f32], is_mouth: &[bool; UNITS], dt: f32) {
-        let mouth = |k: &usize| is_mouth[*k];
+    /// Blends the weights of the mouth's columns with the inferred ones as far as the mouth is covered; otherwise learns from them.
+    pub(super) fn infer_weights(
+        &mut self,
+        weights: &mut [f32],
+        regions: &[RegionSet; UNITS],
+        dt: f32,
+    ) {
+        let mouth = |k: &usize| regions[*k].intersects(MOUTH_REGION);
         if self.covered > 0.0 {
             let fades_s = (self.covered_s - HELD_S).max(0.0);
             let left = (-fades_s / self.tau_s()).exp();
@@ -204,22 +204,23 @@ mod tests {
             cheeks: [0.0; 2],
             eyes: None,
             mouth_hidden: if mouth < FULL_TRUST { 1.0 } else { 0.0 },
+            seen: [1.0; 6],
         };
         landmarks.point_confidence[MOUTH].fill(mouth);
         landmarks
     }
 
     /// One unit of the mouth and one that is not.
-    const IS_MOUTH: [bool; UNITS] = {
-        let mut is_mouth = [false; UNITS];
-        is_mouth[0] = true;
-        is_mouth
+    const REGIONS: [RegionSet; UNITS] = {
+        let mut regions = [RegionSet::NONE; UNITS];
+        regions[0] = MOUTH_REGION;
+        regions
     };
 
     fn play(mouth: &mut CoveredMouth, seen: f32, read: f32) -> [f32; 2] {
         mouth.update_visibility(&face(seen), DT);
         let mut weights = [read, 0.7];
-        mouth.infer_weights(&mut weights, &IS_MOUTH, DT);
+        mouth.infer_weights(&mut weights, &REGIONS, DT);
         weights
     }
 
@@ -242,7 +243,7 @@ mod tests {
             let read = if n % 60 < 20 { 0.8 } else { 0.0 };
             assert!(mouth.update_visibility(&dim, DT));
             let mut weights = [read, 0.7];
-            mouth.infer_weights(&mut weights, &IS_MOUTH, DT);
+            mouth.infer_weights(&mut weights, &REGIONS, DT);
             assert_eq!(weights, [read, 0.7]);
         }
     }
@@ -298,7 +299,7 @@ mod tests {
             }
             mouth.update_visibility(&dark, DT);
             let mut weights = [0.4, 0.7];
-            mouth.infer_weights(&mut weights, &IS_MOUTH, DT);
+            mouth.infer_weights(&mut weights, &REGIONS, DT);
             assert_eq!(weights, [0.4, 0.7]);
         }
     }

@@ -35,6 +35,7 @@ mod paper_estimator;
 pub mod prior;
 pub mod range;
 pub mod readings;
+pub mod regions;
 pub mod rest_mode;
 pub mod robust;
 mod robust_estimator;
@@ -65,6 +66,7 @@ use crate::landmarks::Landmarks;
 use estimator::{Estimator, FADE_S, Observation};
 use measures::EyeDistance;
 use paper_estimator::PaperEstimator;
+use regions::RegionSet;
 use robust_estimator::RobustEstimator;
 use settings::LEAST_CONFIDENCE;
 
@@ -240,7 +242,9 @@ impl Expression {
         let omega = weight::sample_weight(sensor_from_face, self.settings.best_distance_m);
         let learns = !self.weights.frozen && landmarks.confidence >= LEAST_CONFIDENCE;
         let w = raw[Measure::EyeDistance as usize];
-        if learns && measures::confidence(Measure::EyeDistance, landmarks) >= LEAST_CONFIDENCE {
+        let eyes_seen = RegionSet::of_unit("AU43").seen(&landmarks.seen) == 1.0
+            && measures::confidence(Measure::EyeDistance, landmarks) >= LEAST_CONFIDENCE;
+        if learns && eyes_seen {
             self.scale.observe(w, omega * dt);
         }
         let divisor = if self.settings.scale() == Scale::Frame {

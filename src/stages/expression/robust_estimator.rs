@@ -10,7 +10,7 @@ use alloc::sync::Arc;
 
 use nalgebra::Vector3;
 
-use super::covered::{self, CoveredMouth};
+use super::covered::CoveredMouth;
 use super::estimator::{Estimator, FADE_S, Observation, UsedRange, is_warming, without_cross_talk};
 use super::features::{self, Feature};
 use super::gaze::corrected_gaze;
@@ -20,13 +20,14 @@ use super::newcomer::Newcomer;
 use super::noise::SlowNoise;
 use super::range::Range;
 use super::readings::Reading;
+use super::regions::{self, MOUTH, RegionSet};
 use super::robust::RobustLearner;
 use super::saved::Learned;
 use super::settings::{LEAST_CONFIDENCE, Settings};
 use super::smooth::MeasureFilter;
 use super::units::{Kind, Unit, UnitName, Units};
 use super::weights::Weights;
-use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, UNITS};
+use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, REGIONS, UNITS};
 use crate::base::prelude::*;
 
 /// Seconds of presence after which deviations from rest count as expressions.
@@ -88,8 +89,12 @@ pub(super) struct RobustEstimator {
     eyes_open: bool,
     newcomer: Newcomer,
     mouth: CoveredMouth,
-    /// Columns of the mouth.
-    is_mouth: [bool; UNITS],
+    /// How far each region is seen in the last frame.
+    seen: [f32; REGIONS],
+    /// Regions that each input, reading and column needs.
+    input_regions: [RegionSet; INPUTS],
+    reading_regions: [RegionSet; UNITS],
+    column_regions: [RegionSet; UNITS],
 }
 
 impl RobustEstimator {
@@ -130,7 +135,10 @@ impl RobustEstimator {
             eyes_open: false,
             newcomer: Newcomer::default(),
             mouth: CoveredMouth::default(),
-            is_mouth: units.mouth_columns(),
+            seen: [1.0; REGIONS],
+            input_regions: RegionSet::of_inputs(),
+            reading_regions: regions::of_units(units.readings.iter().map(|reading| &reading.unit)),
+            column_regions: regions::of_units(units.columns(false).iter()),
             units,
         }
     }
@@ -195,6 +203,10 @@ impl RobustEstimator {
         } else {
             self.raw[gaze..].fill(0.0);
         }
+        // What is hidden is taken for rest.
+        for (raw, regions) in self.raw.iter_mut().zip(&self.input_regions) {
+            *raw *= f64::from(regions.seen(&self.seen));
+        }
     }
 
     /// Readings of all units from the deviations.
@@ -219,7 +231,7 @@ impl RobustEstimator {
         let landmarks = frame.landmarks;
         let certain = |row: &Unit| {
             measures::confidence(row.measure, landmarks) >= LEAST_CONFIDENCE
-                && (mouth_seen || !covered::moves_mouth(row.measure))
+                && (mouth_seen || !self.input_regions[row.measure as usize].intersects(MOUTH))
         };
         let confidence =
             |feature: &Feature| measures::mean_confidence(feature.landmarks(), landmarks);
@@ -227,9 +239,11 @@ impl RobustEstimator {
             .iter()
             .map(|feature| confidence(feature) >= LEAST_CONFIDENCE);
         let measures = self.units.rows.iter().map(certain);
-        let seen = (measures.chain(lengths)).chain([self.eyes_open; FEATURES - LENGTHS]);
-        for ((learner, &value), seen) in self.inputs.iter_mut().zip(&self.values).zip(seen) {
-            if seen && value.is_finite() {
+        let certain = (measures.chain(lengths)).chain([self.eyes_open; FEATURES - LENGTHS]);
+        let inputs = self.inputs.iter_mut().zip(&self.values);
+        for ((learner, &value), (certain, regions)) in inputs.zip(certain.zip(&self.input_regions))
+        {
+            if certain && value.is_finite() && regions.seen(&self.seen) == 1.0 {
                 learner.observe(value, frame.omega, frame.dt);
             } else {
                 learner.interrupt();
@@ -244,13 +258,19 @@ impl RobustEstimator {
             return;
         }
         let turn = self.turn.about_mean(&self.rotation);
-        for (leak, &raw) in self.leaks.iter_mut().zip(&self.raw) {
-            if raw.is_finite() {
+        let inputs = self.raw.iter().zip(&self.input_regions);
+        for (leak, (&raw, regions)) in self.leaks.iter_mut().zip(inputs) {
+            if raw.is_finite() && regions.seen(&self.seen) == 1.0 {
                 leak.observe(raw, &turn, frame.dt, self.settings.half_life_s);
             }
         }
         let learners = self.learners.iter_mut().zip(&mut self.drift);
-        for ((learner, drift), &reading) in learners.zip(&self.readings) {
+        let readings = self.readings.iter().zip(&self.reading_regions);
+        for ((learner, drift), (&reading, regions)) in learners.zip(readings) {
+            if regions.seen(&self.seen) < 1.0 {
+                learner.interrupt();
+                continue;
+            }
             learner.observe(reading, frame.omega, frame.dt);
             let range = learner.range();
             if let Some(drift) = drift {
@@ -263,7 +283,8 @@ impl RobustEstimator {
     fn is_another_person(&mut self, frame: &Observation<'_>) -> bool {
         let rest = |m: usize| {
             let learner = &self.inputs[m];
-            (learner.rest_seconds() > KNOWN_REST_S).then(|| learner.range().rest)
+            let is_seen = self.input_regions[m].seen(&self.seen) == 1.0;
+            (is_seen && learner.rest_seconds() > KNOWN_REST_S).then(|| learner.range().rest)
         };
         let sd = |m: usize| self.units.rows[m].prior.rest_sd;
         let values = core::array::from_fn(|m| self.values[m]);
@@ -346,6 +367,7 @@ impl RobustEstimator {
 
 impl Estimator for RobustEstimator {
     fn observe(&mut self, frame: &Observation<'_>) -> bool {
+        self.seen = frame.landmarks.seen;
         self.measure(frame);
         self.read(frame);
         let infers = self.settings.infer_covered;
@@ -383,7 +405,14 @@ impl Estimator for RobustEstimator {
         weights.warming = is_warming(rests.map(RobustLearner::rest_readiness));
         if self.settings.infer_covered {
             let columns = &mut weights.units[..weights.columns];
-            self.mouth.infer_weights(columns, &self.is_mouth, dt as f32);
+            self.mouth
+                .infer_weights(columns, &self.column_regions, dt as f32);
+        }
+        for (weight, regions) in weights.units.iter_mut().zip(&self.column_regions) {
+            // The mouth's weights decay as this person's do.
+            if !(self.settings.infer_covered && regions.intersects(MOUTH)) {
+                *weight *= regions.seen(&self.seen);
+            }
         }
     }
 

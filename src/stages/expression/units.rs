@@ -108,26 +108,6 @@ impl Units {
             .expect("the shipped table is read by a test")
     }
 
-    /// For each column of the robust method, whether it depends on the mouth: by its measure, or by a reading from the lip gap.
-    pub fn mouth_columns(&self) -> [bool; UNITS] {
-        let mut mouth_columns = [false; UNITS];
-        let columns = self.rows.iter().flat_map(|row| {
-            let is = super::covered::moves_mouth(row.measure);
-            let sides = row.prior.kind.sides().into_iter();
-            sides.filter(|side| *side).map(move |_| is)
-        });
-        let derived = self.derived_units().map(|reading| {
-            let shares = self.readings[reading].shares[Measure::LipGap as usize];
-            shares != [0.0; 2]
-        });
-        let columns = columns.chain(derived);
-        mouth_columns
-            .iter_mut()
-            .zip(columns)
-            .for_each(|(k, is)| *k = is);
-        mouth_columns
-    }
-
     /// The same table with every unit read from its own measure alone.
     #[must_use]
     pub fn by_measure(mut self) -> Self {
@@ -321,17 +301,5 @@ mod tests {
         );
         let sd = table["eye_distance_sd_m"].as_float().expect("a number");
         assert!((0.0005..0.02).contains(&sd));
-    }
-
-    #[test]
-    fn dimples_are_mouth_columns_and_glances_are_not() {
-        let units = Units::shipped();
-        let mouth_columns = units.mouth_columns();
-        let is = |name: &str| {
-            let column = units.columns(false).iter().position(|unit| unit == name);
-            mouth_columns[column.expect("a column")]
-        };
-        assert!(is("AU25") && is("AU12L") && is("AU14L") && is("AU15R"));
-        assert!(!is("AU43L") && !is("AU61") && !is("AU64"));
     }
 }

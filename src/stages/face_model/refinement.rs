@@ -17,6 +17,7 @@ use crate::base::prelude::*;
 
 use super::error::ModelError;
 use super::reader::Reader;
+use super::scheme::MOUTH_CORNER_R;
 use super::sizes::MAX_MODES;
 
 /// First landmarks at which depth is measured. The jaw's sides are omitted, because there depth misses the face.
@@ -67,6 +68,13 @@ pub(crate) const fn site_of(landmark: usize) -> usize {
     } else {
         landmark - FIRST_INNER + CHIN_SITES.len()
     }
+}
+
+/// Which sites lie on some landmarks, in their order; the cheeks go with the mouth.
+pub(crate) fn sites_of(landmarks: &[bool; LANDMARKS]) -> impl Iterator<Item = bool> {
+    let own = CHIN_SITES.into_iter().chain(FIRST_INNER..LANDMARKS);
+    let own = own.map(|landmark| landmarks[landmark]);
+    own.chain(CHEEKS.map(|_| landmarks[MOUTH_CORNER_R]))
 }
 
 /// Sites at which depth is measured, in the frame and unit of `head`.

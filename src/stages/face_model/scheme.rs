@@ -72,6 +72,19 @@ pub const REGIONS: [(&str, Range<usize>); 5] = [
     ("mouth", MOUTH),
 ];
 
+/// Regions whose visibility is judged, with their points: what a mask, glasses or a hand hides together. The bridge of the nose
+/// belongs to none, because glasses and masks leave it.
+pub const VISIBLE_REGIONS: [(&str, Range<usize>); 6] = [
+    ("brow_L", 22..27),
+    ("brow_R", 17..22),
+    ("eye_L", 42..48),
+    ("eye_R", 36..42),
+    ("nose", 31..36),
+    ("mouth", MOUTH),
+];
+/// The jaw between both corners of the mouth, which is hidden with the mouth.
+pub const LOWER_JAW: Range<usize> = 3..14;
+
 /// Points that hardly move with expression: eye corners, bridge and base of the nose. They define the head frame.
 pub const STABLE: [usize; 9] = [27, 28, 29, 30, 33, 36, 39, 42, 45];
 

@@ -45,6 +45,8 @@ pub struct FitConfidence {
     pub face: f32,
     /// Log odds of `face`, which distinguish fits whose confidence is 1.
     pub log_odds: f32,
+    /// Linear discriminant of each landmark's patch, without its neighbours: positive on a face.
+    pub discriminants: [f32; LANDMARKS],
 }
 
 defaults! {
@@ -54,6 +56,8 @@ defaults! {
         /// Features minus their mean, quantised to 1 / [`STEPS`].
         quantised: Vec<i16> = vec![0; FEATURES],
         head: [Point; LANDMARKS] = [Point::origin(); LANDMARKS],
+        /// Landmarks whose patches do not count, because something hides them.
+        pub hidden: [bool; LANDMARKS] = [false; LANDMARKS],
         /// Landmarks of the last projection, window pixels.
         pub window: [[f32; 2]; LANDMARKS] = [[0.0; 2]; LANDMARKS],
     }
@@ -136,6 +140,15 @@ impl Solver {
         {
             *quantised = rounded((f - mean) * STEPS);
         }
+        // A hidden patch is an average one.
+        let patches = self.quantised.as_chunks_mut::<PATCH>().0;
+        for (patch, _) in patches
+            .iter_mut()
+            .zip(self.hidden)
+            .filter(|(_, hidden)| *hidden)
+        {
+            patch.fill(0);
+        }
         let features = self.quantised.as_chunks::<PATCH>().0;
         let patches = stage.weights.as_chunks::<PATCH>().0;
         let rows = patches
@@ -178,6 +191,7 @@ impl Solver {
             landmark,
             face: logistic(log_odds),
             log_odds,
+            discriminants: own,
         }
     }
 }

@@ -18,8 +18,9 @@ use super::refine;
 use super::relief;
 use super::steady::ShapeFilter;
 use super::view::View;
+use super::visibility::{EYES, MOUTH as MOUTH_REGION, PROBE_FRAMES, Visibility, evidence};
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_image};
-use crate::base::capacity::PIXELS;
+use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::defaults;
 use crate::base::frames::{Head, Motion, SensorFromFace, SensorFromHead};
 use crate::base::geometry::{Rigid, Vector};
@@ -28,7 +29,7 @@ use crate::base::one_euro::Cutoffs;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::camera::Camera;
-use crate::face_model::refinement::{Inputs, Refinement};
+use crate::face_model::refinement::{Inputs, Refinement, SITES, sites_of};
 use crate::face_model::scheme::MOUTH;
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
 use crate::pose::{FaceInHead, HeadPose};
@@ -100,6 +101,7 @@ pub struct LandmarkFitter {
     last_at: Option<Timestamp>,
     /// Logarithm of the face's size relative to the mean shape, and the seconds averaged.
     log_size: Option<(f32, f32)>,
+    visibility: Visibility,
     landmarks: Landmarks,
 }
 
@@ -118,6 +120,7 @@ impl LandmarkFitter {
             filters: [(); 2].map(|()| ShapeFilter::new(settings.steadiness)),
             last_at: None,
             log_size: None,
+            visibility: Visibility::default(),
             landmarks: Landmarks::default(),
         }
     }
@@ -126,6 +129,7 @@ impl LandmarkFitter {
     pub fn reset(&mut self) {
         self.last_at = None;
         self.log_size = None;
+        self.visibility = Visibility::default();
         self.mean_correction = ([0.0; MAX_MODES], 0.0);
         self.filters.iter_mut().for_each(ShapeFilter::reset);
     }
@@ -146,10 +150,19 @@ impl LandmarkFitter {
         });
         let is_new = self.log_size.is_none();
         let sensor_from_head = &pose.sensor_from_head;
-        let mut found = self.fit_at_pose(scratch, luma, camera, &(*sensor_from_head * face.pose()));
+        let mut fit = |fitter: &mut Self, face: &FaceInHead| {
+            fitter.fit_at_pose(
+                scratch,
+                luma,
+                camera,
+                &(*sensor_from_head * face.pose()),
+                step_s,
+            )
+        };
+        let mut found = fit(self, face);
         if found.is_none() && is_new {
             face.search(&sensor_from_head.rotation);
-            found = self.fit_at_pose(scratch, luma, camera, &(*sensor_from_head * face.pose()));
+            found = fit(self, face);
         }
         let Some((placement, fit, confidence)) = found else {
             self.last_at = None;
@@ -158,7 +171,8 @@ impl LandmarkFitter {
             return None;
         };
         let share = self.update_size(&fit, step_s);
-        face.update(&view_motion(&placement.start, &fit.view), step_s, share);
+        let moved = view_motion(&placement.start, &fit.view);
+        face.update(&moved, step_s, share, self.visibility.is_partial());
         let sensor_from_face = *sensor_from_head * face.pose();
         let shape = self.refined(&fit, depth, camera, &sensor_from_face, step_s);
         self.fill_landmarks(luma, &placement, &fit, &shape, &confidence, at);
@@ -167,25 +181,60 @@ impl LandmarkFitter {
             .iter()
             .filter(|p| relief::is_hidden(depth, camera, &sensor_from_face, p));
         self.landmarks.mouth_hidden = hidden.count() as f32 / MOUTH.len() as f32;
+        self.landmarks.seen = self.visibility.fade(step_s);
         Some(&self.landmarks)
     }
 
-    /// The fit at the face's expected pose, if confident.
+    /// The fit at the face's expected pose, if confident. Updates which regions are hidden.
     fn fit_at_pose(
         &mut self,
         scratch: &mut Scratch,
         luma: &[u8; PIXELS],
         camera: &Camera,
         sensor_from_face: &SensorFromFace,
+        step_s: f32,
     ) -> Option<(Placement, FaceFit, FitConfidence)> {
         let placement = Placement::from_pose(camera, sensor_from_face)?;
         let mut start = placement.start;
         start.log_scale += self.log_size.map_or(0.0, |(mean, _)| mean);
-        let (fit, confidence) = self.run(scratch, luma, &placement, &start);
         // A face of the last frame needs less confidence.
         let share = self.last_at.map_or(1.0, |_| TRACKED_SHARE);
-        (confidence.face >= self.settings.min_confidence * share)
-            .then_some((placement, fit, confidence))
+        let least = self.settings.min_confidence * share;
+        let mut run = |visibility: &Visibility| {
+            scratch.solver.hidden = visibility.hidden_landmarks();
+            self.run(scratch, luma, &placement, &start, visibility.hides_eyes())
+        };
+        let mut visibility = self.visibility.clone();
+        let (mut fit, mut confidence) = run(&visibility);
+        if visibility.is_partial() {
+            if visibility.observe_unused(&evidence(&confidence.discriminants), step_s) {
+                let (fit, all) = run(&Visibility::default());
+                let turned = fit.view.rotation.angle();
+                let step_s = step_s * PROBE_FRAMES as f32;
+                visibility.observe(&evidence(&all.discriminants), turned, step_s);
+            }
+        } else if confidence.face >= least {
+            let turned = fit.view.rotation.angle();
+            if visibility.observe(&evidence(&confidence.discriminants), turned, step_s) {
+                (fit, confidence) = run(&visibility);
+            }
+        } else {
+            // Something may hide a part of the face.
+            for regions in [&[MOUTH_REGION][..], &EYES] {
+                let mut partial = Visibility::default();
+                partial.hide(regions);
+                let found = run(&partial);
+                if found.1.face >= least {
+                    (visibility, (fit, confidence)) = (partial, found);
+                    break;
+                }
+            }
+        }
+        if confidence.face < least || visibility.hides_face() {
+            return None;
+        }
+        self.visibility = visibility;
+        Some((placement, fit, confidence))
     }
 
     /// Searches for any face near a guessed pose; returns its confidence and head pose. Changes no state.
@@ -197,9 +246,10 @@ impl LandmarkFitter {
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
         let mut pose = *guess;
+        scratch.solver.hidden = [false; LANDMARKS];
         for _ in 0..SEARCH_ROUNDS {
             let placement = Placement::from_pose(camera, &pose)?;
-            let (fit, confidence) = self.run(scratch, luma, &placement, &placement.start);
+            let (fit, confidence) = self.run(scratch, luma, &placement, &placement.start, false);
             // The pose of this face within its head is unknown: assume identity.
             pose = pose
                 * Motion::<Head, Head>::assume_frames(view_motion(&placement.start, &fit.view));
@@ -213,13 +263,15 @@ impl LandmarkFitter {
         None
     }
 
-    /// Runs all stages from the mean shape at the view `depth`.
+    /// Runs all stages from the mean shape at the view `depth`. Without the patches of the eyes each update is so much smaller that
+    /// the first stages run twice.
     fn run(
         &self,
         scratch: &mut Scratch,
         luma: &[u8; PIXELS],
         placement: &Placement,
         depth: &View,
+        hides_eyes: bool,
     ) -> (FaceFit, FitConfidence) {
         let Scratch {
             window,
@@ -234,7 +286,10 @@ impl LandmarkFitter {
         let region = Region::around(&solver.window, REACH_PX);
         placement.resample(&sensor_image(luma), &region, window);
         maps.compute(window, &region);
-        let near = solver.run(&self.cold, &self.shape, maps, &start, depth);
+        let mut near = solver.run(&self.cold, &self.shape, maps, &start, depth);
+        if hides_eyes {
+            near = solver.run(&self.cold, &self.shape, maps, &near, depth);
+        }
         // The last stages use finer patches and all modes.
         let fit = solver.run(&self.warm, &self.shape, maps, &near, depth);
         let confidence = solver.confidence(&self.confidence, &self.shape, maps, &fit);
@@ -276,6 +331,13 @@ impl LandmarkFitter {
             camera,
             sensor_from_face,
         );
+        // There depth measures what hides the face.
+        let hidden = self.visibility.hidden_landmarks();
+        let first = self.inputs.len().saturating_sub(SITES);
+        let offsets = self.inputs[first..].iter_mut().zip(sites_of(&hidden));
+        for (offset, _) in offsets.filter(|(_, hidden)| *hidden) {
+            *offset = f32::NAN;
+        }
         if let Some(refinement) = &self.refinement {
             let mut inputs = self.inputs.clone();
             self.landmarks.cheeks = refinement.refine(&mut inputs, &mut shape);

@@ -11,6 +11,7 @@ pub mod relief;
 pub mod stage;
 pub mod steady;
 pub mod view;
+pub mod visibility;
 pub mod window;
 
 pub use fit::{LandmarkFitter, Scratch, Settings};

@@ -1,7 +1,7 @@
 //! The 68 landmarks of a face, the result of every fitter.
 
 use super::eyes::Eyes;
-use crate::base::capacity::LANDMARKS;
+use crate::base::capacity::{LANDMARKS, REGIONS};
 use crate::base::defaults;
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Point;
@@ -24,6 +24,8 @@ defaults! {
         pub cheeks: [f32; refinement::PUFFS] = [0.0; refinement::PUFFS],
         /// Share of the mouth's points behind an object (a hand, a cup), 0…1.
         pub mouth_hidden: f32 = 0.0,
+        /// How far each of [`crate::face_model::scheme::VISIBLE_REGIONS`] can be seen, 0…1.
+        pub seen: [f32; REGIONS] = [1.0; REGIONS],
         /// Eye patches; `None` if the eyes are not visible.
         pub eyes: Option<Eyes> = None,
     }

@@ -13,6 +13,10 @@ const TURN_TIME_S: f32 = 40.0;
 const MISALIGNED_RAD: f32 = 0.14;
 /// The same of its shift, metres.
 const MISALIGNED_M: f32 = 0.015;
+/// Time with all of the face visible after which its pose in the head is known, seconds.
+const KNOWN_S: f32 = 3.0;
+/// Time that a mean from partly hidden faces counts for once all of the face is visible, seconds.
+const PARTIAL_S: f32 = 1.0;
 /// Decay per lost frame, for a face that was seen before.
 const DECAY_KNOWN: f32 = 0.98;
 /// Decay per lost frame, for a face that was only searched.
@@ -44,6 +48,8 @@ pub struct FaceInHead {
     turn: Rotation,
     /// Seconds averaged.
     turned_s: f32,
+    /// Seconds averaged with all of the face visible.
+    whole_s: f32,
     /// Mean position of the face's origin, across the line of sight only.
     shift: Vector,
     /// Difference of the last fit from the head pose, given the mean: `sensor_from_head * image_residual` is the head pose according to
@@ -58,6 +64,7 @@ impl Default for FaceInHead {
         Self {
             turn: Rotation::identity(),
             turned_s: 0.0,
+            whole_s: 0.0,
             shift: Vector::zeros(),
             image_residual: None,
             next_offset: 0,
@@ -88,7 +95,18 @@ impl FaceInHead {
     }
 
     /// Averages a fit that ended `moved` from its start, a frame of `step_s` seconds; `share` is the frame's share in the mean shift.
-    pub fn update(&mut self, moved: &Rigid, step_s: f32, share: f32) {
+    /// A partly hidden face (`is_partial`) turns the fit by some degrees, so it counts only for a person not seen otherwise.
+    pub fn update(&mut self, moved: &Rigid, step_s: f32, share: f32, is_partial: bool) {
+        if is_partial && self.whole_s >= KNOWN_S {
+            self.image_residual = None;
+            return;
+        }
+        if !is_partial {
+            if self.whole_s == 0.0 {
+                self.turned_s = self.turned_s.min(PARTIAL_S);
+            }
+            self.whole_s += step_s;
+        }
         // Larger values are errors of the depth pose.
         let usual = HeadFromFace::assume_frames(Rigid::new(
             self.shift.cap_magnitude(MISALIGNED_M),
@@ -123,7 +141,7 @@ impl FaceInHead {
 
     /// Forgets the person.
     pub fn reset(&mut self) {
-        (self.turn, self.turned_s) = (Rotation::identity(), 0.0);
+        (self.turn, self.turned_s, self.whole_s) = (Rotation::identity(), 0.0, 0.0);
         self.shift = Vector::zeros();
     }
 }
@@ -143,16 +161,16 @@ mod tests {
         let mut face = FaceInHead::default();
         let turn = Rotation::new(Vector::new(0.03, -0.12, 0.05));
         let more = Rotation::new(Vector::new(0.02, 0.01, -0.06));
-        face.update(&moved(turn, Vector::zeros()), 0.1, 1.0);
+        face.update(&moved(turn, Vector::zeros()), 0.1, 1.0, false);
         assert!(face.rotation().rotation.angle_to(&turn) < 1e-3);
-        face.update(&moved(more, Vector::zeros()), 0.1, 1.0);
+        face.update(&moved(more, Vector::zeros()), 0.1, 1.0, false);
         let half = turn * Rotation::new(more.scaled_axis() * 0.5);
         assert!(face.rotation().rotation.angle_to(&half) < 1e-3);
         // From forty seconds on a second is a fortieth.
         for _ in 0..400 {
-            face.update(&Rigid::identity(), 0.1, 1.0);
+            face.update(&Rigid::identity(), 0.1, 1.0, false);
         }
-        face.update(&moved(more, Vector::zeros()), 1.0, 1.0);
+        face.update(&moved(more, Vector::zeros()), 1.0, 1.0, false);
         let last = half * Rotation::new(more.scaled_axis() / 40.0);
         assert!(face.rotation().rotation.angle_to(&last) < 1e-3);
     }
@@ -161,13 +179,13 @@ mod tests {
     fn a_shift_is_in_the_axes_of_the_head() {
         let aside = Vector::new(0.004, -0.007, 0.0);
         let mut face = FaceInHead::default();
-        face.update(&moved(Rotation::identity(), aside), 0.1, 1.0);
+        face.update(&moved(Rotation::identity(), aside), 0.1, 1.0, false);
         assert!((face.shift - aside).norm() < 1e-6);
         // In a head that is turned to its face, the face's axes are turned against the head's.
         let mut turned = FaceInHead::default();
         let turn = Rotation::new(Vector::new(0.0, 0.1, 0.0));
-        turned.update(&moved(turn, Vector::zeros()), 0.1, 1.0);
-        turned.update(&moved(Rotation::identity(), aside), 0.1, 0.5);
+        turned.update(&moved(turn, Vector::zeros()), 0.1, 1.0, false);
+        turned.update(&moved(Rotation::identity(), aside), 0.1, 0.5, false);
         assert!((turned.shift - turn * aside * 0.5).norm() < 1e-6);
     }
 
@@ -176,7 +194,7 @@ mod tests {
         let turn = Rotation::new(Vector::new(0.0, 0.12, 0.0));
         for (is_known, kept) in [(true, 0.98), (false, 0.5)] {
             let mut face = FaceInHead::default();
-            face.update(&moved(turn, Vector::new(0.01, 0.0, 0.0)), 0.1, 1.0);
+            face.update(&moved(turn, Vector::new(0.01, 0.0, 0.0)), 0.1, 1.0, false);
             face.decay(is_known);
             assert!((face.rotation().rotation.angle() - 0.12 * kept).abs() < 1e-4);
             assert!((face.shift.x - 0.01 * kept).abs() < 1e-7);
@@ -197,7 +215,12 @@ mod tests {
         ] {
             let turn = Rotation::new(Vector::new(0.0, turn, 0.0));
             let mut face = FaceInHead::default();
-            face.update(&moved(turn, Vector::new(aside_m, 0.0, 0.0)), 0.1, 1.0);
+            face.update(
+                &moved(turn, Vector::new(aside_m, 0.0, 0.0)),
+                0.1,
+                1.0,
+                false,
+            );
             let before = face.pose();
             let found = face.take_misalignment();
             assert_eq!(found.is_some(), is_wrong, "{aside_m}");
@@ -213,13 +236,13 @@ mod tests {
     fn the_residual_is_what_the_mean_does_not_explain() {
         let turn = Rotation::new(Vector::new(0.05, 0.1, -0.03));
         let mut face = FaceInHead::default();
-        face.update(&moved(turn, Vector::new(0.01, 0.002, 0.0)), 0.1, 1.0);
+        face.update(&moved(turn, Vector::new(0.01, 0.002, 0.0)), 0.1, 1.0, false);
         // The first fit has no mean to be compared with: all of it is residual.
         let first = face.image_residual().expect("a fit");
         assert!(first.rotation.angle_to(&turn) < 1e-5);
         assert!((first.translation.vector.x - 0.01).abs() < 1e-6);
         // A fit that ends where it starts leaves nothing.
-        face.update(&Rigid::identity(), 0.1, 1.0);
+        face.update(&Rigid::identity(), 0.1, 1.0, false);
         let next = face.image_residual().expect("a fit");
         assert!(next.rotation.angle() < 1e-3 && next.translation.vector.norm() < 1e-5);
     }

@@ -9,7 +9,8 @@ use crate::frame_time::frame_time;
 use mien_appliance::pipeline::PipelineError;
 use mien_sensors::Frame;
 use mien_simulator::virtual_head::{Appearance, Held, Scene, Simulator};
-use mien_stages::expression::units::Units;
+use mien_stages::expression::regions::{MOUTH, RegionSet};
+use mien_stages::expression::units::{UnitName, Units};
 
 /// Displacement of the hand up to which it covers the mouth, metres.
 const COVERS_M: f32 = 0.02;
@@ -45,8 +46,9 @@ pub(super) fn play(cast: &Cast<'_>, k: usize) -> Result<Errors, PipelineError> {
     let mut pipeline = cast.trial.pipeline(simulator.camera())?;
     let acted = Acted::new(simulator.asset());
     let units = Units::shipped();
-    let of_mouth = units.mouth_columns();
     let names = units.columns(false);
+    let moves_mouth = |unit: &UnitName| RegionSet::of_unit(unit).intersects(MOUTH);
+    let of_mouth: Vec<bool> = names.iter().map(moves_mouth).collect();
     let place = |t| Held::Mouth.position_at(t);
     let home = place(3.2).map_or(0.0, |place| place.y);
     let (mut frame, mut errors) = (Frame::default(), Errors::default());
