@@ -59,6 +59,8 @@ defaults! {
 
 /// Least confidence of a face found by [`LandmarkFitter::search_face`], without a confirmed depth pose.
 const MIN_FOUND: f32 = 0.8;
+/// Longest time for which a fit counts as evidence of what is hidden, seconds.
+const EVIDENCE_S: f32 = 0.04;
 /// Least confidence at which the search continues from the last round's pose.
 const MIN_TO_CONTINUE: f32 = 0.2;
 /// Most rounds of a search.
@@ -204,10 +206,11 @@ impl LandmarkFitter {
             scratch.solver.hidden = visibility.hidden_landmarks();
             self.run(scratch, luma, &placement, &start, visibility.hides_eyes())
         };
+        let step_s = step_s.min(EVIDENCE_S);
         let mut visibility = self.visibility.clone();
         let (mut fit, mut confidence) = run(&visibility);
         if visibility.is_partial() {
-            if visibility.observe_unused(&evidence(&confidence.discriminants), step_s) {
+            if visibility.is_probe_due() {
                 let (fit, all) = run(&Visibility::default());
                 let turned = fit.view.rotation.angle();
                 let step_s = step_s * PROBE_FRAMES as f32;
@@ -218,8 +221,8 @@ impl LandmarkFitter {
             if visibility.observe(&evidence(&confidence.discriminants), turned, step_s) {
                 (fit, confidence) = run(&visibility);
             }
-        } else {
-            // Something may hide a part of the face.
+        } else if self.log_size.is_none() {
+            // Something may hide a part of this new face.
             for regions in [&[MOUTH_REGION][..], &EYES] {
                 let mut partial = Visibility::default();
                 partial.hide(regions);

@@ -1,15 +1,14 @@
 //! Which regions of a face can be seen, by the picture around their landmarks.
 //!
 //! A region's evidence is the median discriminant of its landmarks ([`super::cascade::discriminants`]) in a fit that uses all
-//! patches. On faces of the training set's kind it is 0.3 or more, in backlight, from below and under a beard down to -0.3; under
-//! a mask or dark glasses its median is -0.5 to -2. Evidence is averaged over [`AVERAGED_S`]; a region becomes hidden below
-//! [`HIDES`] and seen above [`SHOWS`]. What is usual for a person is no evidence: a mask worn from the start hides the mouth.
+//! patches. It is 0.3 or more on most faces, down to -0.3 in backlight, from below and under a beard, and -0.5 to -2 under a mask,
+//! dark glasses or a fringe. Evidence is averaged over [`AVERAGED_S`]; a region becomes hidden below [`HIDES`] and seen above
+//! [`SHOWS`]. What is usual for a person is no evidence: a mask worn from the start hides the mouth.
 //!
-//! The patches of a hidden region do not count in the fit. Such a fit moves away from the mask, which makes the region's
-//! discriminants lower still; a free region has [`SHOWS_UNUSED`] or more in both kinds of fit. Therefore a fit with all patches is
-//! made now and then ([`PROBE_FRAMES`]) while a region is hidden.
+//! The patches of hidden eyes, of a hidden nose or mouth do not count in the fit, which is then made with all patches too in one of
+//! [`PROBE_FRAMES`] frames, for the evidence. Brows count even if hidden: a fringe moves the fit less than their absence.
 //!
-//! Memory: some numbers per person. Cost: medians of 68 numbers; a second fit in one of [`PROBE_FRAMES`] frames with a hidden region.
+//! Memory: some numbers per person. Cost: medians of 68 numbers; a second fit in one of [`PROBE_FRAMES`] frames of a partial fit.
 
 use crate::base::capacity::{LANDMARKS, REGIONS};
 use crate::base::defaults;
@@ -23,16 +22,16 @@ const BOUNDS: [f32; 2] = [-2.0, 1.0];
 const HIDES: f32 = -0.5;
 /// Rotation from the line of sight beyond which the far side of any face has less evidence, radians.
 const TURNED_RAD: f32 = 0.26;
-/// Loss of evidence with rotation beyond that.
+/// Loss of evidence with rotation beyond that, per radian.
 const PER_RADIAN: f32 = 4.0;
 /// Evidence above which a hidden region becomes visible again.
-const SHOWS: f32 = 0.0;
-/// Evidence in fits without its patches above which a hidden region becomes visible again.
-const SHOWS_UNUSED: f32 = -1.2;
-/// Frames with a hidden region from one fit with all patches to the next.
+const SHOWS: f32 = 0.3;
+/// Frames with a partial fit from one fit with all patches to the next.
 pub const PROBE_FRAMES: u32 = 4;
 /// Time in which a region's visibility goes from 0 to 1, seconds.
 const FADE_S: f32 = 0.15;
+/// Both brows come first among [`VISIBLE_REGIONS`].
+const BROWS: usize = 2;
 /// The mouth among [`VISIBLE_REGIONS`].
 pub const MOUTH: usize = 5;
 /// Both eyes among [`VISIBLE_REGIONS`].
@@ -52,66 +51,47 @@ defaults! {
     /// Visibility of the regions of one person's face.
     #[derive(Clone, Debug)]
     pub struct Visibility {
-        /// Mean evidence in fits with all patches; `None` before the first.
-        all: Option<[f32; REGIONS]> = None,
-        /// Mean evidence in fits without hidden patches.
-        unused: [f32; REGIONS] = [0.0; REGIONS],
+        /// Mean evidence.
+        mean: [f32; REGIONS] = [0.0; REGIONS],
         hidden: [bool; REGIONS] = [false; REGIONS],
         seen: [f32; REGIONS] = [1.0; REGIONS],
         frames: u32 = 0,
     }
 }
 
-fn average(mean: &mut [f32; REGIONS], evidence: &[f32; REGIONS], dt: f32) {
-    let share = 1.0 - (-dt / AVERAGED_S).exp();
-    for (mean, evidence) in mean.iter_mut().zip(evidence) {
-        *mean += (evidence.clamp(BOUNDS[0], BOUNDS[1]) - *mean) * share;
-    }
-}
-
 impl Visibility {
     /// Adds a fit with all patches of a face `turned` from the line of sight (radians), `dt` seconds after the last such fit; whether a
-    /// region became hidden.
+    /// region became hidden whose patches should not count.
     pub fn observe(&mut self, evidence: &[f32; REGIONS], turned: f32, dt: f32) -> bool {
-        let hides = HIDES - PER_RADIAN * (turned - TURNED_RAD).max(0.0);
-        let first = evidence.map(|value| value.clamp(BOUNDS[0], BOUNDS[1]));
-        let all = self.all.get_or_insert(first);
-        average(all, evidence, dt);
-        let mut is_news = false;
-        for (region, hidden) in self.hidden.iter_mut().enumerate() {
-            let was = *hidden;
-            *hidden = if was {
-                all[region] < SHOWS || self.unused[region] < SHOWS_UNUSED
-            } else {
-                all[region] < hides
-            };
-            if *hidden && !was {
-                is_news = true;
-                self.unused[region] = all[region];
-            }
+        let was_partial = self.hidden_landmarks();
+        let evidence = evidence.map(|value| value.clamp(BOUNDS[0], BOUNDS[1]));
+        let less = PER_RADIAN * (turned - TURNED_RAD).max(0.0);
+        let share = 1.0 - (-dt / AVERAGED_S).exp();
+        let means = self.mean.iter_mut();
+        for ((mean, evidence), hidden) in means.zip(evidence).zip(&mut self.hidden) {
+            *mean += (evidence - *mean) * share;
+            *hidden = *mean < if *hidden { SHOWS } else { HIDES } - less;
         }
-        is_news
+        let now = self.hidden_landmarks();
+        now.iter().zip(was_partial).any(|(now, was)| *now && !was)
     }
 
-    /// Adds a frame's fit without the hidden patches; whether a fit with all patches is due.
-    pub fn observe_unused(&mut self, evidence: &[f32; REGIONS], dt: f32) -> bool {
-        average(&mut self.unused, evidence, dt);
+    /// Counts a partial fit; whether a fit with all patches is due.
+    pub fn is_probe_due(&mut self) -> bool {
         self.frames += 1;
         self.frames.is_multiple_of(PROBE_FRAMES)
     }
 
     /// Hides some regions, because a face was found only without them.
     pub fn hide(&mut self, regions: &[usize]) {
-        let all = self.all.get_or_insert([BOUNDS[1]; REGIONS]);
         for &region in regions {
-            self.hidden[region] = true;
-            (all[region], self.unused[region]) = (BOUNDS[0], BOUNDS[0]);
+            (self.hidden[region], self.mean[region]) = (true, HIDES);
         }
     }
 
-    /// Whether a region is hidden.
+    /// Whether the patches of some region do not count.
     pub fn is_partial(&self) -> bool {
-        self.hidden.contains(&true)
+        self.hidden_landmarks().contains(&true)
     }
 
     /// Whether both eyes are hidden.
@@ -124,10 +104,11 @@ impl Visibility {
         self.hides_eyes() && self.hidden[MOUTH]
     }
 
-    /// Landmarks of the hidden regions.
+    /// Landmarks whose patches do not count.
     pub fn hidden_landmarks(&self) -> [bool; LANDMARKS] {
         let mut landmarks = [false; LANDMARKS];
-        for (region, (_, points)) in VISIBLE_REGIONS.into_iter().enumerate() {
+        let regions = VISIBLE_REGIONS.into_iter().enumerate();
+        for (region, (_, points)) in regions.skip(BROWS) {
             landmarks[points].fill(self.hidden[region]);
         }
         landmarks[LOWER_JAW].fill(self.hidden[MOUTH]);
@@ -158,14 +139,14 @@ mod tests {
         all
     }
 
-    /// Plays `seconds` of fits as the fitter makes them: `all` with all patches, `unused` without the hidden ones.
-    fn play(visibility: &mut Visibility, seconds: f32, all: f32, unused: f32) -> [f32; REGIONS] {
+    /// Plays `seconds` of fits with this evidence of the mouth, as the fitter makes them.
+    fn play(visibility: &mut Visibility, seconds: f32, mouth: f32) -> [f32; REGIONS] {
         let mut seen = [0.0; REGIONS];
         for _ in 0..(seconds / DT).round() as usize {
             if !visibility.is_partial() {
-                visibility.observe(&masked(all), 0.0, DT);
-            } else if visibility.observe_unused(&masked(unused), DT) {
-                visibility.observe(&masked(all), 0.0, DT * PROBE_FRAMES as f32);
+                visibility.observe(&masked(mouth), 0.0, DT);
+            } else if visibility.is_probe_due() {
+                visibility.observe(&masked(mouth), 0.0, DT * PROBE_FRAMES as f32);
             }
             seen = visibility.fade(DT);
         }
@@ -175,36 +156,58 @@ mod tests {
     #[test]
     fn a_mask_worn_from_the_start_hides_the_mouth_and_nothing_else() {
         let mut visibility = Visibility::default();
-        let seen = play(&mut visibility, 0.3, -1.2, -1.6);
+        let seen = play(&mut visibility, 0.3, -1.2);
         assert_eq!(seen, [1.0, 1.0, 1.0, 1.0, 1.0, 0.0]);
         let hidden = visibility.hidden_landmarks();
         assert!(hidden[48] && hidden[67] && hidden[8] && !hidden[47] && !hidden[33]);
         // It stays hidden for as long as it is worn.
-        assert_eq!(play(&mut visibility, 600.0, -1.2, -1.6), seen);
+        assert_eq!(play(&mut visibility, 600.0, -1.2), seen);
     }
 
     #[test]
     fn a_mask_is_noticed_within_half_a_second_and_the_mouth_is_back_within_one() {
         let mut visibility = Visibility::default();
-        assert_eq!(play(&mut visibility, 60.0, 3.0, 3.0), [1.0; REGIONS]);
-        assert_eq!(play(&mut visibility, 0.6, -1.2, -1.6)[MOUTH], 0.0);
-        play(&mut visibility, 60.0, -1.2, -1.6);
-        assert_eq!(play(&mut visibility, 1.0, 3.0, 1.0)[MOUTH], 1.0);
+        assert_eq!(play(&mut visibility, 60.0, 3.0), [1.0; REGIONS]);
+        assert_eq!(play(&mut visibility, 0.5, -1.2)[MOUTH], 0.0);
+        play(&mut visibility, 60.0, -1.2);
+        assert_eq!(play(&mut visibility, 1.0, 3.0)[MOUTH], 1.0);
     }
 
     #[test]
     fn a_beard_or_a_moment_hides_nothing() {
         let mut visibility = Visibility::default();
-        assert_eq!(play(&mut visibility, 60.0, -0.3, -0.6), [1.0; REGIONS]);
-        assert_eq!(play(&mut visibility, 0.1, -2.0, -2.0), [1.0; REGIONS]);
-        assert_eq!(play(&mut visibility, 60.0, 0.3, -0.1), [1.0; REGIONS]);
+        assert_eq!(play(&mut visibility, 60.0, -0.3), [1.0; REGIONS]);
+        assert_eq!(play(&mut visibility, 0.03, -2.0), [1.0; REGIONS]);
+        assert_eq!(play(&mut visibility, 60.0, 0.3), [1.0; REGIONS]);
     }
 
     #[test]
-    fn a_mask_that_looks_like_a_mouth_stays_hidden_by_the_fit_without_it() {
+    fn a_turned_face_needs_less_evidence() {
+        for (turned, is_hidden) in [(0.2, true), (0.6, false)] {
+            let mut visibility = Visibility::default();
+            for _ in 0..30 {
+                visibility.observe(&masked(-1.2), turned, DT);
+            }
+            assert_eq!(visibility.is_partial(), is_hidden, "{turned} rad");
+        }
+    }
+
+    #[test]
+    fn hidden_brows_stay_in_the_fit() {
         let mut visibility = Visibility::default();
-        play(&mut visibility, 1.0, -1.2, -2.0);
-        assert_eq!(play(&mut visibility, 30.0, 0.5, -2.0)[MOUTH], 0.0);
+        let mut fringe = FREE;
+        fringe[..BROWS].fill(-1.5);
+        assert!(!visibility.observe(&fringe, 0.0, 1.0) && !visibility.is_partial());
+        assert_eq!(visibility.fade(1.0), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn neither_eyes_nor_mouth_is_no_face() {
+        let mut visibility = Visibility::default();
+        visibility.hide(&EYES);
+        assert!(!visibility.hides_face());
+        visibility.hide(&[MOUTH]);
+        assert!(visibility.hides_face());
     }
 
     #[test]
