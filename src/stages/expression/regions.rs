@@ -1,8 +1,9 @@
 //! Which regions of the face each input and each unit needs to be seen, as sets of [`VISIBLE_REGIONS`].
 //!
-//! An input belongs to the region that moves it: the mouth before the brows, the nose and the eyes, because lips, brows and
-//! nostrils are measured from eye corners or from the base of the nose, which the fit places from the rest of the face. A unit
-//! belongs to the region where FACS describes it; the jaw and the cheeks below the eyes belong to the mouth.
+//! A unit needs the region where FACS describes it; the jaw and the cheeks below the eyes belong to the mouth. Brows and nostrils
+//! are measured from the eye corners, so their units and inputs need the eye of their side too: behind dark glasses the raised
+//! brows of a still face would read up to 0.9. The mouth's inputs need the mouth alone. Where they are measured from the eyes or
+//! the nose, the distance is long, and the fit places these points from the rest of the face.
 
 use super::features::{self, GAZE};
 use super::measures::Measure;
@@ -27,6 +28,10 @@ impl RegionSet {
     /// No region.
     pub const NONE: Self = Self(0);
 
+    const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
     /// The side of the regions that a name's last letter says, `L` or `R`; both without one.
     fn side(self, name: &str) -> Self {
         let side = match name.as_bytes().last() {
@@ -42,9 +47,9 @@ impl RegionSet {
         let number = unit.trim_start_matches(|c: char| !c.is_ascii_digit());
         let number = number.trim_end_matches(|c: char| !c.is_ascii_digit());
         let regions = match number.parse::<u32>() {
-            Ok(1 | 2 | 4) => BROWS,
+            Ok(1 | 2 | 4) => BROWS.and(EYES),
             Ok(5..=7 | 43..=46 | 61..=64) => EYES,
-            Ok(9) => NOSE,
+            Ok(9) => NOSE.and(EYES),
             _ => MOUTH,
         };
         regions.side(unit)
@@ -62,9 +67,11 @@ impl RegionSet {
                 all |= u8::from(points.contains(&landmark)) << k;
             }
         }
-        let moving = [MOUTH, BROWS, NOSE, EYES].map(|regions| Self(all & regions.0));
-        let moving = moving.into_iter().find(|regions| regions.0 != 0);
-        moving.filter(|_| count > 0).unwrap_or(MOUTH)
+        if count == 0 || all & MOUTH.0 != 0 {
+            MOUTH
+        } else {
+            Self(all)
+        }
     }
 
     /// Regions that each input of the readings needs.
@@ -111,11 +118,11 @@ mod tests {
             named.map(|(_, (name, _))| *name).collect::<Vec<_>>()
         };
         for (unit, regions) in [
-            ("AU1L", &["brow_L"][..]),
-            ("AU4R", &["brow_R"]),
+            ("AU1L", &["brow_L", "eye_L"][..]),
+            ("AU4R", &["brow_R", "eye_R"]),
             ("AU43L", &["eye_L"]),
             ("AU61", &["eye_L", "eye_R"]),
-            ("AU9R", &["nose"]),
+            ("AU9R", &["eye_R", "nose"]),
             ("AU12L", &["mouth"]),
             ("AU26", &["mouth"]),
             ("AU34R", &["mouth"]),
@@ -125,16 +132,16 @@ mod tests {
     }
 
     #[test]
-    fn inputs_need_what_moves_and_not_what_they_are_measured_from() {
+    fn inputs_need_all_their_regions_but_those_of_the_mouth_the_mouth_alone() {
         let inputs = RegionSet::of_inputs();
         for (input, expected) in [
             ("jaw_drop", MOUTH),
             ("corner_L", MOUTH),
             ("cheek_R", MOUTH),
-            ("brow_L", RegionSet(0b01)),
+            ("brow_L", RegionSet(0b101)),
             ("brow_distance", BROWS),
             ("lid_R", RegionSet(0b1000)),
-            ("nostril_L", NOSE),
+            ("nostril_L", RegionSet(0b1_0100)),
             ("nose_width", NOSE),
             ("gaze_up", EYES),
         ] {

@@ -169,6 +169,7 @@ impl LandmarkFitter {
         let Some((placement, fit, confidence)) = found else {
             self.last_at = None;
             self.filters.iter_mut().for_each(ShapeFilter::reset);
+            self.visibility.interrupt();
             face.decay(self.log_size.is_some());
             return None;
         };

@@ -3,12 +3,16 @@
 //! A region's evidence is the median discriminant of its landmarks ([`super::cascade::discriminants`]) in a fit that uses all
 //! patches. It is 0.3 or more on most faces, down to -0.3 in backlight, from below and under a beard, and -0.5 to -2 under a mask,
 //! dark glasses or a fringe. Evidence is averaged over [`AVERAGED_S`]; a region becomes hidden below [`HIDES`] and seen above
-//! [`SHOWS`]. What is usual for a person is no evidence: a mask worn from the start hides the mouth.
+//! [`SHOWS`], whatever is usual for the person: a mask worn from the start hides the mouth. A mouth that loses much of what is usual for
+//! the person becomes hidden too, because white masks with folds look as much like a mouth as bearded lips do. (Expressions lower
+//! the evidence of the other regions as much.)
 //!
 //! The patches of hidden eyes, of a hidden nose or mouth do not count in the fit, which is then made with all patches too in one of
 //! [`PROBE_FRAMES`] frames, for the evidence. Brows count even if hidden: a fringe moves the fit less than their absence.
 //!
 //! Memory: some numbers per person. Cost: medians of 68 numbers; a second fit in one of [`PROBE_FRAMES`] frames of a partial fit.
+
+use core::ops::Range;
 
 use crate::base::capacity::{LANDMARKS, REGIONS};
 use crate::base::defaults;
@@ -16,18 +20,36 @@ use crate::face_model::scheme::{LOWER_JAW, VISIBLE_REGIONS};
 
 /// Averaging time of the evidence, seconds.
 const AVERAGED_S: f32 = 0.25;
-/// Bounds of a frame's evidence, so that a change takes the same time on every face.
-const BOUNDS: [f32; 2] = [-2.0, 1.0];
+/// Bounds of a frame's evidence.
+const BOUNDS: [f32; 2] = [-2.0, 4.0];
 /// Evidence below which a region becomes hidden.
 const HIDES: f32 = -0.5;
+/// Evidence above which a hidden region becomes visible again.
+const SHOWS: f32 = 0.3;
+/// The same for brows, of which strands of hair hide a part.
+const BROW_HIDES: f32 = -1.0;
+/// The same for hidden brows.
+const BROW_SHOWS: f32 = -0.5;
+/// Evidence of the tip of the chin below which there is a beard. Two bearded people have -3; masks, which bulge less, have -0.9 or more.
+const BEARD: f32 = -1.8;
+/// Loss of the mouth's evidence by a beard.
+const BEARD_LOSS: f32 = 1.5;
+/// Loss of a person's usual evidence, beyond the median region's loss, at which the mouth becomes hidden.
+const LOSS_HIDES: f32 = 2.0;
+/// The same, below which a hidden mouth becomes visible again.
+const LOSS_SHOWS: f32 = 1.2;
+/// Averaging time of the usual evidence, seconds.
+const USUAL_S: f32 = 8.0;
+/// Time after which it is known, seconds.
+const KNOWN_S: f32 = 2.0;
 /// Rotation from the line of sight beyond which the far side of any face has less evidence, radians.
 const TURNED_RAD: f32 = 0.26;
 /// Loss of evidence with rotation beyond that, per radian.
 const PER_RADIAN: f32 = 4.0;
-/// Evidence above which a hidden region becomes visible again.
-const SHOWS: f32 = 0.3;
 /// Frames with a partial fit from one fit with all patches to the next.
 pub const PROBE_FRAMES: u32 = 4;
+/// Landmarks at the tip of the chin.
+const CHIN_TIP: Range<usize> = 6..9;
 /// Time in which a region's visibility goes from 0 to 1, seconds.
 const FADE_S: f32 = 0.15;
 /// Both brows come first among [`VISIBLE_REGIONS`].
@@ -37,14 +59,22 @@ pub const MOUTH: usize = 5;
 /// Both eyes among [`VISIBLE_REGIONS`].
 pub const EYES: [usize; 2] = [2, 3];
 
-/// Evidence of every region: the median discriminant of its landmarks.
+/// Median discriminant of some landmarks.
+fn median(discriminants: &[f32; LANDMARKS], landmarks: Range<usize>) -> f32 {
+    let mut values = *discriminants;
+    let values = &mut values[landmarks];
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Evidence of every region: the median discriminant of its landmarks, without the effect of a beard.
 pub fn evidence(discriminants: &[f32; LANDMARKS]) -> [f32; REGIONS] {
-    core::array::from_fn(|region| {
-        let mut values = *discriminants;
-        let values = &mut values[VISIBLE_REGIONS[region].1.clone()];
-        let middle = values.len() / 2;
-        *values.select_nth_unstable_by(middle, f32::total_cmp).1
-    })
+    let mut evidence =
+        core::array::from_fn(|k| median(discriminants, VISIBLE_REGIONS[k].1.clone()));
+    if median(discriminants, CHIN_TIP) < BEARD {
+        evidence[MOUTH] += BEARD_LOSS;
+    }
+    evidence
 }
 
 defaults! {
@@ -53,6 +83,9 @@ defaults! {
     pub struct Visibility {
         /// Mean evidence.
         mean: [f32; REGIONS] = [0.0; REGIONS],
+        /// Usual evidence of the person's regions while they are seen, and the seconds averaged.
+        usual: [f32; REGIONS] = [0.0; REGIONS],
+        usual_s: f32 = 0.0,
         hidden: [bool; REGIONS] = [false; REGIONS],
         seen: [f32; REGIONS] = [1.0; REGIONS],
         frames: u32 = 0,
@@ -64,13 +97,31 @@ impl Visibility {
     /// region became hidden whose patches should not count.
     pub fn observe(&mut self, evidence: &[f32; REGIONS], turned: f32, dt: f32) -> bool {
         let was_partial = self.hidden_landmarks();
-        let evidence = evidence.map(|value| value.clamp(BOUNDS[0], BOUNDS[1]));
         let less = PER_RADIAN * (turned - TURNED_RAD).max(0.0);
         let share = 1.0 - (-dt / AVERAGED_S).exp();
-        let means = self.mean.iter_mut();
-        for ((mean, evidence), hidden) in means.zip(evidence).zip(&mut self.hidden) {
-            *mean += (evidence - *mean) * share;
-            *hidden = *mean < if *hidden { SHOWS } else { HIDES } - less;
+        for (mean, evidence) in self.mean.iter_mut().zip(evidence) {
+            *mean += (evidence.clamp(BOUNDS[0], BOUNDS[1]) - *mean) * share;
+        }
+        // Light, blur and distance lower all regions.
+        let losses: [f32; REGIONS] = core::array::from_fn(|k| self.usual[k] - self.mean[k]);
+        let mut sorted = losses;
+        sorted.sort_unstable_by(f32::total_cmp);
+        let common = sorted[REGIONS / 2].max(0.0) + less;
+        for (k, hidden) in self.hidden.iter_mut().enumerate() {
+            let (least, most_lost) = match (*hidden, k < BROWS) {
+                (false, false) => (HIDES, LOSS_HIDES),
+                (true, false) => (SHOWS, LOSS_SHOWS),
+                (false, true) => (BROW_HIDES, LOSS_HIDES),
+                (true, true) => (BROW_SHOWS, LOSS_SHOWS),
+            };
+            let is_known = k == MOUTH && self.usual_s >= KNOWN_S;
+            let is_lost = is_known && losses[k] - common > most_lost;
+            *hidden = self.mean[k] < least - less || is_lost;
+        }
+        self.usual_s = (self.usual_s + dt).min(USUAL_S);
+        let visible = self.hidden.iter().zip(&self.mean).zip(&mut self.usual);
+        for ((_, mean), usual) in visible.filter(|((hidden, _), _)| !**hidden) {
+            *usual += (mean - *usual) * (dt / self.usual_s);
         }
         let now = self.hidden_landmarks();
         now.iter().zip(was_partial).any(|(now, was)| *now && !was)
@@ -80,6 +131,14 @@ impl Visibility {
     pub fn is_probe_due(&mut self) -> bool {
         self.frames += 1;
         self.frames.is_multiple_of(PROBE_FRAMES)
+    }
+
+    /// A frame without a face: the fits before it may have been beside the face.
+    pub fn interrupt(&mut self) {
+        let means = self.mean.iter_mut().zip(&self.usual).zip(&self.hidden);
+        for ((mean, usual), _) in means.filter(|(_, hidden)| !**hidden) {
+            *mean = mean.max(*usual);
+        }
     }
 
     /// Hides some regions, because a face was found only without them.
@@ -176,9 +235,30 @@ mod tests {
     #[test]
     fn a_beard_or_a_moment_hides_nothing() {
         let mut visibility = Visibility::default();
-        assert_eq!(play(&mut visibility, 60.0, -0.3), [1.0; REGIONS]);
+        assert_eq!(play(&mut visibility, 60.0, -0.2), [1.0; REGIONS]);
         assert_eq!(play(&mut visibility, 0.03, -2.0), [1.0; REGIONS]);
         assert_eq!(play(&mut visibility, 60.0, 0.3), [1.0; REGIONS]);
+    }
+
+    #[test]
+    fn a_mask_that_looks_like_another_persons_mouth_is_noticed() {
+        let mut visibility = Visibility::default();
+        assert_eq!(play(&mut visibility, 60.0, 0.4), [1.0; REGIONS]);
+        let mut visibility = Visibility::default();
+        play(&mut visibility, 60.0, 3.2);
+        assert_eq!(play(&mut visibility, 0.6, 0.4)[MOUTH], 0.0);
+        assert_eq!(play(&mut visibility, 60.0, 0.4)[MOUTH], 0.0);
+        assert_eq!(play(&mut visibility, 1.0, 3.2)[MOUTH], 1.0);
+    }
+
+    #[test]
+    fn light_that_changes_hides_nothing() {
+        let mut visibility = Visibility::default();
+        for n in 0..600 {
+            let level = if n < 300 { 3.5 } else { 0.4 };
+            visibility.observe(&[level; REGIONS], 0.0, DT);
+            assert_eq!(visibility.fade(DT), [1.0; REGIONS]);
+        }
     }
 
     #[test]
@@ -226,5 +306,8 @@ mod tests {
         let found = evidence(&discriminants);
         assert_eq!(found[EYES[0]], 2.0);
         assert_eq!(found[EYES[1]], 0.0);
+        // A beard.
+        discriminants[6..9].fill(-3.0);
+        assert_eq!(evidence(&discriminants)[MOUTH], BEARD_LOSS);
     }
 }
