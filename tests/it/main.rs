@@ -48,4 +48,5 @@ mod shows_a_head;
 mod survives_real_life;
 mod switches_by_gesture;
 mod talks_to_rigs;
+mod tells_what_is_covered;
 mod tracks_a_head;

@@ -18,9 +18,9 @@ use super::refine;
 use super::relief;
 use super::steady::ShapeFilter;
 use super::view::View;
-use super::visibility::{EYES, MOUTH as MOUTH_REGION, PROBE_FRAMES, Visibility, evidence};
+use super::visibility::{EYES, MOUTH as MOUTH_REGION, NOSE, PROBE_FRAMES, Visibility, evidence};
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_image};
-use crate::base::capacity::{LANDMARKS, PIXELS};
+use crate::base::capacity::{LANDMARKS, PIXELS, REGIONS};
 use crate::base::defaults;
 use crate::base::frames::{Head, Motion, SensorFromFace, SensorFromHead};
 use crate::base::geometry::{Rigid, Vector};
@@ -209,27 +209,26 @@ impl LandmarkFitter {
         };
         let step_s = step_s.min(EVIDENCE_S);
         let mut visibility = self.visibility.clone();
-        let (mut fit, mut confidence) = run(&visibility);
+        let (mut fit, mut confidence, evidence) = run(&visibility);
         if visibility.is_partial() {
             if visibility.is_probe_due() {
-                let (fit, all) = run(&Visibility::default());
+                let (fit, _, evidence) = run(&Visibility::default());
                 let turned = fit.view.rotation.angle();
-                let step_s = step_s * PROBE_FRAMES as f32;
-                visibility.observe(&evidence(&all.discriminants), turned, step_s);
+                visibility.observe(&evidence, turned, step_s * PROBE_FRAMES as f32);
             }
         } else if confidence.face >= least {
             let turned = fit.view.rotation.angle();
-            if visibility.observe(&evidence(&confidence.discriminants), turned, step_s) {
-                (fit, confidence) = run(&visibility);
+            if visibility.observe(&evidence, turned, step_s) {
+                (fit, confidence, _) = run(&visibility);
             }
         } else if self.log_size.is_none() {
             // Something may hide a part of this new face.
-            for regions in [&[MOUTH_REGION][..], &EYES] {
+            for regions in [&[MOUTH_REGION][..], &[NOSE, MOUTH_REGION], &EYES] {
                 let mut partial = Visibility::default();
                 partial.hide(regions);
                 let found = run(&partial);
                 if found.1.face >= least {
-                    (visibility, (fit, confidence)) = (partial, found);
+                    (visibility, (fit, confidence, _)) = (partial, found);
                     break;
                 }
             }
@@ -253,7 +252,7 @@ impl LandmarkFitter {
         scratch.solver.hidden = [false; LANDMARKS];
         for _ in 0..SEARCH_ROUNDS {
             let placement = Placement::from_pose(camera, &pose)?;
-            let (fit, confidence) = self.run(scratch, luma, &placement, &placement.start, false);
+            let (fit, confidence, _) = self.run(scratch, luma, &placement, &placement.start, false);
             // The pose of this face within its head is unknown: assume identity.
             pose = pose
                 * Motion::<Head, Head>::assume_frames(view_motion(&placement.start, &fit.view));
@@ -267,7 +266,7 @@ impl LandmarkFitter {
         None
     }
 
-    /// Runs all stages from the mean shape at the view `depth`. Without the patches of the eyes each update is so much smaller that
+    /// Runs all stages from the mean shape at the view `depth`; fit, confidence, and evidence of each region's visibility. Without the patches of the eyes each update is so much smaller that
     /// the first stages run twice.
     fn run(
         &self,
@@ -276,7 +275,7 @@ impl LandmarkFitter {
         placement: &Placement,
         depth: &View,
         hides_eyes: bool,
-    ) -> (FaceFit, FitConfidence) {
+    ) -> (FaceFit, FitConfidence, [f32; REGIONS]) {
         let Scratch {
             window,
             maps,
@@ -297,7 +296,8 @@ impl LandmarkFitter {
         // The last stages use finer patches and all modes.
         let fit = solver.run(&self.warm, &self.shape, maps, &near, depth);
         let confidence = solver.confidence(&self.confidence, &self.shape, maps, &fit);
-        (fit, confidence)
+        let evidence = evidence(&confidence.discriminants, window, &solver.window);
+        (fit, confidence, evidence)
     }
 
     /// Averages the size of the face; returns the frame's share in the mean.

@@ -2,7 +2,7 @@
 //!
 //! A region's evidence is the median discriminant of its landmarks ([`super::cascade::discriminants`]) in a fit that uses all
 //! patches. It is 0.3 or more on most faces, down to -0.3 in backlight, from below and under a beard, and -0.5 to -2 under a mask,
-//! dark glasses or a fringe. Evidence is averaged over [`AVERAGED_S`]; a region becomes hidden below [`HIDES`] and seen above
+//! dark glasses or a fringe. Glass much darker than skin counts as no evidence at all. Evidence is averaged over [`AVERAGED_S`]; a region becomes hidden below [`HIDES`] and seen above
 //! [`SHOWS`], whatever is usual for the person: a mask worn from the start hides the mouth. A mouth that loses much of what is usual for
 //! the person becomes hidden too, because white masks with folds look as much like a mouth as bearded lips do. (Expressions lower
 //! the evidence of the other regions as much.)
@@ -14,6 +14,7 @@
 
 use core::ops::Range;
 
+use super::window::WINDOW;
 use crate::base::capacity::{LANDMARKS, REGIONS};
 use crate::base::defaults;
 use crate::face_model::scheme::{LOWER_JAW, VISIBLE_REGIONS};
@@ -26,13 +27,15 @@ const BOUNDS: [f32; 2] = [-2.0, 4.0];
 const HIDES: f32 = -0.5;
 /// Evidence above which a hidden region becomes visible again.
 const SHOWS: f32 = 0.3;
+/// Additional evidence needed beside a hidden region that is usually covered together.
+const BESIDE: f32 = 1.0;
 /// The same for brows, of which strands of hair hide a part.
 const BROW_HIDES: f32 = -1.0;
 /// The same for hidden brows.
 const BROW_SHOWS: f32 = -0.5;
 /// Evidence of the tip of the chin below which there is a beard. Two bearded people have -3; masks, which bulge less, have -0.9 or more.
 const BEARD: f32 = -1.8;
-/// Loss of the mouth's evidence by a beard.
+/// Loss of the mouth's and the nose's evidence by a beard.
 const BEARD_LOSS: f32 = 1.5;
 /// Loss of a person's usual evidence, beyond the median region's loss, at which the mouth becomes hidden.
 const LOSS_HIDES: f32 = 2.0;
@@ -48,12 +51,19 @@ const TURNED_RAD: f32 = 0.26;
 const PER_RADIAN: f32 = 4.0;
 /// Frames with a partial fit from one fit with all patches to the next.
 pub const PROBE_FRAMES: u32 = 4;
+/// Grey value of an eye's landmarks, relative to the bridge of the nose, below which dark glass covers it. Free eyes have 0.22 or
+/// more, also with dark skin and light from the side.
+const DARK: f32 = 0.16;
+/// The bridge of the nose.
+const BRIDGE: Range<usize> = 27..31;
 /// Landmarks at the tip of the chin.
 const CHIN_TIP: Range<usize> = 6..9;
 /// Time in which a region's visibility goes from 0 to 1, seconds.
 const FADE_S: f32 = 0.15;
 /// Both brows come first among [`VISIBLE_REGIONS`].
 const BROWS: usize = 2;
+/// The nose among [`VISIBLE_REGIONS`].
+pub const NOSE: usize = 4;
 /// The mouth among [`VISIBLE_REGIONS`].
 pub const MOUTH: usize = 5;
 /// Both eyes among [`VISIBLE_REGIONS`].
@@ -67,12 +77,35 @@ fn median(discriminants: &[f32; LANDMARKS], landmarks: Range<usize>) -> f32 {
     *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
-/// Evidence of every region: the median discriminant of its landmarks, without the effect of a beard.
-pub fn evidence(discriminants: &[f32; LANDMARKS]) -> [f32; REGIONS] {
+/// Median grey value of the window at some landmarks.
+fn grey(window: &[f32], points: &[[f32; 2]]) -> f32 {
+    let at = |[x, y]: [f32; 2]| {
+        let [col, row] = [x, y].map(|v| v.round().clamp(0.0, (WINDOW - 1) as f32) as usize);
+        window[row * WINDOW + col]
+    };
+    let mut values: heapless::Vec<f32, LANDMARKS> = points.iter().map(|point| at(*point)).collect();
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Evidence of every region: the median discriminant of its landmarks, without the effect of a beard; an eye as dark as no lid is
+/// hidden. `window`: grey values around the face; `points`: the landmarks in it, window pixels.
+pub fn evidence(
+    discriminants: &[f32; LANDMARKS],
+    window: &[f32],
+    points: &[[f32; 2]; LANDMARKS],
+) -> [f32; REGIONS] {
     let mut evidence =
         core::array::from_fn(|k| median(discriminants, VISIBLE_REGIONS[k].1.clone()));
     if median(discriminants, CHIN_TIP) < BEARD {
+        evidence[NOSE] += BEARD_LOSS;
         evidence[MOUTH] += BEARD_LOSS;
+    }
+    let bridge = grey(window, &points[BRIDGE]);
+    for eye in EYES {
+        if grey(window, &points[VISIBLE_REGIONS[eye].1.clone()]) < DARK * bridge {
+            evidence[eye] = BOUNDS[0];
+        }
     }
     evidence
 }
@@ -107,12 +140,25 @@ impl Visibility {
         let mut sorted = losses;
         sorted.sort_unstable_by(f32::total_cmp);
         let common = sorted[REGIONS / 2].max(0.0) + less;
+        let before = self.hidden;
         for (k, hidden) in self.hidden.iter_mut().enumerate() {
             let (least, most_lost) = match (*hidden, k < BROWS) {
                 (false, false) => (HIDES, LOSS_HIDES),
                 (true, false) => (SHOWS, LOSS_SHOWS),
                 (false, true) => (BROW_HIDES, LOSS_HIDES),
                 (true, true) => (BROW_SHOWS, LOSS_SHOWS),
+            };
+            // Glasses cover both eyes; what covers the nose covers the mouth.
+            let beside = match k {
+                2 => 3,
+                3 => 2,
+                MOUTH => NOSE,
+                _ => k,
+            };
+            let least = if beside != k && before[beside] {
+                least + BESIDE
+            } else {
+                least
             };
             let is_known = k == MOUTH && self.usual_s >= KNOWN_S;
             let is_lost = is_known && losses[k] - common > most_lost;
@@ -291,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn evidence_is_the_median_of_a_regions_landmarks() {
+    fn evidence_is_a_median_but_for_beards_and_dark_glass() {
         let mut discriminants = [0.0; LANDMARKS];
         for (k, value) in [
             (42, 5.0),
@@ -303,11 +349,21 @@ mod tests {
         ] {
             discriminants[k] = value;
         }
-        let found = evidence(&discriminants);
+        // The landmarks are in a row of the window.
+        let points = core::array::from_fn(|k| [k as f32, 3.0]);
+        let mut window = vec![100.0; WINDOW * WINDOW];
+        let found = evidence(&discriminants, &window, &points);
         assert_eq!(found[EYES[0]], 2.0);
         assert_eq!(found[EYES[1]], 0.0);
         // A beard.
         discriminants[6..9].fill(-3.0);
-        assert_eq!(evidence(&discriminants)[MOUTH], BEARD_LOSS);
+        assert_eq!(
+            evidence(&discriminants, &window, &points)[MOUTH],
+            BEARD_LOSS
+        );
+        // Dark glass before the left eye.
+        window[3 * WINDOW + 42..][..6].fill(10.0);
+        let found = evidence(&discriminants, &window, &points);
+        assert_eq!([found[EYES[0]], found[EYES[1]]], [BOUNDS[0], 0.0]);
     }
 }
