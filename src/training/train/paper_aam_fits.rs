@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::samples::{Disturbance, TruePicture};
+use super::samples::{NEAR, TruePicture};
 use crate::train::evaluate::{differences, mean_percent};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::Point;
@@ -62,18 +62,13 @@ pub(super) struct Ended {
 }
 
 /// Fits from disturbed views.
-pub(super) fn fits(
-    model: &PaperAam,
-    pictures: &[Known],
-    range: &Disturbance,
-    seed: u64,
-) -> Vec<Ended> {
+pub(super) fn fits(model: &PaperAam, pictures: &[Known], seed: u64) -> Vec<Ended> {
     let progress = Progress::new("train: fits", pictures.len());
     let one = |solver: &mut Solver, (k, known): (usize, &Known)| {
         progress.step();
         let picture = &known.picture;
         let mut rng = fastrand::Rng::with_seed(seed ^ (k as u64 + 1).wrapping_mul(0x9e37_79b9));
-        let view = range.disturbed(&picture.truth.view, &mut rng);
+        let view = NEAR.disturbed(&picture.truth.view, &mut rng);
         let (window, points, start) = cut(picture, &view);
         let first = solver.cold(&start);
         let started = first.shape;

@@ -121,7 +121,7 @@ pub fn play(trial: &Trial, only: &[String]) -> Result<String, Fault> {
 
 impl Table {
     fn add(&mut self, scene: &str, bar: &str, figure: String) {
-        report_progress(scene, &figure);
+        eprintln!("{scene}: {figure}");
         let _ = writeln!(self.0, "| {scene} | {bar} | {figure} |");
     }
 }
@@ -226,9 +226,4 @@ fn nobody(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let ghosts = ghosts.join(", ");
     rows.add("frames with a face where there is none", "0", ghosts);
     Ok(())
-}
-
-/// Prints the progress of long work.
-fn report_progress(scene: &str, figure: &str) {
-    eprintln!("{scene}: {figure}");
 }
