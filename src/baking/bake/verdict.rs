@@ -14,7 +14,7 @@ use nalgebra::{Rotation3, Vector2};
 use rayon::prelude::*;
 
 use super::head::{Follow, Head};
-use super::mesh::Vec3;
+use super::mesh::{Vec3, area_vector, bounding_box};
 use super::shape::{Shape, shown};
 use mien_simulator::virtual_head::raster::{Corner, DepthBuffer};
 
@@ -135,8 +135,7 @@ struct Judge<'a> {
 
 /// Unit normal of a triangle and its area.
 fn normal(q: &[Vec3], t: &[u32; 3]) -> (Vec3, f64) {
-    let [a, b, c] = t.map(|v| q[v as usize]);
-    let n = (b - a).cross(&(c - a));
+    let n = area_vector(t.map(|v| q[v as usize]));
     (n.try_normalize(0.0).unwrap_or_default(), 0.5 * n.norm())
 }
 
@@ -204,11 +203,7 @@ impl<'a> Judge<'a> {
             let lift = Rotation3::from_axis_angle(&Vec3::x_axis(), up);
             let view = lift * Rotation3::from_axis_angle(&Vec3::y_axis(), -aside);
             let q: Vec<Vec3> = self.q.iter().map(|p| view * p).collect();
-            let mut low = Vec3::repeat(f64::INFINITY);
-            let mut high = -low;
-            for p in some.iter().flatten().map(|&v| &q[v as usize]) {
-                (low, high) = (low.inf(p), high.sup(p));
-            }
+            let (low, high) = bounding_box(some.iter().flatten().map(|&v| &q[v as usize]));
             let (depth, _) = drawn(&q, &some, low, high);
             let faces = view * head.axes.transpose();
             let shows = |v: usize| {
