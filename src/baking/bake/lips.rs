@@ -180,11 +180,8 @@ impl Work<'_> {
                 corners.push(*c);
                 let ends = sorted([c, d].map(|c| self.node(c)));
                 if let Some(share) = self.crossed(ends) {
-                    let edge = if self.node(c) == ends[0] {
-                        [*c, *d]
-                    } else {
-                        [*d, *c]
-                    };
+                    let is_forward = self.node(c) == ends[0];
+                    let edge = if is_forward { [*c, *d] } else { [*d, *c] };
                     let node = *cuts.entry(ends).or_insert_with(|| {
                         let [p, q] = ends.map(|v| self.places[v as usize]);
                         self.places.push(p + (q - p) * share);

@@ -181,11 +181,8 @@ pub(super) fn distances(
         if length as f32 > best[v as usize] {
             continue;
         }
-        for &o in rings
-            .members(v as usize)
-            .iter()
-            .filter(|&&o| within(o as usize))
-        {
+        let near = rings.members(v as usize).iter();
+        for &o in near.filter(|&&o| within(o as usize)) {
             let edge = positions[v as usize] - positions[o as usize];
             let total = length + edge.norm();
             if (total as f32) < best[o as usize] {
@@ -245,9 +242,8 @@ fn ways(
 fn candidates(mesh: &Mesh, rings: &Rings, landmark: u32, slack: f64, pull: f64) -> Candidates {
     let at = |v: u32| mesh.positions[v as usize];
     let near = rings.disc(&mesh.positions, landmark, slack).into_iter();
-    let mut place: Candidates = near
-        .map(|v| (v, (at(v) - at(landmark)).norm() * pull))
-        .collect();
+    let near = near.map(|v| (v, (at(v) - at(landmark)).norm() * pull));
+    let mut place: Candidates = near.collect();
     place.sort_by(|a, b| a.1.total_cmp(&b.1));
     place.truncate(PLACES);
     place

@@ -216,10 +216,7 @@ pub struct Unknowns {
 impl Unknowns {
     /// The rows that pass; `order` lists all rows of the system.
     pub fn new(order: &[u32], passes: impl Fn(usize) -> bool) -> Self {
-        let passing = order
-            .iter()
-            .zip(0_u32..)
-            .filter(|(r, _)| passes(**r as usize));
+        let passing = order.iter().zip(0..).filter(|(r, _)| passes(**r as usize));
         let (rows, positions): (Vec<u32>, Vec<u32>) = passing.unzip();
         let mut place = vec![GIVEN; order.len()];
         for (&r, k) in rows.iter().zip(0..) {

@@ -398,10 +398,8 @@ impl<'a> Judge<'a> {
             };
             (0..=STEPS).map(gap).sum::<f64>() / f64::from(STEPS + 1)
         };
-        let before = area(&self.q);
-        (before > SHUT)
-            .then(|| OPEN.missed(area(q) / before))
-            .flatten()
+        let before = Some(area(&self.q)).filter(|before| *before > SHUT)?;
+        OPEN.missed(area(q) / before)
     }
 }
 
@@ -426,13 +424,10 @@ fn turns_about(some: &[usize], before: &[Vec3], after: &[Vec3]) -> Option<Vector
         cross += (a - a0).perp(&(b - b0));
         dot += (a - a0).dot(&(b - b0));
     }
-    let angle = cross.atan2(dot);
+    let angle = Some(cross.atan2(dot)).filter(|angle| angle.abs() > 2_f64.to_radians())?;
     let turn = nalgebra::Rotation2::new(angle).into_inner();
     let rest = nalgebra::Matrix2::identity() - turn;
-    let inverse = rest
-        .try_inverse()
-        .filter(|_| angle.abs() > 2_f64.to_radians())?;
-    Some(inverse * (b0 - turn * a0))
+    Some(rest.try_inverse()? * (b0 - turn * a0))
 }
 
 /// Defects of every shape, in words: by the measures and by its requirements.
@@ -449,9 +444,8 @@ pub fn defects(head: &Head, shapes: &[Shape]) -> Vec<Vec<String>> {
 /// The number of shapes that pass, and the defects of the others, one sentence each.
 pub fn verdict(shapes: &[Shape], defects: &[Vec<String>]) -> String {
     let failing = shapes.iter().zip(defects).filter(|(_, f)| !f.is_empty());
-    let failing: Vec<String> = failing
-        .map(|(shape, defects)| format!("{} ({})", shape.name, defects.join("; ")))
-        .collect();
+    let failing = failing.map(|(shape, f)| format!("{} ({})", shape.name, f.join("; ")));
+    let failing: Vec<String> = failing.collect();
     let (all, passing) = (shapes.len(), shapes.len() - failing.len());
     let mut out = format!("{passing} of {all} shapes pass the checks: {CHECKED}.");
     if !failing.is_empty() {

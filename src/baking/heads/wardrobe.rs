@@ -204,10 +204,8 @@ impl Wardrobe {
     }
 
     fn colours(&self, share: &[f32], bent: &[[f32; 2]], photograph: &Texture) -> Vec<[f32; 3]> {
-        let known: Vec<[f32; 3]> = bent
-            .iter()
-            .map(|&[x, y]| photograph.colour_at(x, y))
-            .collect();
+        let known = bent.iter().map(|&[x, y]| photograph.colour_at(x, y));
+        let known: Vec<[f32; 3]> = known.collect();
         let seen: Vec<usize> = part::NARROW_FACE.filter(|&v| share[v] > 0.9).collect();
         let skin = [0, 1, 2].map(|k| {
             let sum = seen.iter().map(|&v| known[v][k]).fold(0.0, |a, b| a + b);
