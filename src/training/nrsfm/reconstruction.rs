@@ -50,11 +50,8 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
     for _ in 0..RIGID_SWEEPS {
         rigid.sweep(&unit, NOISE_FLOOR);
     }
-    let largest = settings
-        .rank
-        .unwrap_or(LARGEST_RANK)
-        .min(tracks.points() - 1)
-        .min(tracks.frames() - 1);
+    let most = tracks.points().min(tracks.frames()) - 1;
+    let largest = settings.rank.unwrap_or(LARGEST_RANK).min(most);
     if largest == 0 {
         return reconstruction(&rigid, size);
     }
@@ -65,9 +62,8 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
         .collect();
     trials.sort_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
     trials.truncate(SECOND_STARTS);
-    trials
-        .par_iter_mut()
-        .for_each(|trial| sweep_on(&unit, trial, FIRST_SWEEPS..TRIAL_SWEEPS));
+    let go_on = |trial: &mut Model| sweep_on(&unit, trial, FIRST_SWEEPS..TRIAL_SWEEPS);
+    trials.par_iter_mut().for_each(go_on);
     let likelier = |a: &Model, b: &Model| b.log_likelihood > a.log_likelihood;
     let best = trials
         .iter()
@@ -196,7 +192,6 @@ fn spread(tracks: &Tracks) -> f64 {
             sum += (w - means[t]).norm_squared();
         }
     }
-    (sum / (2 * tracks.sightings()) as f64)
-        .sqrt()
-        .max(f64::MIN_POSITIVE)
+    let mean = sum / (2 * tracks.sightings()) as f64;
+    mean.sqrt().max(f64::MIN_POSITIVE)
 }

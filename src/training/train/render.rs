@@ -121,10 +121,8 @@ impl Renderer {
             progress.step();
             sample
         };
-        let numbers = numbers.into_par_iter();
-        numbers
-            .map_init(|| Scratch::new(&first.asset), draw)
-            .collect()
+        let all = numbers.into_par_iter();
+        all.map_init(|| Scratch::new(&first.asset), draw).collect()
     }
 
     fn sample(&self, number: u64, seed: u64, scratch: &mut Scratch) -> TrainingSample {

@@ -207,9 +207,8 @@ pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> S
         covariance[(a, b)] * weight(a) * weight(b)
     });
     let axes = strongest(weighed, modes).1;
-    let space = DMatrix::from_fn(dimensions, modes, |k, mode| axes[(k, mode)] / weight(k))
-        .qr()
-        .q();
+    let space = DMatrix::from_fn(dimensions, modes, |k, mode| axes[(k, mode)] / weight(k));
+    let space = space.qr().q();
     let within = space.transpose() * covariance * &space;
     let (variances, turned) = strongest(within, modes);
     let axes = space * turned;

@@ -111,14 +111,10 @@ impl<'a> Player<'a> {
             random,
             seen: Seen {
                 people: 1,
+                least: stages.landmarks.cascade.min_confidence,
                 ..Seen::default()
             },
         })
-    }
-
-    /// The settings' least confidence of a face.
-    fn least(&self) -> f32 {
-        self.trial.settings.stages.landmarks.cascade.min_confidence
     }
 
     /// A fitter with this least confidence.
@@ -165,9 +161,7 @@ impl<'a> Player<'a> {
         truth: &Truth,
     ) -> f64 {
         let Some(fit) = fit else { return f64::NAN };
-        let error = self
-            .seen
-            .record_fit(fit, truth, &[false; LANDMARKS], self.least());
+        let error = self.seen.record_fit(fit, truth, &[false; LANDMARKS]);
         self.seen.add(condition, error);
         error
     }
@@ -187,7 +181,7 @@ impl<'a> Player<'a> {
             covered: self.fitter(0.0),
             lamp: self.fitter(0.0),
             once: self.fitter(0.0),
-            sceptic: self.fitter(self.least()),
+            sceptic: self.fitter(self.seen.least),
             waited: None,
             changed: vec![0; PIXELS].try_into().expect("PIXELS long"),
             found: Vec::new(),
@@ -252,7 +246,7 @@ impl<'a> Player<'a> {
         let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
             return;
         };
-        self.seen.record_fit(fit, truth, &hidden, self.least());
+        self.seen.record_fit(fit, truth, &hidden);
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
         let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
@@ -299,8 +293,7 @@ impl<'a> Player<'a> {
             ..*now
         };
         if let Some(fit) = self.fit(&mut play.once, &wrong) {
-            self.seen
-                .record_fit(fit, &now.truth, &[false; LANDMARKS], self.least());
+            (self.seen).record_fit(fit, &now.truth, &[false; LANDMARKS]);
         }
     }
 
@@ -423,9 +416,8 @@ fn cover(
     let mut order: [usize; LANDMARKS] = std::array::from_fn(|i| i);
     order.sort_by(|&a, &b| far[a].total_cmp(&far[b]));
     let last = far[order[count - 1]];
-    let radius = order
-        .get(count)
-        .map_or(1.1 * last, |&next| 0.5 * (last + far[next]));
+    let next = order.get(count).map(|&next| far[next]);
+    let radius = next.map_or(1.1 * last, |next| 0.5 * (last + next));
     out.copy_from_slice(luma);
     let nose = points[30];
     let skin = f32::from(luma[(nose[1] as usize * WIDTH + nose[0] as usize).min(PIXELS - 1)]);

@@ -60,6 +60,8 @@ pub(super) enum Share {
 #[derive(Default)]
 pub(super) struct Seen {
     pub(super) people: usize,
+    /// Confidence from which a face counts.
+    pub(super) least: f32,
     pub(super) faces: Calibration,
     pub(super) points: Calibration,
     pub(super) errors: BTreeMap<Condition, Vec<f64>>,
@@ -78,13 +80,12 @@ impl Seen {
         *all += 1;
     }
 
-    /// Records a fit's confidences and its error, which it returns; a face counts from confidence `least` on.
+    /// Records a fit's confidences and its error, which it returns.
     pub(super) fn record_fit(
         &mut self,
         fit: &Landmarks,
         truth: &Truth,
         covered: &[bool; LANDMARKS],
-        least: f32,
     ) -> f64 {
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let error = f64::from(mean_percent(&d));
@@ -94,9 +95,9 @@ impl Seen {
             self.points.0.push((fit.point_confidence[i], good));
         }
         if error <= 5.0 {
-            self.count(Share::Lost, fit.confidence < least);
+            self.count(Share::Lost, fit.confidence < self.least);
         } else if error > 10.0 {
-            self.count(Share::Kept, fit.confidence >= least);
+            self.count(Share::Kept, fit.confidence >= self.least);
         }
         error
     }
