@@ -190,14 +190,9 @@ impl HeadAsset {
     /// Moves the origin of the head frame to the middle between the inner eye corners (landmarks 39 and 42).
     pub fn centre(&mut self) {
         if let [Some(right), Some(left)] = [39, 42].map(|k| self.landmarks.get(k)) {
-            let origin = nalgebra::center(
-                &right.position(&self.neutral),
-                &left.position(&self.neutral),
-            )
-            .coords;
-            for p in &mut self.neutral {
-                *p -= origin;
-            }
+            let [right, left] = [right, left].map(|site| site.position(&self.neutral));
+            let origin = nalgebra::center(&right, &left).coords;
+            self.neutral.iter_mut().for_each(|p| *p -= origin);
         }
     }
 

@@ -78,11 +78,8 @@ impl Person {
         self.worn = Some(OutfitPainter::new(Outfit::worn(&self.asset, appearance)));
         #[cfg(feature = "studio")]
         if appearance.held != Held::None {
-            self.held = Some((
-                appearance.held,
-                OutfitPainter::new(Outfit::held(appearance)),
-                false,
-            ));
+            let painter = OutfitPainter::new(Outfit::held(appearance));
+            self.held = Some((appearance.held, painter, false));
         }
     }
 
