@@ -135,12 +135,8 @@ impl Wardrobe {
         let mut front = DepthBuffer::new(photograph.width, photograph.height);
         for [a, b, c] in triangles {
             for corners in [[a, b, c], [a, c, b]] {
-                let corner = |v: usize| Corner {
-                    x: bent[v][0],
-                    y: bent[v][1],
-                    inverse: near(v),
-                };
-                front.triangle(corners.map(corner), |_, _, _| {});
+                let corners = corners.map(|v| Corner::new(bent[v], near(v)));
+                front.triangle(corners, |_, _, _| {});
             }
         }
         let turn = fit.rotation.cast::<f32>();
