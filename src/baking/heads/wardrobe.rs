@@ -14,8 +14,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 use super::fit::PortraitFit;
 use crate::heads::ict::{Delta, IctHead, part, vertex_part};
 use mien_simulator::virtual_head::raster::{Corner, DepthBuffer, sum_normals};
-use mien_simulator::virtual_head::{HeadAsset, Part, Texture};
-use mien_stages::base::capacity::LANDMARKS;
+use mien_simulator::virtual_head::{HeadAsset, Part, Points, Texture};
 use mien_workbench::thin_plate::ThinPlate;
 
 /// Cosines of facing at which the photograph begins to count and counts fully.
@@ -75,7 +74,7 @@ impl Wardrobe {
         &self,
         ict: &IctHead,
         fit: &PortraitFit,
-        points: &[[f32; 2]; LANDMARKS],
+        points: &Points,
         photograph: &Texture,
     ) -> HeadAsset {
         let moved = |places: &[Point3<f32>], modes: &[Delta], weights: &[f64]| {
@@ -237,11 +236,7 @@ impl Wardrobe {
 
 /// The spline from the landmarks `from` to their `points`. Those closer than `distinct` are merged to their means, as
 /// different targets (closed lips) would fold the plane.
-fn bend(
-    from: &[[f32; 2]; LANDMARKS],
-    points: &[[f32; 2]; LANDMARKS],
-    distinct: f32,
-) -> Option<ThinPlate<2>> {
+fn bend(from: &Points, points: &Points, distinct: f32) -> Option<ThinPlate<2>> {
     let mut groups: Vec<(Vector2<f32>, Vector2<f32>, f32)> = Vec::new();
     for (f, t) in from.iter().zip(points) {
         let (f, t) = (Vector2::from(*f), Vector2::from(*t));

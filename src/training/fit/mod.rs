@@ -87,7 +87,7 @@ fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, Fault> {
 }
 
 /// Reads offsets: CSV `landmark,dx,dy`, face axes, in outer eye distances.
-fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
+fn read_offsets(path: &Path) -> Result<Differences, Fault> {
     let given: Vec<(usize, [f32; 2])> = rows(path, "landmark", "landmark,dx,dy", |line| {
         let numbers = line.split(',').map(|word| word.trim().parse().ok());
         match numbers.collect::<Option<Vec<f32>>>()?[..] {
@@ -103,7 +103,7 @@ fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
 }
 
 /// Formats offsets as a file, see [`FitArgs::offsets`].
-pub fn emit_offsets(offsets: &[[f32; 2]; LANDMARKS]) -> String {
+pub fn emit_offsets(offsets: &Differences) -> String {
     let mut text = String::from("landmark,dx,dy\n");
     for (i, [x, y]) in offsets.iter().enumerate() {
         let _ = writeln!(text, "{i},{x:.5},{y:.5}");

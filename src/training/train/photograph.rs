@@ -2,9 +2,9 @@
 
 use fastrand::Rng;
 
-use super::grey_picture::Points;
 use super::random::either;
 use mien_sensors::kinect::colour::pixel_luma;
+use mien_simulator::virtual_head::Points;
 use mien_simulator::virtual_head::draw::Canvas;
 use mien_stages::face_model::scheme;
 

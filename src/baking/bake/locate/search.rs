@@ -8,6 +8,7 @@ use nalgebra::Matrix3;
 use super::super::by_shape;
 use super::super::mesh::{Mesh, Vec3, bounding_box};
 use super::seen::{Parts, Seen, distance, draw_head};
+use mien_simulator::virtual_head::Points;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::FaceModel;
 use mien_workbench::dataset::picture;
@@ -55,9 +56,6 @@ pub(super) const DEEP: f64 = 0.4;
 const COMPARED_FITS: usize = 4;
 /// Mean distance of a point in these fits that halves its confidence, in inner-eye-corner distances.
 const HALF: f32 = 0.1;
-
-/// The 68 points in a picture, pixels.
-pub(super) type Points = [[f32; 2]; LANDMARKS];
 
 /// One fit: score, the model's confidence, the points.
 type Fit = (f32, f32, Points);

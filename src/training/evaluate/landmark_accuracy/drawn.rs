@@ -9,7 +9,7 @@ use crate::train::evaluate::{Differences, differences, mean_offsets, mean_percen
 use mien_appliance::pipeline::PipelineError;
 use mien_baking::heads::PersonHead;
 use mien_sensors::Frame;
-use mien_simulator::virtual_head::{Light, Scene, Simulator, Truth};
+use mien_simulator::virtual_head::{Light, Points, Scene, Simulator, Truth};
 use mien_stages::base::capacity::{LANDMARKS, PIXELS, WIDTH};
 use mien_stages::base::frames::SensorFromHead;
 use mien_stages::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
@@ -372,7 +372,7 @@ impl<'a> Player<'a> {
         let weights = vec![0.0; self.simulator.asset().expressions.len()];
         let turn = rotation_from_yaw_pitch_roll(0.1, 0.05, 0.02);
         let pose = Rigid::from_parts(Vector::new(0.02, -0.02, 0.75).into(), turn);
-        let mut places: Vec<[[f32; 2]; LANDMARKS]> = Vec::new();
+        let mut places: Vec<Points> = Vec::new();
         let mut eye = 1.0;
         for index in 0..60 {
             let at = frame_time(6000 + index);
@@ -391,7 +391,7 @@ impl<'a> Player<'a> {
         for i in scheme::INNER {
             for axis in 0..2 {
                 let mean = places.iter().map(|p| f64::from(p[i][axis])).sum::<f64>() / n;
-                let spread = |p: &[[f32; 2]; LANDMARKS]| (f64::from(p[i][axis]) - mean).powi(2);
+                let spread = |p: &Points| (f64::from(p[i][axis]) - mean).powi(2);
                 squares += places.iter().map(spread).sum::<f64>() / n;
             }
         }
