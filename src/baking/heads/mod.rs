@@ -97,11 +97,12 @@ fn portraits(data: &Path) -> Result<Vec<Portrait>, Fault> {
 
 /// Sets the head into its frame as the shape model does: the stable points of the neutral face match those of the
 /// mean head. The mesh's identity modes leave the frame open (up to 5° of pitch between people), and with it the
-/// pose.
+/// pose. Expressions keep their directions.
 fn set_upright(asset: &mut HeadAsset, mean: &HeadAsset) {
     let [own, target] = [&*asset, mean].map(|head| head.landmarks_on(&head.neutral));
     let rotation = Similarity::between(&own, &target).rotation;
-    asset.rotate(&Rotation::from_rotation_matrix(&rotation));
+    let rotation = Rotation::from_rotation_matrix(&rotation);
+    asset.neutral.iter_mut().for_each(|p| *p = rotation * *p);
     asset.centre();
 }
 

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use mien_stages::base::capacity::LANDMARKS;
-use mien_stages::base::geometry::{Point, Rotation, Vector};
+use mien_stages::base::geometry::{Point, Vector};
 
 /// Part of the head that a triangle shows; training renders vary each part's brightness separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -168,13 +168,6 @@ impl HeadAsset {
     /// Index of an expression.
     pub fn expression(&self, name: &str) -> Option<usize> {
         self.expressions.iter().position(|e| e.name == name)
-    }
-
-    /// Rotates the neutral face in the head frame; expressions keep their directions.
-    pub fn rotate(&mut self, rotation: &Rotation) {
-        for p in &mut self.neutral {
-            *p = rotation * *p;
-        }
     }
 
     /// The head stretched along its axes, as a substitute for another person's.
