@@ -132,7 +132,6 @@ fn shape_bases(shape: &ShapeModel, tracks: &[Tracks], modes: usize) -> Result<Sh
     let settings = nrsfm::Settings {
         rank: Some(RANK),
         sweeps: SWEEPS,
-        ..nrsfm::Settings::default()
     };
     shape_model_from_sequences(tracks, &reference, &STABLE, modes, &settings)
 }
