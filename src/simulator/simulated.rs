@@ -59,10 +59,9 @@ impl Simulated {
     pub fn new(scene: Option<&str>) -> Result<Self, UnknownScene> {
         let scene = Self::scene(scene)?;
         let simulator = Simulator::new(HeadAsset::shipped(), scene, SEED);
-        Ok(Self::from(if scene == Scene::Demo {
-            simulator.dressed([Appearance::demonstration()])
-        } else {
-            simulator
+        Ok(Self::from(match scene {
+            Scene::Demo => simulator.dressed([Appearance::demonstration()]),
+            _ => simulator,
         }))
     }
 
@@ -78,16 +77,11 @@ impl Simulated {
 
     /// Fills `frame` with the next one.
     pub fn next_frame(&mut self, frame: &mut impl FrameSink) {
-        let Self {
-            kinect,
-            pair,
-            clock,
-        } = self;
         let mut filled = false;
         while !filled {
-            let polled = kinect.poll(STEP, |paired| {
-                paired.swap_into(pair);
-                unpack_into(pair, clock, frame);
+            let polled = self.kinect.poll(STEP, |paired| {
+                paired.swap_into(&mut self.pair);
+                unpack_into(&mut self.pair, &mut self.clock, frame);
                 filled = true;
             });
             polled.expect("the virtual Kinect has no faults and its scene no end");

@@ -122,12 +122,10 @@ fn around(p: &SkinPoint, places: &ImmutableKdTree<f64, 6>) -> [(u32, f32); NEIGH
     // One more than is used: its weight is 0, so that weights change continuously as another place comes nearer.
     const ONE_MORE: NonZeroUsize = NonZeroUsize::new(NEIGHBOURS + 1).expect("more than none");
     let point = p.point();
-    let found = places
-        .query(&point)
-        .nearest_n::<SquaredEuclidean<f64>>(ONE_MORE)
-        .execute();
+    let found = places.query(&point);
+    let found = found.nearest_n::<SquaredEuclidean<f64>>(ONE_MORE);
     let mut nearest = [(f64::INFINITY, 0_u32); NEIGHBOURS + 1];
-    for (nearest, found) in nearest.iter_mut().zip(found) {
+    for (nearest, found) in nearest.iter_mut().zip(found.execute()) {
         *nearest = (found.distance.sqrt(), found.item);
     }
     let last = nearest[NEIGHBOURS].0;

@@ -322,11 +322,8 @@ fn find_landmarks(request: &Request, source: &Source) -> Result<(Vec<u64>, Strin
         write(&text, numbers.as_bytes())?;
     }
     let unsure = found.unsure();
-    let names: Vec<&str> = unsure
-        .iter()
-        .take(NAMED_POINTS)
-        .map(|&k| NAMES[k])
-        .collect();
+    let names = unsure.iter().take(NAMED_POINTS).map(|&k| NAMES[k]);
+    let names: Vec<&str> = names.collect();
     let doubts = match unsure.len() {
         0 => String::new(),
         count => format!("; {count} points unsure, least {}", names.join(", ")),

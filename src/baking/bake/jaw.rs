@@ -41,7 +41,7 @@ pub(super) struct Jaw<'a> {
     head: &'a Head,
     /// Fixed shares of vertices that no recipe names.
     given: BTreeMap<u32, f64>,
-    system: Option<(Vec<u32>, Unknowns, Factor)>,
+    system: Option<(Unknowns, Factor)>,
 }
 
 impl<'a> Jaw<'a> {
@@ -69,7 +69,7 @@ impl<'a> Jaw<'a> {
         let held = |v: usize| named.contains(&(v as u32)) || out.given.contains_key(&(v as u32));
         let unknowns = head.operator.unknowns(|v| head.skin[v] && !held(v));
         let factor = Factor::new(&head.operator.even(), &unknowns, |_| 0.0)?;
-        out.system = Some((named, unknowns, factor));
+        out.system = Some((unknowns, factor));
         Ok(out)
     }
 
@@ -87,7 +87,7 @@ impl<'a> Jaw<'a> {
 
     /// Displacement of each skin vertex by the jaw in a shape; `None` if it has no jaw.
     pub(super) fn motion(&self, target: &Target) -> Option<Vec<Vec3>> {
-        let (jaw, (_, unknowns, factor)) = (target.jaw.as_ref()?, self.system.as_ref()?);
+        let (jaw, (unknowns, factor)) = (target.jaw.as_ref()?, self.system.as_ref()?);
         let mut share = vec![0.0; self.head.skin.len()];
         for (&v, &given) in &self.given {
             share[v as usize] = given;

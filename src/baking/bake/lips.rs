@@ -9,14 +9,13 @@
 //! [`super::head`]. Cost: linear in the faces near the mouth. Limits: without connected skin between the corners
 //! nothing is cut.
 
-use std::cmp::Reverse;
 use std::collections::{HashMap, VecDeque};
 use std::f64::consts::PI;
 
 use super::crease::Crease;
 use super::head::Head;
 use super::mesh::{Corner, Mesh, Vec3};
-use super::seam::{Steps, step};
+use super::seam::paths;
 
 /// Crossings nearer to an end of an edge than this part of it snap to that end.
 const SNAP: f64 = 0.15;
@@ -181,11 +180,8 @@ impl Work<'_> {
                 corners.push(*c);
                 let ends = sorted([c, d].map(|c| self.node(c)));
                 if let Some(share) = self.crossed(ends) {
-                    let edge = if self.node(c) == ends[0] {
-                        [*c, *d]
-                    } else {
-                        [*d, *c]
-                    };
+                    let is_forward = self.node(c) == ends[0];
+                    let edge = if is_forward { [*c, *d] } else { [*d, *c] };
                     let node = *cuts.entry(ends).or_insert_with(|| {
                         let [p, q] = ends.map(|v| self.places[v as usize]);
                         self.places.push(p + (q - p) * share);
@@ -252,39 +248,29 @@ impl Work<'_> {
     /// The shortest path along edges of pieces between two nodes.
     fn shortest(&self, from: u32, to: u32) -> Option<Vec<u32>> {
         let mut beside: HashMap<u32, Vec<u32>> = HashMap::new();
-        for [a, b] in self
-            .pieces
-            .iter()
-            .flat_map(|piece| self.sides(&piece.corners))
-        {
-            beside.entry(a).or_default().push(b);
-            beside.entry(b).or_default().push(a);
-        }
-        let w = self.head.eye_distance;
-        let mut best = HashMap::from([(from, (0.0, from))]);
-        let mut heap = Steps::from([step(0.0, from)]);
-        while let Some(Reverse((length, at))) = heap.pop() {
-            let length = f64::from_bits(length);
-            for &next in beside.get(&at).into_iter().flatten() {
-                let [p, q] = [at, next].map(|v| self.places[v as usize]);
-                let off = [at, next]
-                    .map(|v| self.above[v as usize].abs())
-                    .iter()
-                    .sum::<f64>();
-                let total = length + (p - q).norm() * (1.0 + PULL * off / w);
-                if best.get(&next).is_none_or(|known| total < known.0) {
-                    best.insert(next, (total, at));
-                    heap.push(step(total, next));
-                }
+        for piece in &self.pieces {
+            for [a, b] in self.sides(&piece.corners) {
+                beside.entry(a).or_default().push(b);
+                beside.entry(b).or_default().push(a);
             }
         }
-        best.get(&to)?;
-        let mut path = vec![to];
-        while path[path.len() - 1] != from {
-            path.push(best[&path[path.len() - 1]].1);
-        }
-        path.reverse();
-        Some(path)
+        let w = self.head.eye_distance;
+        let off = |v: u32| self.above[v as usize].abs();
+        let mut found = paths(
+            from,
+            1,
+            |at| at == to,
+            |at, step| {
+                for &next in beside.get(&at).into_iter().flatten() {
+                    let [p, q] = [at, next].map(|v| self.places[v as usize]);
+                    step(
+                        next,
+                        (p - q).norm() * (1.0 + PULL * (off(at) + off(next)) / w),
+                    );
+                }
+            },
+        );
+        found.pop().map(|(_, path)| path)
     }
 
     /// The index of an edge of the cut, and whether it is listed in the cut's direction.

@@ -76,10 +76,11 @@ impl Located {
 
     /// Points less confident than [`LOW_CONFIDENCE`], the least first.
     pub fn unsure(&self) -> Vec<usize> {
+        let sure = &self.point_confidence;
         let mut unsure: Vec<usize> = (0..LANDMARKS)
-            .filter(|&k| self.point_confidence[k] < LOW_CONFIDENCE)
+            .filter(|&k| sure[k] < LOW_CONFIDENCE)
             .collect();
-        unsure.sort_by(|&a, &b| self.point_confidence[a].total_cmp(&self.point_confidence[b]));
+        unsure.sort_by(|&a, &b| sure[a].total_cmp(&sure[b]));
         unsure
     }
 }

@@ -7,6 +7,7 @@
 //! kept for the output and ignored by the operators; unused vertices belong to no component with faces.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Vector3;
@@ -241,11 +242,8 @@ impl Mesh {
     /// position count as one.
     pub fn sheets(&self) -> Vec<bool> {
         const SHEET: f64 = 4.0;
-        let mut first = HashMap::new();
-        let places = self.positions.iter().zip(0_u32..);
-        let place: Vec<u32> = places
-            .map(|(p, v)| *first.entry([p.x, p.y, p.z].map(f64::to_bits)).or_insert(v))
-            .collect();
+        let exact = |p: &Vec3| [p.x, p.y, p.z].map(f64::to_bits);
+        let place = first_alike(self.positions.iter().map(exact));
         // Keyed by position, with the face: faces that share an edge belong together, faces that share a corner do
         // not.
         let edge = |f: usize, side: [u32; 2]| {
@@ -316,6 +314,19 @@ impl Nearest {
         let found = found.nearest_one::<SquaredEuclidean<f64>>().execute();
         self.vertices.get(found.item as usize).copied()
     }
+}
+
+/// For every item the number of the first one with the same key.
+pub(super) fn first_alike<K: Eq + Hash>(keys: impl Iterator<Item = K>) -> Vec<u32> {
+    let mut first = HashMap::new();
+    keys.zip(0..)
+        .map(|(key, k)| *first.entry(key).or_insert(k))
+        .collect()
+}
+
+/// Normal of a triangle, twice its area long.
+pub(super) fn area_vector([a, b, c]: [Vec3; 3]) -> Vec3 {
+    (b - a).cross(&(c - a))
 }
 
 /// Smallest and largest coordinates of points; infinite and inverted without any.

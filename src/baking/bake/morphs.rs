@@ -147,10 +147,8 @@ impl<'a> Split<'a> {
         let now = self.mesh.vertex_normals(&shape.moved(&self.mesh.positions));
         let corners = self.source.iter().zip(&self.normal);
         let bent = corners.map(|(&v, normal)| {
-            bent(
-                &Vec3::from(normal.map(f64::from)),
-                [&self.smooth[v], &now[v]],
-            )
+            let normal = Vec3::from(normal.map(f64::from));
+            bent(&normal, [&self.smooth[v], &now[v]])
         });
         [moved, bent.collect()]
     }

@@ -38,10 +38,9 @@ pub struct Neck {
 impl Neck {
     /// The neck for vertices at `positions`; `None` for a mesh that ends above it.
     pub fn from_head(head: &Head, positions: &[Vec3]) -> Option<Self> {
-        let at = |k: usize| head.mesh.positions[head.points[k] as usize];
-        let (middle, w) = ((at(39) + at(42)) / 2.0, head.eye_distance);
+        let (middle, w) = ((head.point(39) + head.point(42)) / 2.0, head.eye_distance);
         let seen = |p: Vec3| head.axes.transpose() * (p - middle) / w;
-        let chin = seen(at(8)).y;
+        let chin = seen(head.point(8)).y;
         let share = |q: Vec3| {
             smoothstep(
                 chin + LOWER_BORDER,

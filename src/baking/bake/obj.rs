@@ -49,14 +49,10 @@ fn corner(word: &str, mesh: &Mesh) -> Option<Corner> {
     })
 }
 
-/// Strips leading byte order marks, even two: one left over would hide the first line from some readers.
-fn unmarked(text: &str) -> &str {
-    text.trim_start_matches('\u{feff}')
-}
-
 /// Logical lines, joined where one ends in a backslash, with the number of their first physical line.
 fn lines(text: &str) -> impl Iterator<Item = (Cow<'_, str>, usize)> {
-    let mut lines = unmarked(text).lines().zip(1..);
+    // Without byte order marks, even two: one left over would hide the first line from some readers.
+    let mut lines = text.trim_start_matches('\u{feff}').lines().zip(1..);
     std::iter::from_fn(move || {
         let (first, number) = lines.next()?;
         let mut whole = Cow::Borrowed(first);

@@ -323,11 +323,10 @@ fn cut(mode: u64, order: &[u32]) -> Vec<[u32; 3]> {
             let odd = |(k, t): (usize, &[u32])| [t[0], t[1 + k % 2], t[2 - k % 2]];
             order.windows(3).enumerate().map(odd).collect()
         }
-        _ => order
-            .windows(2)
-            .skip(1)
-            .map(|t| [t[0], t[1], order[0]])
-            .collect(),
+        _ => {
+            let fan = order.windows(2).skip(1);
+            fan.map(|t| [t[0], t[1], order[0]]).collect()
+        }
     };
     // Strips restart by triangles without area.
     let apart = |[a, b, c]: &[u32; 3]| a != b && b != c && a != c;

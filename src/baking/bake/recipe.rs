@@ -94,10 +94,8 @@ impl Recipe {
                 "expected at most {MAX_SHAPES} shapes, found {count}"
             )));
         }
-        let mut numbers = self
-            .shape
-            .iter()
-            .flat_map(|e| e.numbers().map(|n| (&e.name, n)));
+        let entries = self.shape.iter();
+        let mut numbers = entries.flat_map(|e| e.numbers().map(|n| (&e.name, n)));
         let beyond = |(_, (value, most)): &(&String, (f64, f64))| !(-most..=*most).contains(value);
         match numbers.find(beyond) {
             Some((name, (value, most))) => Err(Fault::new(format!(
@@ -116,9 +114,8 @@ impl Recipe {
     /// Name and unit of every shape driven by one.
     pub fn units(&self) -> Vec<(String, String)> {
         let sides = self.shape.iter().flat_map(Entry::sides);
-        sides
-            .filter_map(|side| Some((side.name().to_owned(), side.unit()?)))
-            .collect()
+        let driven = sides.filter_map(|side| Some((side.name().to_owned(), side.unit()?)));
+        driven.collect()
     }
 
     /// Computes the targets of every shape on a head.
@@ -247,12 +244,8 @@ impl Entry {
         let bounds = self.must.iter().map(|asked| asked.parts().3);
         let near = lengths.chain(shares).chain(bounds).map(|x| (x, MAX_LENGTH));
         let gaze = self.gaze.iter().flat_map(|g| [g.1, g.2]);
-        near.chain(
-            self.jaw_turn
-                .into_iter()
-                .chain(gaze)
-                .map(|x| (x, MAX_ANGLE_DEG)),
-        )
+        let angles = self.jaw_turn.into_iter().chain(gaze);
+        near.chain(angles.map(|x| (x, MAX_ANGLE_DEG)))
     }
 }
 

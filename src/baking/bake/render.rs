@@ -21,11 +21,10 @@ pub struct Outside<'a> {
 impl<'a> Outside<'a> {
     /// From a mesh as its file has it.
     pub fn new(mesh: &'a Mesh, vertex: &'a [u32], looks: &Looks) -> Self {
-        let surfaces = Surfaces::new(mesh, looks);
         Self {
             mesh,
             vertex,
-            surfaces,
+            surfaces: Surfaces::new(mesh, looks),
         }
     }
 
@@ -123,11 +122,7 @@ pub fn paint(
         middle: *middle,
         scale: f64::from(pixels) / height,
     };
-    let corner = |p: Vec3| raster::Corner {
-        x: p.x as f32,
-        y: p.y as f32,
-        inverse: (p.z + BEHIND) as f32,
-    };
+    let corner = |p: Vec3| raster::Corner::new([p.x as f32, p.y as f32], (p.z + BEHIND) as f32);
     let screen = seen.iter().map(|p| corner(canvas.screen(p)));
     let screen: Vec<raster::Corner> = screen.collect();
     let cut = |f: usize| mesh.solid(f).map(move |t| (mesh.face_material[f], t));

@@ -145,11 +145,7 @@ pub fn html(
     for ((Shape { name, unit, .. }, picture), defects) in shapes.iter().zip(&pictures).zip(defects)
     {
         let (unit, defects) = (unit.as_deref().unwrap_or(""), defects.join("; "));
-        let class = if defects.is_empty() {
-            ""
-        } else {
-            " class=\"bad\""
-        };
+        let class = marked(!defects.is_empty());
         let _ = write!(
             out,
             "<figure><img alt=\"{name}\" src=\"{picture}\"><figcaption{class}><b>{name}</b> {unit} {defects}</figcaption></figure>"
@@ -158,6 +154,10 @@ pub fn html(
     out += "</div>";
     table(&mut out, shapes, &figures);
     (out, figures)
+}
+
+fn marked(bad: bool) -> &'static str {
+    if bad { " class=\"bad\"" } else { "" }
 }
 
 /// A row of figures for every shape; bad values are marked.
@@ -177,7 +177,7 @@ fn table(out: &mut String, shapes: &[Shape], figures: &[Figures]) {
             (number(f.lips_cross), f.lips_cross > 0.01),
         ];
         for (text, bad) in cells {
-            let class = if bad { " class=\"bad\"" } else { "" };
+            let class = marked(bad);
             let _ = write!(out, "<td{class}>{text}");
         }
         *out += "</tr>";

@@ -333,10 +333,8 @@ fn subtract_sums(shapes: &mut [Shape], targets: &[Target], nothing: f64) {
 
 /// The target with landmarks alone and without contacts, from which the prior compares motions.
 fn landmarks_alone(head: &Head, target: &Target) -> Target {
-    let mut alone = target.clone();
-    alone
-        .controls
-        .retain(|c| !head.points[LANDMARKS..].contains(&c.0));
+    let (mut alone, derived) = (target.clone(), &head.points[LANDMARKS..]);
+    alone.controls.retain(|c| !derived.contains(&c.0));
     alone.exact = true;
     alone
 }

@@ -109,10 +109,8 @@ fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, Fault> {
     let mut parts = uri.split('%');
     let mut name = parts.next().unwrap_or_default().as_bytes().to_vec();
     for part in parts {
-        let byte = part
-            .get(..2)
-            .and_then(|hex| u8::from_str_radix(hex, 16).ok());
-        name.push(byte.ok_or_else(unknown)?);
+        let digits = part.get(..2).ok_or_else(unknown)?;
+        name.push(u8::from_str_radix(digits, 16).map_err(|_| unknown())?);
         name.extend(&part.as_bytes()[2..]);
     }
     let name = String::from_utf8_lossy(&name).into_owned();

@@ -4,6 +4,7 @@
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
+use std::hash::Hash;
 
 use super::mesh::{Mesh, Rings, Vec3};
 use mien_stages::base::geometry::smoothstep;
@@ -117,10 +118,49 @@ const PULL: f64 = 0.7;
 const END_PULL: f64 = 3.0;
 
 /// Priority queue of path ends, the shortest first. Lengths are not negative, so that their bits sort as they do.
-pub(super) type Steps<T> = BinaryHeap<Reverse<(u64, T)>>;
+type Steps<T> = BinaryHeap<Reverse<(u64, T)>>;
 
-pub(super) fn step<T>(length: f64, at: T) -> Reverse<(u64, T)> {
+fn step<T>(length: f64, at: T) -> Reverse<(u64, T)> {
     Reverse((length.to_bits(), at))
+}
+
+/// The `most` shortest paths from `start` to places that pass `ends`, with their lengths (Dijkstra). `steps` passes each
+/// neighbour of a place on, with the cost of going there.
+pub(super) fn paths<T: Copy + Hash + Ord>(
+    start: T,
+    most: usize,
+    ends: impl Fn(T) -> bool,
+    steps: impl Fn(T, &mut dyn FnMut(T, f64)),
+) -> Vec<(f64, Vec<T>)> {
+    let mut best = HashMap::from([(start, (0.0, start))]);
+    let mut heap = Steps::from([step(0.0, start)]);
+    let mut paths = Vec::new();
+    while let Some(Reverse((length, at))) = heap.pop() {
+        let length = f64::from_bits(length);
+        if length > best[&at].0 {
+            continue;
+        }
+        if !ends(at) {
+            steps(at, &mut |next, cost| {
+                let total = length + cost;
+                if best.get(&next).is_none_or(|&(known, _)| total < known) {
+                    best.insert(next, (total, at));
+                    heap.push(step(total, next));
+                }
+            });
+            continue;
+        }
+        let mut path = vec![at];
+        while path[path.len() - 1] != start {
+            path.push(best[&path[path.len() - 1]].1);
+        }
+        path.reverse();
+        paths.push((length, path));
+        if paths.len() == most {
+            break;
+        }
+    }
+    paths
 }
 
 /// Distance of every vertex from the nearest of `sources`, along edges between vertices that pass `within`; infinite
@@ -141,11 +181,8 @@ pub(super) fn distances(
         if length as f32 > best[v as usize] {
             continue;
         }
-        for &o in rings
-            .members(v as usize)
-            .iter()
-            .filter(|&&o| within(o as usize))
-        {
+        let near = rings.members(v as usize).iter();
+        for &o in near.filter(|&&o| within(o as usize)) {
             let edge = positions[v as usize] - positions[o as usize];
             let total = length + edge.norm();
             if (total as f32) < best[o as usize] {
@@ -184,35 +221,11 @@ fn ways(
             (2.0 + (open - apart.dot(&out)) / reach).max(0.0)
         })
     };
-    let mut best = HashMap::from([((0, start), (0.0, (0, start)))]);
-    let mut heap = Steps::from([step(0.0, (0, start))]);
-    let mut ends = Vec::new();
-    while let Some(Reverse((length, at))) = heap.pop() {
-        let length = f64::from_bits(length);
-        if length > best[&at].0 {
-            continue;
-        }
-        let (passed, v) = at;
-        if passed == through.len() {
-            let mut way = vec![at];
-            while way[way.len() - 1] != (0, start) {
-                way.push(best[&way[way.len() - 1]].1);
-            }
-            way.reverse();
-            ends.push((length, way));
-            if ends.len() == through[passed - 1].len() {
-                break;
-            }
-            continue;
-        }
-        let mut to = |next: (usize, u32), total: f64| {
-            if best.get(&next).is_none_or(|&(known, _)| total < known) {
-                best.insert(next, (total, at));
-                heap.push(step(total, next));
-            }
-        };
+    let most = through[through.len() - 1].len();
+    let has_passed_all = |at: (usize, u32)| at.0 == through.len();
+    paths((0, start), most, has_passed_all, |(passed, v), to| {
         if let Some((_, cost)) = through[passed].iter().find(|(o, _)| *o == v) {
-            to((passed + 1, v), length + cost);
+            to((passed + 1, v), *cost);
         }
         let here = mesh.positions[v as usize];
         let share = 1.0 + 0.5 * behind(&here);
@@ -220,19 +233,17 @@ fn ways(
             let there = mesh.positions[o as usize];
             let (far, across) = ((here - there).norm(), (here - there).dot(&along).abs());
             let cost = far * (share + 0.5 * behind(&there)) + CROSSES * (far - across);
-            to((passed, o), length + cost);
+            to((passed, o), cost);
         }
-    }
-    ends
+    })
 }
 
 /// The vertices within `slack` of a landmark, nearest first; another than itself costs `pull` times its distance.
 fn candidates(mesh: &Mesh, rings: &Rings, landmark: u32, slack: f64, pull: f64) -> Candidates {
     let at = |v: u32| mesh.positions[v as usize];
     let near = rings.disc(&mesh.positions, landmark, slack).into_iter();
-    let mut place: Candidates = near
-        .map(|v| (v, (at(v) - at(landmark)).norm() * pull))
-        .collect();
+    let near = near.map(|v| (v, (at(v) - at(landmark)).norm() * pull));
+    let mut place: Candidates = near.collect();
     place.sort_by(|a, b| a.1.total_cmp(&b.1));
     place.truncate(PLACES);
     place

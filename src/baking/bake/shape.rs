@@ -114,6 +114,7 @@ impl Target {
             }
         }
         let sides = [0, 1];
+        let moves_jaw = if self.jaw.is_some() { self } else { other };
         Self {
             name: of.join(PAIR),
             controls,
@@ -124,13 +125,8 @@ impl Target {
                 (a, b) => a.or(b),
             }),
             gaze: sides.map(|side: usize| self.gaze[side].or(other.gaze[side])),
-            jaw: self.jaw.or(other.jaw),
-            shares: if self.jaw.is_some() {
-                &self.shares
-            } else {
-                &other.shares
-            }
-            .clone(),
+            jaw: moves_jaw.jaw,
+            shares: moves_jaw.shares.clone(),
             still_inside: self.still_inside && other.still_inside,
             tongue: self.tongue.or(other.tongue),
             corrects: Some(of),

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::head::{Head, LANDMARKS, LIP_FREE};
 use super::jaw::turned;
-use super::mesh::{Nearest, Vec3, bounding_box};
+use super::mesh::{Nearest, Vec3, area_vector, bounding_box};
 use super::seam::{along, near_corner};
 use super::shape::Target;
 use super::solve::{DISC, EDGE, FULL, REACH, ROUNDS, System};
@@ -136,10 +136,8 @@ impl<'a> Contacts<'a> {
     fn normal(&self, v: u32, at: &impl Fn(u32) -> Vec3) -> Vec3 {
         let first = self.corners.partition_point(|c| c[0] < v);
         let corners = self.corners[first..].iter().take_while(|c| c[0] == v);
-        let sum: Vec3 = corners
-            .map(|&[_, a, b]| (at(a) - at(v)).cross(&(at(b) - at(v))))
-            .sum();
-        sum.try_normalize(0.0).unwrap_or_default()
+        let areas = corners.map(|c| area_vector(c.map(at)));
+        areas.sum::<Vec3>().try_normalize(0.0).unwrap_or_default()
     }
 
     /// Vertices of the mouth's inside that pierce the skin, with the displacement that puts them back behind it,
@@ -225,10 +223,9 @@ fn around_derived(head: &Head) -> Vec<(u32, Vec<(f64, u32)>)> {
     let around = |&point: &u32| {
         let p = positions[point as usize];
         let far = |v: usize| ((positions[v] - p).norm(), v as u32);
+        let reach = DERIVED_REACH * head.eye_distance;
         let skin = (0..positions.len()).filter(|&v| head.skin[v]).map(far);
-        let mut near: Vec<_> = skin
-            .filter(|(far, _)| *far < DERIVED_REACH * head.eye_distance)
-            .collect();
+        let mut near: Vec<_> = skin.filter(|(far, _)| *far < reach).collect();
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         (point, near)
     };
@@ -331,11 +328,8 @@ impl Placing<'_> {
             |v: usize| shuts && head.lines_socket(v) || self.target.still_inside && head.deep(v);
         let inside = |v: usize| head.skin[v] && constraints.u[v] > edge && !still(v);
         constraints.area = (0..constraints.u.len()).map(inside).collect();
-        for (inside, moved) in constraints
-            .area
-            .iter_mut()
-            .zip(self.jaw.into_iter().flatten())
-        {
+        let carried = self.jaw.into_iter().flatten();
+        for (inside, moved) in constraints.area.iter_mut().zip(carried) {
             *inside |= *moved != Vec3::zeros();
         }
         self.mouth_follows_jaw(&mut constraints);
@@ -350,15 +344,14 @@ impl Placing<'_> {
     /// If it is singular.
     pub(super) fn system(&self, u: &[f64], also_alone: bool) -> Result<System, Fault> {
         let (head, constraints) = (self.contacts.head, self.constraints(u));
-        let derived = if also_alone {
-            &head.points[LANDMARKS..]
+        let free = if also_alone {
+            LANDMARKS
         } else {
-            &[]
+            head.points.len()
         };
-        let given = constraints
-            .goal
-            .into_keys()
-            .filter(|v| !derived.contains(v));
+        let derived = &head.points[free..];
+        let given = constraints.goal.into_keys();
+        let given = given.filter(|v| !derived.contains(v));
         let system = System::new(&head.operator, &constraints.area, given)?;
         Ok(system.with_pins(derived.iter().copied()))
     }

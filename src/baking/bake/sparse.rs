@@ -41,6 +41,14 @@ pub(super) fn summed(triplets: &[(u32, u32, f64)]) -> impl Iterator<Item = (u32,
 }
 
 impl Rows {
+    /// A matrix to which rows are appended.
+    fn begun() -> Self {
+        Self {
+            starts: vec![0],
+            ..Self::default()
+        }
+    }
+
     /// Sums triplets (row, column, value) into a matrix of `n` rows.
     pub fn from_triplets(n: usize, mut triplets: Vec<(u32, u32, f64)>) -> Self {
         triplets.sort_by_key(|&(r, c, _)| u64::from(r) << 32 | u64::from(c));
@@ -121,11 +129,7 @@ impl Rows {
 
     /// `Lᵀ W L` for a symmetric matrix `L` and a diagonal `W`.
     pub fn squared(&self, weight: &[f64]) -> Self {
-        let n = self.count();
-        let mut out = Self {
-            starts: vec![0],
-            ..Self::default()
-        };
+        let (n, mut out) = (self.count(), Self::begun());
         let (mut sum, mut seen) = (vec![0.0_f64; n], vec![false; n]);
         let mut touched: Vec<u32> = Vec::new();
         for r in 0..n {
@@ -151,10 +155,7 @@ impl Rows {
 
     /// The same matrix permuted to `order`, so that rows of a submatrix are adjacent.
     pub fn arranged(&self, order: &[u32]) -> Self {
-        let mut out = Self {
-            starts: vec![0],
-            ..Self::default()
-        };
+        let mut out = Self::begun();
         for &r in order {
             let range = self.starts[r as usize] as usize..self.starts[r as usize + 1] as usize;
             out.columns.extend_from_slice(&self.columns[range.clone()]);
@@ -171,11 +172,7 @@ impl Rows {
         unknowns: &Unknowns,
         diagonal: impl Fn(usize) -> f64,
     ) -> (Self, Self, Vec<(u32, u32, f64)>) {
-        let half = || Self {
-            starts: vec![0],
-            ..Self::default()
-        };
-        let (mut upper, mut lower, mut given) = (half(), half(), Vec::new());
+        let (mut upper, mut lower, mut given) = (Self::begun(), Self::begun(), Vec::new());
         for (k, &position) in unknowns.positions.iter().enumerate() {
             for (c, value) in self.row(position as usize) {
                 let Some(at) = unknowns.place(c) else {
@@ -216,10 +213,7 @@ pub struct Unknowns {
 impl Unknowns {
     /// The rows that pass; `order` lists all rows of the system.
     pub fn new(order: &[u32], passes: impl Fn(usize) -> bool) -> Self {
-        let passing = order
-            .iter()
-            .zip(0_u32..)
-            .filter(|(r, _)| passes(**r as usize));
+        let passing = order.iter().zip(0..).filter(|(r, _)| passes(**r as usize));
         let (rows, positions): (Vec<u32>, Vec<u32>) = passing.unzip();
         let mut place = vec![GIVEN; order.len()];
         for (&r, k) in rows.iter().zip(0..) {

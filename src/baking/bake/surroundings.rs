@@ -7,7 +7,7 @@
 //! Cost: linear in the triangles that move; memory: neighbours of triangles and vertices.
 
 use super::head::Head;
-use super::mesh::{Lists, Rings, Vec3, neighbour_lists};
+use super::mesh::{Lists, Rings, Vec3, area_vector, neighbour_lists};
 
 /// Least cosine with the surroundings in the neutral for a triangle to be judged.
 const AGREES: f64 = 0.3;
@@ -28,11 +28,6 @@ pub(super) struct Surroundings<'a> {
     rings: Rings,
     /// Triangles at each vertex.
     at: Lists,
-}
-
-/// Normal of a triangle, twice its area long.
-fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
-    (b - a).cross(&(c - a))
 }
 
 impl<'a> Surroundings<'a> {
@@ -78,16 +73,15 @@ impl<'a> Surroundings<'a> {
     fn agrees(&self, t: [u32; 3], p: &impl Fn(u32) -> Vec3) -> f64 {
         let one = |v: &u32| -> Vec3 {
             let around = self.at.members(*v as usize).iter();
-            around
-                .map(|&k| normal(self.triangles[k as usize].map(p)))
-                .sum()
+            let around = around.map(|&k| self.triangles[k as usize].map(p));
+            around.map(area_vector).sum()
         };
         let two = |v: &u32| {
             let ring = self.rings.members(*v as usize).iter();
             ring.fold(one(v), |sum, o| sum + one(o))
         };
         let around: Vec3 = t.iter().map(two).sum();
-        let cosine = normal(t.map(p)).normalize().dot(&around.normalize());
+        let cosine = area_vector(t.map(p)).normalize().dot(&around.normalize());
         if cosine.is_nan() { 0.0 } else { cosine }
     }
 
@@ -99,7 +93,7 @@ impl<'a> Surroundings<'a> {
     ) -> impl Iterator<Item = [u32; 3]> {
         let neutral = |v| self.neutral(v);
         self.moving(moves).filter(move |&t| {
-            let (was, is) = (normal(t.map(neutral)), normal(t.map(at)));
+            let (was, is) = (area_vector(t.map(neutral)), area_vector(t.map(at)));
             let along = was.dot(&is);
             let turns = along < 0.0
                 || along.powi(2) < TURNS.powi(2) * was.norm_squared() * is.norm_squared();

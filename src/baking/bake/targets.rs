@@ -97,10 +97,8 @@ impl ImportedGltf {
         let moves = shapes.par_iter().map(|shape| {
             let now = whole.vertex_normals(&shape.moved(&whole.positions));
             let normals = [&smooth[..], &now];
-            let moves = rows
-                .iter()
-                .map(|(drawn, own)| self.moves(*drawn, own, shape, normals));
-            moves.collect()
+            let moves = |(drawn, own): &(Drawn, Vec<Vec3>)| self.moves(*drawn, own, shape, normals);
+            rows.iter().map(moves).collect()
         });
         let moves: Vec<Vec<[Vec<[f32; 3]>; 2]>> = moves.collect();
         for moves in moves {
@@ -114,21 +112,14 @@ impl ImportedGltf {
     /// Normals of drawn rows; empty unless all have one.
     fn normals(&self, drawn: Drawn) -> Vec<Vec3> {
         let [rows, normals] = drawn.map(|accessor| accessor.unwrap_or(usize::MAX));
-        let count = self
-            .position_rows(rows)
-            .map_or(0, |rows| rows.vertices.len());
+        let rows = self.position_rows(rows);
+        let count = rows.map_or(0, |rows| rows.vertices.len());
         let read = self.glb.floats(normals, 3).unwrap_or_default();
-        let read = read
-            .as_chunks()
-            .0
-            .iter()
-            .map(|n| Vec3::from(n.map(|x: f32| f64::from(x))));
-        let read: Vec<Vec3> = read.collect();
-        if read.len() == count {
-            read
-        } else {
-            Vec::new()
-        }
+        let double = |n: &[f32; 3]| Vec3::from(n.map(f64::from));
+        let read: Vec<Vec3> = read.as_chunks().0.iter().map(double).collect();
+        Some(read)
+            .filter(|read| read.len() == count)
+            .unwrap_or_default()
     }
 
     /// Displacements of rows by a shape, and changes of their `own` normals with the mesh's.

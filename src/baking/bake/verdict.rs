@@ -14,7 +14,7 @@ use nalgebra::{Rotation3, Vector2};
 use rayon::prelude::*;
 
 use super::head::{Follow, Head};
-use super::mesh::Vec3;
+use super::mesh::{Vec3, area_vector, bounding_box};
 use super::shape::{Shape, shown};
 use mien_simulator::virtual_head::raster::{Corner, DepthBuffer};
 
@@ -65,44 +65,27 @@ const JAW: [&str; 5] = ["jaw", "mouthstretchwide", "mouthclose", "tongue", "vise
 pub const CHECKED: &str = "folds, skin turned over or seen from behind, the jaw's path, lips that part, teeth, the inside of the mouth, \
     eyes that shut, the rim of a mask, and what the recipe asks of each shape";
 
-/// Bounds of a measure.
-struct Bar {
-    what: &'static str,
-    least: f64,
-    most: f64,
-}
+/// A measure's name and its least and largest value.
+struct Bar(&'static str, f64, f64);
 
-const fn most(what: &'static str, most: f64) -> Bar {
-    let least = f64::NEG_INFINITY;
-    Bar { what, least, most }
-}
-
-const fn least(what: &'static str, least: f64) -> Bar {
-    let most = f64::INFINITY;
-    Bar { what, least, most }
-}
-
-const FOLDS: Bar = most("length of folds", 0.6);
-const LID_FOLDS: Bar = most("length of folds at the lids", 0.8);
-const TURNED_OVER: Bar = most("area turned over", 0.02);
-const BEHIND: Bar = most("area seen from behind at the mouth", 0.015);
-const INSIDE: Bar = most("mouth inside moves, mm", 3.0);
-const GROWN: Bar = most("share of edges of teeth that double", 0.01);
-const BACK: Bar = most("chin back for one down", 1.25);
-const HINGE: Bar = Bar {
-    what: "height of the hinge over its depth",
-    least: 0.6,
-    most: 0.9,
-};
-const LIPS: Bar = least("lips part", 0.85);
-const UPPER: Bar = most("upper lip's share of the lower's way", 0.25);
-const RIM: Bar = least("rim's share of the chin's way", 0.8);
-const OPEN: Bar = most("share of the eye left open", 0.08);
+const FREE: f64 = f64::INFINITY;
+const FOLDS: Bar = Bar("length of folds", -FREE, 0.6);
+const LID_FOLDS: Bar = Bar("length of folds at the lids", -FREE, 0.8);
+const TURNED_OVER: Bar = Bar("area turned over", -FREE, 0.02);
+const BEHIND: Bar = Bar("area seen from behind at the mouth", -FREE, 0.015);
+const INSIDE: Bar = Bar("mouth inside moves, mm", -FREE, 3.0);
+const GROWN: Bar = Bar("share of edges of teeth that double", -FREE, 0.01);
+const BACK: Bar = Bar("chin back for one down", -FREE, 1.25);
+const HINGE: Bar = Bar("height of the hinge over its depth", 0.6, 0.9);
+const LIPS: Bar = Bar("lips part", 0.85, FREE);
+const UPPER: Bar = Bar("upper lip's share of the lower's way", -FREE, 0.25);
+const RIM: Bar = Bar("rim's share of the chin's way", 0.8, FREE);
+const OPEN: Bar = Bar("share of the eye left open", -FREE, 0.08);
 
 impl Bar {
     /// What exceeds the bounds, in words.
     fn missed(&self, value: f64) -> Option<String> {
-        let Self { what, least, most } = self;
+        let Self(what, least, most) = self;
         let bound = match () {
             () if value < *least => format!("at least {least}"),
             () if value > *most => format!("at most {most}"),
@@ -135,8 +118,7 @@ struct Judge<'a> {
 
 /// Unit normal of a triangle and its area.
 fn normal(q: &[Vec3], t: &[u32; 3]) -> (Vec3, f64) {
-    let [a, b, c] = t.map(|v| q[v as usize]);
-    let n = (b - a).cross(&(c - a));
+    let n = area_vector(t.map(|v| q[v as usize]));
     (n.try_normalize(0.0).unwrap_or_default(), 0.5 * n.norm())
 }
 
@@ -159,12 +141,8 @@ fn drawn(q: &[Vec3], all: &[[u32; 3]], low: Vec3, high: Vec3) -> (DepthBuffer, V
 
 /// A point in cells from `low`, with positive depth.
 fn cell(p: &Vec3, low: &Vec3) -> Corner {
-    let at = |k: usize| ((p[k] - low[k]) / CELL - 0.5) as f32;
-    Corner {
-        x: at(0),
-        y: at(1),
-        inverse: ((p.z - low.z) + 1.0) as f32,
-    }
+    let place = [0, 1].map(|k| ((p[k] - low[k]) / CELL - 0.5) as f32);
+    Corner::new(place, ((p.z - low.z) + 1.0) as f32)
 }
 
 impl<'a> Judge<'a> {
@@ -204,11 +182,7 @@ impl<'a> Judge<'a> {
             let lift = Rotation3::from_axis_angle(&Vec3::x_axis(), up);
             let view = lift * Rotation3::from_axis_angle(&Vec3::y_axis(), -aside);
             let q: Vec<Vec3> = self.q.iter().map(|p| view * p).collect();
-            let mut low = Vec3::repeat(f64::INFINITY);
-            let mut high = -low;
-            for p in some.iter().flatten().map(|&v| &q[v as usize]) {
-                (low, high) = (low.inf(p), high.sup(p));
-            }
+            let (low, high) = bounding_box(some.iter().flatten().map(|&v| &q[v as usize]));
             let (depth, _) = drawn(&q, &some, low, high);
             let faces = view * head.axes.transpose();
             let shows = |v: usize| {
@@ -403,10 +377,8 @@ impl<'a> Judge<'a> {
             };
             (0..=STEPS).map(gap).sum::<f64>() / f64::from(STEPS + 1)
         };
-        let before = area(&self.q);
-        (before > SHUT)
-            .then(|| OPEN.missed(area(q) / before))
-            .flatten()
+        let before = Some(area(&self.q)).filter(|before| *before > SHUT)?;
+        OPEN.missed(area(q) / before)
     }
 }
 
@@ -431,13 +403,10 @@ fn turns_about(some: &[usize], before: &[Vec3], after: &[Vec3]) -> Option<Vector
         cross += (a - a0).perp(&(b - b0));
         dot += (a - a0).dot(&(b - b0));
     }
-    let angle = cross.atan2(dot);
+    let angle = Some(cross.atan2(dot)).filter(|angle| angle.abs() > 2_f64.to_radians())?;
     let turn = nalgebra::Rotation2::new(angle).into_inner();
     let rest = nalgebra::Matrix2::identity() - turn;
-    let inverse = rest
-        .try_inverse()
-        .filter(|_| angle.abs() > 2_f64.to_radians())?;
-    Some(inverse * (b0 - turn * a0))
+    Some(rest.try_inverse()? * (b0 - turn * a0))
 }
 
 /// Defects of every shape, in words: by the measures and by its requirements.
@@ -454,9 +423,8 @@ pub fn defects(head: &Head, shapes: &[Shape]) -> Vec<Vec<String>> {
 /// The number of shapes that pass, and the defects of the others, one sentence each.
 pub fn verdict(shapes: &[Shape], defects: &[Vec<String>]) -> String {
     let failing = shapes.iter().zip(defects).filter(|(_, f)| !f.is_empty());
-    let failing: Vec<String> = failing
-        .map(|(shape, defects)| format!("{} ({})", shape.name, defects.join("; ")))
-        .collect();
+    let failing = failing.map(|(shape, f)| format!("{} ({})", shape.name, f.join("; ")));
+    let failing: Vec<String> = failing.collect();
     let (all, passing) = (shapes.len(), shapes.len() - failing.len());
     let mut out = format!("{passing} of {all} shapes pass the checks: {CHECKED}.");
     if !failing.is_empty() {

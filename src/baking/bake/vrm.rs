@@ -86,9 +86,8 @@ fn without<'a>(added: &'a [Added<'_>], had: &[String]) -> impl Iterator<Item = (
 /// The numbers of shapes that are preset mouth shapes, with their names in a version.
 fn presets(added: &[Added<'_>], version: usize) -> impl Iterator<Item = (usize, &'static str)> {
     let number = |name| added.iter().position(|added| added.name == name);
-    PRESETS
-        .into_iter()
-        .filter_map(move |preset| Some((number(preset[0])?, preset[version])))
+    let all = PRESETS.into_iter();
+    all.filter_map(move |preset| Some((number(preset[0])?, preset[version])))
 }
 
 /// Adds expressions for the targets of shapes; files that are no VRM stay as they are.
@@ -104,9 +103,8 @@ pub(super) fn add_expressions(json: &mut Value, added: &[Added<'_>], bound: &[Bo
         let custom = expressions.get_mut("custom");
         if let Some(custom) = custom.and_then(Value::as_object_mut) {
             let kept = std::mem::take(custom).into_iter();
-            *custom = kept
-                .map(|(name, one)| (renamed(&name, added).unwrap_or(name), one))
-                .collect();
+            let named = kept.map(|(name, one)| (renamed(&name, added).unwrap_or(name), one));
+            *custom = named.collect();
         }
         let expression = |k: usize| {
             let binds = bound.iter().flat_map(|(mesh, at)| {
@@ -156,12 +154,9 @@ fn add_groups(groups: &mut Value, added: &[Added<'_>], bound: &[Bound]) {
     }
     for (k, preset) in presets(added, 1) {
         let own = list(groups).iter().position(|g| g["presetName"] == preset);
-        match own {
-            None => drop(push(groups, group(k, preset, preset))),
-            Some(own) if list(&groups[own]["binds"]).is_empty() => {
-                groups[own] = group(k, preset, preset);
-            }
-            Some(_) => {}
+        let own = own.unwrap_or_else(|| push(groups, Value::Null));
+        if list(&groups[own]["binds"]).is_empty() {
+            groups[own] = group(k, preset, preset);
         }
     }
 }

@@ -13,7 +13,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::mesh::Vec3;
+use super::mesh::{Vec3, area_vector, first_alike};
 
 /// Share of paired triangles from which a mesh counts as one of quads.
 const MOSTLY_QUADS: f64 = 0.85;
@@ -29,14 +29,8 @@ type Edge = (u32, u32, u32);
 /// For every row the first row that is the same vertex. `places` are the rows' positions, `parts` the part of each
 /// triangle (edges of one part are welded first).
 pub(super) fn welded(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -> Vec<u32> {
-    let mut known: HashMap<[u32; 3], u32> = HashMap::new();
-    let place: Vec<u32> = places
-        .iter()
-        // Adding 0 turns -0 into 0.
-        .map(|p| p.map(|x| (x + 0.0).to_bits()))
-        .enumerate()
-        .map(|(row, key)| *known.entry(key).or_insert(row as u32))
-        .collect();
+    // Adding 0 turns -0 into 0.
+    let place = first_alike(places.iter().map(|p| p.map(|x| (x + 0.0).to_bits())));
     let around = |(t, &part): (&[u32; 3], &u32)| [0, 1, 2].map(|k| (t[k], t[(k + 1) % 3], part));
     let edges = || triangles.iter().zip(parts).flat_map(around);
     let there: HashSet<(u32, u32)> = edges().map(|(a, b, _)| (a, b)).collect();
@@ -134,19 +128,14 @@ fn corners(positions: &[Vec3], one: [u32; 3], two: [u32; 3]) -> Option<[u32; 4]>
 
 /// The convex quad that two triangles with a common edge make.
 fn quad(positions: &[Vec3], one: [u32; 3], two: [u32; 3]) -> Option<[u32; 4]> {
-    let normal = |t: [u32; 3]| {
-        let [a, b, c] = t.map(|v| positions[v as usize]);
-        (b - a).cross(&(c - a))
-    };
+    let normal = |t: [u32; 3]| area_vector(t.map(|v| positions[v as usize]));
     let quad = corners(positions, one, two)?;
     let [a, b, c, d] = quad;
     let (left, right) = (normal([a, b, c]), normal([a, c, d]));
     let mean = left + right;
     let flat = left.dot(&right) > BENT * left.norm() * right.norm();
-    let convex = [[b, c, d], [d, a, b]]
-        .map(normal)
-        .iter()
-        .all(|n| n.dot(&mean) > 0.0);
+    let mut others = [[b, c, d], [d, a, b]].into_iter().map(normal);
+    let convex = others.all(|n| n.dot(&mean) > 0.0);
     (flat && convex).then_some(quad)
 }
 

@@ -81,10 +81,9 @@ impl Part {
     }
 
     fn is_plate(&self) -> bool {
-        let least = if self.border > 0.0 {
-            PLATE
-        } else {
-            PLATE / 20.0
+        let least = match self.border > 0.0 {
+            true => PLATE,
+            false => PLATE / 20.0,
         };
         self.volume().abs() <= least * self.area.powf(1.5)
     }
@@ -201,16 +200,15 @@ fn reversed(mesh: &Mesh) -> Vec<bool> {
         let large = p.border == 0.0 || p.area > LARGE * all;
         large && !p.is_plate() && !holders.iter().any(|other| p.is_in(other))
     };
-    let own = parts
-        .iter()
-        .map(|(&root, p)| (root, shows(p).then(|| p.volume() < 0.0)));
+    let reversed = |p: &Part| shows(p).then(|| p.volume() < 0.0);
+    let own = parts.iter().map(|(&root, p)| (root, reversed(p)));
     let own: BTreeMap<u32, Option<bool>> = own.collect();
     // The orientation of most of a part's faces in the file.
     let runs = |root: &u32| parts[root].running < 0;
-    let sure: Vec<bool> = own
+    let sure = own
         .iter()
-        .filter_map(|(root, own)| Some((*own)? ^ runs(root)))
-        .collect();
+        .filter_map(|(root, own)| Some((*own)? ^ runs(root)));
+    let sure: Vec<bool> = sure.collect();
     let turned = sure.iter().filter(|reversed| **reversed).count();
     let rest = turned > 0 && turned as f64 >= MIN_REVERSED_SHARE * sure.len() as f64;
     let face = |f: u32| {

@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector, Point3, Rotation3, Vector3};
 
 use crate::heads::ict::IctHead;
-use mien_simulator::virtual_head::Site;
+use mien_simulator::virtual_head::{Points, Site};
 use mien_stages::base::capacity::LANDMARKS;
 
 /// Standard deviation of an annotated point, metres on the face.
@@ -108,7 +108,7 @@ impl PortraitFit {
 }
 
 /// Fits the mesh with its landmarks at `sites` to 68 points.
-pub fn fit(ict: &IctHead, sites: &[Site], points: &[[f32; 2]; LANDMARKS]) -> PortraitFit {
+pub fn fit(ict: &IctHead, sites: &[Site], points: &Points) -> PortraitFit {
     let base = sites.iter().map(|s| s.position(&ict.neutral).coords.cast());
     let base: Vec<Vector3<f64>> = base.collect();
     let modes = modes(ict, sites);

@@ -25,8 +25,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use crate::heads::ict::{IctHead, part, vertex_part};
-use mien_simulator::virtual_head::{Expression, HeadAsset, Part, Site, Texture};
-use mien_stages::base::capacity::LANDMARKS;
+use mien_simulator::virtual_head::{Expression, HeadAsset, Part, Points, Site, Texture};
 use mien_stages::base::geometry::Rotation;
 use mien_workbench::atomic_write::write_out;
 use mien_workbench::dataset::read_folder;
@@ -86,7 +85,7 @@ pub fn textured_heads(
 }
 
 /// An annotated photograph: index of the person, file, the 68 points.
-type Portrait = (usize, PathBuf, [[f32; 2]; LANDMARKS]);
+type Portrait = (usize, PathBuf, Points);
 
 fn portraits(data: &Path) -> Result<Vec<Portrait>, Fault> {
     let entries = read_folder(&data.join("faces_frl189"))?;
@@ -98,11 +97,12 @@ fn portraits(data: &Path) -> Result<Vec<Portrait>, Fault> {
 
 /// Sets the head into its frame as the shape model does: the stable points of the neutral face match those of the
 /// mean head. The mesh's identity modes leave the frame open (up to 5° of pitch between people), and with it the
-/// pose.
+/// pose. Expressions keep their directions.
 fn set_upright(asset: &mut HeadAsset, mean: &HeadAsset) {
     let [own, target] = [&*asset, mean].map(|head| head.landmarks_on(&head.neutral));
     let rotation = Similarity::between(&own, &target).rotation;
-    asset.rotate(&Rotation::from_rotation_matrix(&rotation));
+    let rotation = Rotation::from_rotation_matrix(&rotation);
+    asset.neutral.iter_mut().for_each(|p| *p = rotation * *p);
     asset.centre();
 }
 

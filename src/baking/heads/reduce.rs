@@ -58,10 +58,8 @@ fn merged(asset: &HeadAsset, part_at: &[Part]) -> Vec<u32> {
         Part::Skin => *first.entry([p.x, p.y, p.z].map(f32::to_bits)).or_insert(v),
         _ => v,
     };
-    (0..)
-        .zip(asset.neutral.iter().zip(part_at))
-        .map(of)
-        .collect()
+    let places = asset.neutral.iter().zip(part_at);
+    (0..).zip(places).map(of).collect()
 }
 
 /// Expressions that represent how vertices move.
@@ -255,10 +253,11 @@ impl<'a> Mesh<'a> {
         let q = Vector4::new(p.x, p.y, p.z, 1.0);
         let shape =
             (q.transpose() * (self.quadrics[from as usize] + self.quadrics[to as usize]) * q)[0];
-        let moves = self.motion[from as usize]
-            .iter()
-            .zip(&self.motion[to as usize]);
-        let moves: f64 = moves.map(|(a, b)| f64::from((a - b).norm_squared())).sum();
+        let [moves, there] = [from, to].map(|v| self.motion[v as usize].iter());
+        let moves = moves
+            .zip(there)
+            .map(|(a, b)| f64::from((a - b).norm_squared()));
+        let moves: f64 = moves.sum();
         let length = (self.position(from) - p).norm_squared();
         self.weight[from as usize] * (shape.max(0.0) + 0.03 * moves + 0.004 * length)
     }

@@ -14,8 +14,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 use super::fit::PortraitFit;
 use crate::heads::ict::{Delta, IctHead, part, vertex_part};
 use mien_simulator::virtual_head::raster::{Corner, DepthBuffer, sum_normals};
-use mien_simulator::virtual_head::{HeadAsset, Part, Texture};
-use mien_stages::base::capacity::LANDMARKS;
+use mien_simulator::virtual_head::{HeadAsset, Part, Points, Texture};
 use mien_workbench::thin_plate::ThinPlate;
 
 /// Cosines of facing at which the photograph begins to count and counts fully.
@@ -75,7 +74,7 @@ impl Wardrobe {
         &self,
         ict: &IctHead,
         fit: &PortraitFit,
-        points: &[[f32; 2]; LANDMARKS],
+        points: &Points,
         photograph: &Texture,
     ) -> HeadAsset {
         let moved = |places: &[Point3<f32>], modes: &[Delta], weights: &[f64]| {
@@ -135,12 +134,8 @@ impl Wardrobe {
         let mut front = DepthBuffer::new(photograph.width, photograph.height);
         for [a, b, c] in triangles {
             for corners in [[a, b, c], [a, c, b]] {
-                let corner = |v: usize| Corner {
-                    x: bent[v][0],
-                    y: bent[v][1],
-                    inverse: near(v),
-                };
-                front.triangle(corners.map(corner), |_, _, _| {});
+                let corners = corners.map(|v| Corner::new(bent[v], near(v)));
+                front.triangle(corners, |_, _, _| {});
             }
         }
         let turn = fit.rotation.cast::<f32>();
@@ -204,10 +199,8 @@ impl Wardrobe {
     }
 
     fn colours(&self, share: &[f32], bent: &[[f32; 2]], photograph: &Texture) -> Vec<[f32; 3]> {
-        let known: Vec<[f32; 3]> = bent
-            .iter()
-            .map(|&[x, y]| photograph.colour_at(x, y))
-            .collect();
+        let known = bent.iter().map(|&[x, y]| photograph.colour_at(x, y));
+        let known: Vec<[f32; 3]> = known.collect();
         let seen: Vec<usize> = part::NARROW_FACE.filter(|&v| share[v] > 0.9).collect();
         let skin = [0, 1, 2].map(|k| {
             let sum = seen.iter().map(|&v| known[v][k]).fold(0.0, |a, b| a + b);
@@ -243,11 +236,7 @@ impl Wardrobe {
 
 /// The spline from the landmarks `from` to their `points`. Those closer than `distinct` are merged to their means, as
 /// different targets (closed lips) would fold the plane.
-fn bend(
-    from: &[[f32; 2]; LANDMARKS],
-    points: &[[f32; 2]; LANDMARKS],
-    distinct: f32,
-) -> Option<ThinPlate<2>> {
+fn bend(from: &Points, points: &Points, distinct: f32) -> Option<ThinPlate<2>> {
     let mut groups: Vec<(Vector2<f32>, Vector2<f32>, f32)> = Vec::new();
     for (f, t) in from.iter().zip(points) {
         let (f, t) = (Vector2::from(*f), Vector2::from(*t));

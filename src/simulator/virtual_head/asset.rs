@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use mien_stages::base::capacity::LANDMARKS;
-use mien_stages::base::geometry::{Point, Rotation, Vector};
+use mien_stages::base::geometry::{Point, Vector};
 
 /// Part of the head that a triangle shows; training renders vary each part's brightness separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -170,13 +170,6 @@ impl HeadAsset {
         self.expressions.iter().position(|e| e.name == name)
     }
 
-    /// Rotates the neutral face in the head frame; expressions keep their directions.
-    pub fn rotate(&mut self, rotation: &Rotation) {
-        for p in &mut self.neutral {
-            *p = rotation * *p;
-        }
-    }
-
     /// The head stretched along its axes, as a substitute for another person's.
     pub fn stretched(&self, factors: [f32; 3]) -> Self {
         let factors = Vector::from(factors);
@@ -190,14 +183,9 @@ impl HeadAsset {
     /// Moves the origin of the head frame to the middle between the inner eye corners (landmarks 39 and 42).
     pub fn centre(&mut self) {
         if let [Some(right), Some(left)] = [39, 42].map(|k| self.landmarks.get(k)) {
-            let origin = nalgebra::center(
-                &right.position(&self.neutral),
-                &left.position(&self.neutral),
-            )
-            .coords;
-            for p in &mut self.neutral {
-                *p -= origin;
-            }
+            let [right, left] = [right, left].map(|site| site.position(&self.neutral));
+            let origin = nalgebra::center(&right, &left).coords;
+            self.neutral.iter_mut().for_each(|p| *p -= origin);
         }
     }
 

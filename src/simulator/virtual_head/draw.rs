@@ -133,21 +133,19 @@ impl HeadPainter {
         }
     }
 
-    /// Draws depth; calls `drawn` for each pixel and returns the window drawn to.
+    /// Draws depth; calls `drawn` for each pixel.
     pub(crate) fn draw_depth(
         &mut self,
         asset: &HeadAsset,
         pixel: impl Fn(&Point) -> [f32; 2],
         buffer: &mut DepthBuffer,
         mut drawn: impl FnMut(usize),
-    ) -> Window {
+    ) {
         project(&self.placed, pixel, &mut self.corners);
-        let mut window = Window::NOTHING;
         for &triangle in asset.triangles.iter() {
             let corners = turned(triangle, self.mirrored).map(|k| self.corners[k]);
-            window.include(buffer.triangle(corners, |pixel, _, _| drawn(pixel)));
+            buffer.triangle(corners, |pixel, _, _| drawn(pixel));
         }
-        window
     }
 
     /// Draws colour; returns the window drawn to. [`HeadPainter::light`] must be called before.

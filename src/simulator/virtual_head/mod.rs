@@ -27,7 +27,7 @@ mod sensor;
 pub use appearance::{Appearance, Beard, HairStyle, Headgear, Held, Neck};
 pub use asset::{Expression, HeadAsset, Part, Site, Texture};
 pub use draw::Light;
-pub use person::{EXPRESSIONS, Truth};
+pub use person::{EXPRESSIONS, Points, Truth};
 pub use script::Scene;
 pub use sensor::Sensor;
 

@@ -29,6 +29,9 @@ pub(super) const OTHERS: [[f32; 3]; USERS] = [
     [0.96, 0.95, 1.02],
 ];
 
+/// The 68 points in a picture, pixels.
+pub type Points = [[f32; 2]; LANDMARKS];
+
 /// Ground truth of a drawn person.
 #[derive(Clone, Debug)]
 pub struct Truth {
@@ -37,7 +40,7 @@ pub struct Truth {
     /// The 68 points in the head frame, metres, expression included.
     pub landmarks_head: [Point; LANDMARKS],
     /// The 68 points in colour pixels, hidden ones included.
-    pub landmarks_px: [[f32; 2]; LANDMARKS],
+    pub landmarks_px: Points,
     /// Weight of each expression of the asset, in its order.
     pub activations: heapless::Vec<f32, EXPRESSIONS>,
 }
@@ -78,11 +81,8 @@ impl Person {
         self.worn = Some(OutfitPainter::new(Outfit::worn(&self.asset, appearance)));
         #[cfg(feature = "studio")]
         if appearance.held != Held::None {
-            self.held = Some((
-                appearance.held,
-                OutfitPainter::new(Outfit::held(appearance)),
-                false,
-            ));
+            let painter = OutfitPainter::new(Outfit::held(appearance));
+            self.held = Some((appearance.held, painter, false));
         }
     }
 

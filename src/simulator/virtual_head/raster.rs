@@ -18,6 +18,13 @@ pub struct Corner {
     pub inverse: f32,
 }
 
+impl Corner {
+    /// A corner at a pixel.
+    pub fn new([x, y]: [f32; 2], inverse: f32) -> Self {
+        Self { x, y, inverse }
+    }
+}
+
 /// Projects points of the sensor frame (metres) with `pixel`.
 pub(crate) fn project(
     placed: &[Point],
@@ -25,9 +32,8 @@ pub(crate) fn project(
     corners: &mut [Corner],
 ) {
     for (corner, p) in corners.iter_mut().zip(placed) {
-        let [x, y] = pixel(p);
         let inverse = if p.z > 0.05 { 1.0 / p.z } else { 0.0 };
-        *corner = Corner { x, y, inverse };
+        *corner = Corner::new(pixel(p), inverse);
     }
 }
 

@@ -148,9 +148,8 @@ impl RealReading {
                 let left = if col > 0 { here - 1 } else { here };
                 let below = if row + 1 < HEIGHT { here + WIDTH } else { here };
                 let above = if row > 0 { here - WIDTH } else { here };
-                self.edge[here] = [right, left, below, above]
-                    .iter()
-                    .any(|&k| (inverse[k] - inverse[here]).abs() > step);
+                let is_far = |&k: &usize| (inverse[k] - inverse[here]).abs() > step;
+                self.edge[here] = [right, left, below, above].iter().any(is_far);
             }
         }
         // Rims extend along rows and columns.
@@ -245,12 +244,10 @@ impl PixelReading<'_> {
             let mut sorted = values;
             sorted.sort_unstable_by(f32::total_cmp);
             value = sorted[TAPS.len() / 2];
-            let agree = around
-                .iter()
-                .filter(|&&at| self.step(value, self.inverse[at]) < WINDOW_RAW);
+            let agrees = |at: &&usize| self.step(value, self.inverse[**at]) < WINDOW_RAW;
             let count =
                 |(all, unlit), &at: &usize| (all + 1, unlit + usize::from(self.real.dark[at]));
-            let (all, unlit) = agree.fold((0, 0), count);
+            let (all, unlit) = around.iter().filter(agrees).fold((0, 0), count);
             *is_read = value > 0.0 && 2 * unlit < all;
         }
         let (mut sum, mut count) = (0.0, 0.0);

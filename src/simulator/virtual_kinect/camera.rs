@@ -96,10 +96,11 @@ impl VirtualCamera {
             },
             Command::ImageSensor => {
                 let (number, write) = (word(1) & 0x7fff, word(1) & 0x8000 != 0);
-                if number == image_sensor::AUTOMATIC && write {
+                let is_automatic = number == image_sensor::AUTOMATIC;
+                if is_automatic && write {
                     self.automatic = word(2);
                 }
-                let value = if number == image_sensor::AUTOMATIC {
+                let value = if is_automatic {
                     self.automatic
                 } else {
                     word(2)

@@ -157,15 +157,12 @@ impl Experiments<'_> {
         let mut by_pitch = Bins::new("pitch, degrees up or down", &[5.0, 10.0, 15.0, 20.0, 30.0]);
         for head in &self.heads {
             let simulator = |scene, seed| Simulator::new(head.asset.clone(), scene, seed);
-            self.weights(
-                simulator(Scene::Wide, 18),
-                2.0,
-                |system, _, truth, error| {
-                    let (yaw, pitch, _) = yaw_pitch_roll(&truth.sensor_from_head.rotation);
-                    by_yaw.add(system, yaw.to_degrees().abs(), error);
-                    by_pitch.add(system, pitch.to_degrees().abs(), error);
-                },
-            )?;
+            let wide = simulator(Scene::Wide, 18);
+            self.weights(wide, 2.0, |system, _, truth, error| {
+                let (yaw, pitch, _) = yaw_pitch_roll(&truth.sensor_from_head.rotation);
+                by_yaw.add(system, yaw.to_degrees().abs(), error);
+                by_pitch.add(system, pitch.to_degrees().abs(), error);
+            })?;
             let look = Appearance {
                 held: Held::Mouth,
                 ..Appearance::demonstration()

@@ -75,10 +75,8 @@ pub(super) fn play(
         else {
             continue;
         };
-        let truths = played
-            .columns
-            .iter()
-            .map(|unit| acted.true_weight(unit, &shown));
+        let columns = played.columns.iter();
+        let truths = columns.map(|unit| acted.true_weight(unit, &shown));
         played.seen.push(Seen {
             pose: *pose,
             true_pose: shown.sensor_from_head,

@@ -10,8 +10,7 @@ use crate::train::evaluate::{differences, mean_percent};
 use mien_appliance::pipeline::{Pipeline, PipelineError};
 use mien_appliance::settings::Settings;
 use mien_baking::heads::{PersonHead, textured_heads};
-use mien_simulator::virtual_head::{Light, Truth};
-use mien_stages::base::capacity::LANDMARKS;
+use mien_simulator::virtual_head::{Light, Points, Truth};
 use mien_stages::base::defaults;
 use mien_stages::base::geometry::{Rigid, Vector};
 use mien_stages::camera::Camera;
@@ -152,7 +151,7 @@ pub(crate) fn median(values: &[f64]) -> f64 {
 }
 
 /// Mean distance of all points, and without the jaw, percent of the outer-eye distance.
-pub(super) fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f64; 2] {
+pub(super) fn landmark_error(found: &Points, truth: &Truth) -> [f64; 2] {
     let d = differences(found, &truth.landmarks_px);
     [&d[..], &d[17..]].map(|some| mean_percent(some).into())
 }

@@ -155,9 +155,8 @@ fn table(played: &[Played]) -> Table {
         let errors = one.seen.iter().zip(errors_of_pose(one, true));
         errors.filter(|(seen, _)| is_turned(seen))
     });
-    let (turned_deg, turned_points) = of_turned
-        .map(|(seen, [turn, _])| (turn, seen.error[0]))
-        .unzip();
+    let of_turned = of_turned.map(|(seen, [turn, _])| (turn, seen.error[0]));
+    let (turned_deg, turned_points) = of_turned.unzip();
     let lost = Figure::from_people(played, |one| {
         vec![1.0 - one.seen.len() as f64 / one.frames.max(1) as f64]
     });
@@ -307,14 +306,11 @@ fn matrix(played: &[Played]) -> String {
 impl Table {
     /// Name, figure and worst person.
     fn rows(&self) -> [String; 10] {
-        let least = self
-            .least_tracked
-            .map(|(person, share)| (person, 100.0 * share));
+        let percent = |(person, share)| (person, 100.0 * share);
+        let least = self.least_tracked.map(percent);
         let [turn, turn_rest] = self.rotation_deg.each_ref().map(|of| of.text(2, "°", ""));
-        let [shift, shift_rest] = self
-            .translation_mm
-            .each_ref()
-            .map(|of| of.text(1, " mm", ""));
+        let shifts = self.translation_mm.each_ref();
+        let [shift, shift_rest] = shifts.map(|of| of.text(1, " mm", ""));
         let [end_turn, end_points] = self.turned;
         let [shut, open] = self.winks;
         let out = "… after removing one offset per person";

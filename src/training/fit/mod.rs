@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use crate::train::evaluate::{Errors, differences, without};
+use crate::train::evaluate::{Differences, differences, summary, without};
 use mien_appliance::service;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::FaceModel;
@@ -87,7 +87,7 @@ fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, Fault> {
 }
 
 /// Reads offsets: CSV `landmark,dx,dy`, face axes, in outer eye distances.
-fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
+fn read_offsets(path: &Path) -> Result<Differences, Fault> {
     let given: Vec<(usize, [f32; 2])> = rows(path, "landmark", "landmark,dx,dy", |line| {
         let numbers = line.split(',').map(|word| word.trim().parse().ok());
         match numbers.collect::<Option<Vec<f32>>>()?[..] {
@@ -103,7 +103,7 @@ fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
 }
 
 /// Formats offsets as a file, see [`FitArgs::offsets`].
-pub fn emit_offsets(offsets: &[[f32; 2]; LANDMARKS]) -> String {
+pub fn emit_offsets(offsets: &Differences) -> String {
     let mut text = String::from("landmark,dx,dy\n");
     for (i, [x, y]) in offsets.iter().enumerate() {
         let _ = writeln!(text, "{i},{x:.5},{y:.5}");
@@ -142,7 +142,17 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     }
     let faces = fitted(&model, &wanted, given)?;
     write_out(&args.out, table(&wanted, &faces))?;
-    tell_errors(&wanted, &faces, offsets.as_ref(), say);
+    let annotated = wanted.iter().zip(&faces);
+    let raw = annotated
+        .filter_map(|((_, entry), face)| Some(differences(&face.points, entry.points.as_ref()?)));
+    let raw: Vec<Differences> = raw.collect();
+    if !raw.is_empty() {
+        say(&format!("raw error: {}", summary(&raw)));
+    }
+    if let Some(offsets) = offsets.filter(|_| !raw.is_empty()) {
+        let clean: Vec<_> = raw.iter().map(|d| without(d, &offsets)).collect();
+        say(&format!("error with offsets removed: {}", summary(&clean)));
+    }
     Ok(())
 }
 
@@ -185,32 +195,6 @@ fn table(wanted: &[Numbered], faces: &[FittedFace]) -> String {
         csv.push('\n');
     }
     csv
-}
-
-fn tell_errors(
-    wanted: &[Numbered],
-    faces: &[FittedFace],
-    offsets: Option<&[[f32; 2]; LANDMARKS]>,
-    say: &mut dyn FnMut(&str),
-) {
-    let (mut as_given, mut cleaned) = (Errors::default(), Errors::default());
-    for ((_, entry), face) in wanted.iter().zip(faces) {
-        let Some(points) = &entry.points else {
-            continue;
-        };
-        let d = differences(&face.points, points);
-        as_given.add(&d);
-        if let Some(offsets) = offsets {
-            cleaned.add(&without(&d, offsets));
-        }
-    }
-    if as_given.faces.is_empty() {
-        return;
-    }
-    say(&format!("raw error: {}", as_given.line()));
-    if offsets.is_some() {
-        say(&format!("error with offsets removed: {}", cleaned.line()));
-    }
 }
 
 #[cfg(test)]

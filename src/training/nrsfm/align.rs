@@ -60,9 +60,8 @@ pub fn shape_error(recovered: &Shapes, truth: &Shapes) -> Option<f64> {
 /// The rigid shape closest to all frames of the true shapes (generalised Procrustes without scale, Gower 1975), in
 /// every frame: the baseline without deformation.
 pub fn rigid_mean_shape(truth: &Shapes) -> Shapes {
-    let frames: Vec<_> = (0..truth.frames())
-        .map(|t| centred(truth.frame(t)).1)
-        .collect();
+    let frames = (0..truth.frames()).map(|t| centred(truth.frame(t)).1);
+    let frames: Vec<_> = frames.collect();
     let mut mean = frames.first().cloned().unwrap_or_default();
     for _ in 0..10 {
         let mut sum = vec![Vector3::zeros(); truth.points];

@@ -315,9 +315,8 @@ impl Model {
 
     /// 1, then the coefficients' posterior mean.
     fn zeta(&self, t: usize) -> Vec<f64> {
-        std::iter::once(1.0)
-            .chain(self.mean[t].iter().copied())
-            .collect()
+        let mean = self.mean[t].iter().copied();
+        std::iter::once(1.0).chain(mean).collect()
     }
 
     /// M-step of rotations (Gauss-Newton on SO(3)) and scales (closed form with their prior).

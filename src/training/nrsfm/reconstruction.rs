@@ -7,7 +7,7 @@
 //! The rank, when not given, is the smallest that explains the deformation, bounded by the Bayesian information criterion.
 //!
 //! Units: the tracks'. Missing points are allowed anywhere. Depth has the global mirror ambiguity of every orthographic
-//! method. Results depend on the seed only. Limitations: orthographic (scale per frame, no perspective inside a frame);
+//! method. Seeded: results repeat. Limitations: orthographic (scale per frame, no perspective inside a frame);
 //! a camera that hardly turns leaves depth to the prior; shapes of different frames share one object frame only up to
 //! what modes and cameras can exchange, hence errors are stated with each frame rigidly aligned.
 
@@ -26,8 +26,6 @@ defaults! {
         pub rank: Option<usize> = None,
         /// Most sweeps of the final EM; at least those of a trial are done.
         pub sweeps: usize = 150,
-        /// Seed of the disturbed starts.
-        pub seed: u64 = 1,
     }
 }
 
@@ -52,41 +50,36 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
     for _ in 0..RIGID_SWEEPS {
         rigid.sweep(&unit, NOISE_FLOOR);
     }
-    let largest = settings
-        .rank
-        .unwrap_or(LARGEST_RANK)
-        .min(tracks.points() - 1)
-        .min(tracks.frames() - 1);
+    let most = tracks.points().min(tracks.frames()) - 1;
+    let largest = settings.rank.unwrap_or(LARGEST_RANK).min(most);
     if largest == 0 {
         return reconstruction(&rigid, size);
     }
     let trial_rank = TRIAL_RANK.min(largest);
-    let mut trials: Vec<Model> = starts(&unit, rigid_cameras, settings.seed)
+    let mut trials: Vec<Model> = starts(&unit, rigid_cameras)
         .into_par_iter()
-        .map(|start| fitted(&unit, start, trial_rank, FIRST_SWEEPS, settings.seed))
+        .map(|start| fitted(&unit, start, trial_rank, FIRST_SWEEPS))
         .collect();
     trials.sort_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
     trials.truncate(SECOND_STARTS);
-    trials
-        .par_iter_mut()
-        .for_each(|trial| sweep_on(&unit, trial, FIRST_SWEEPS..TRIAL_SWEEPS));
-    let best = trials.iter().fold(&rigid, |a, b| {
-        if b.log_likelihood > a.log_likelihood {
-            b
-        } else {
-            a
-        }
-    });
+    let go_on = |trial: &mut Model| sweep_on(&unit, trial, FIRST_SWEEPS..TRIAL_SWEEPS);
+    trials.par_iter_mut().for_each(go_on);
+    let likelier = |a: &Model, b: &Model| b.log_likelihood > a.log_likelihood;
+    let best = trials
+        .iter()
+        .fold(&rigid, |a, b| if likelier(a, b) { b } else { a });
     // A trial of a rank is the beginning of its full fit.
     let start = best.rotation.clone();
     let mut model = match settings.rank {
-        Some(_) => fitted(&unit, start, largest, TRIAL_SWEEPS, settings.seed),
-        None => chosen(&unit, &rigid, &start, largest, settings.seed),
+        Some(_) => fitted(&unit, start, largest, TRIAL_SWEEPS),
+        None => chosen(&unit, &rigid, &start, largest),
     };
     sweep_on(&unit, &mut model, TRIAL_SWEEPS..settings.sweeps);
     reconstruction(&model, size)
 }
 
+/// Seed of the disturbed starts and of new modes.
+const SEED: u64 = 1;
 /// Largest rank that is tried.
 const LARGEST_RANK: usize = 8;
 /// Sweeps of the rigid model; it converges in a few.
@@ -121,8 +114,8 @@ const TRAJECTORY_STARTS: [(usize, f64); 7] = [
 ];
 
 /// Initial cameras: rigid factorisation, then trajectory-space factorisations of growing rank.
-fn starts(unit: &Tracks, rigid: Vec<Matrix3<f64>>, seed: u64) -> Vec<Vec<Matrix3<f64>>> {
-    let mut rng = fastrand::Rng::with_seed(seed);
+fn starts(unit: &Tracks, rigid: Vec<Matrix3<f64>>) -> Vec<Vec<Matrix3<f64>>> {
+    let mut rng = fastrand::Rng::with_seed(SEED);
     let mut starts = vec![rigid];
     let wide = cameras::filled(unit, 9);
     for (k, disturbance) in TRAJECTORY_STARTS {
@@ -135,15 +128,9 @@ fn starts(unit: &Tracks, rigid: Vec<Matrix3<f64>>, seed: u64) -> Vec<Vec<Matrix3
 
 /// The first sweeps of the smallest rank that leaves little residual ([`LEFT_OVER`]), or after which one more mode is
 /// not worth its parameters (Bayesian information criterion, Schwarz 1978).
-fn chosen(
-    unit: &Tracks,
-    rigid: &Model,
-    start: &[Matrix3<f64>],
-    largest: usize,
-    seed: u64,
-) -> Model {
+fn chosen(unit: &Tracks, rigid: &Model, start: &[Matrix3<f64>], largest: usize) -> Model {
     let cost = 1.5 * unit.points() as f64 * (2.0 * unit.sightings() as f64).ln();
-    let tried = |rank| fitted(unit, start.to_vec(), rank, TRIAL_SWEEPS, seed);
+    let tried = |rank| fitted(unit, start.to_vec(), rank, TRIAL_SWEEPS);
     let mut model = tried(1);
     for rank in 2..=largest {
         if model.noise_variance < LEFT_OVER * LEFT_OVER * rigid.noise_variance {
@@ -159,14 +146,8 @@ fn chosen(
 }
 
 /// Annealed EM from given cameras.
-fn fitted(
-    unit: &Tracks,
-    cameras: Vec<Matrix3<f64>>,
-    rank: usize,
-    sweeps: usize,
-    seed: u64,
-) -> Model {
-    let mut rng = fastrand::Rng::with_seed(seed);
+fn fitted(unit: &Tracks, cameras: Vec<Matrix3<f64>>, rank: usize, sweeps: usize) -> Model {
+    let mut rng = fastrand::Rng::with_seed(SEED);
     // Cameras are fixed until there are modes: rigid sweeps would bend them towards a rigid explanation.
     let mut model = Model::rigid(unit, cameras);
     model.grow(unit, rank, &mut rng);
@@ -211,7 +192,6 @@ fn spread(tracks: &Tracks) -> f64 {
             sum += (w - means[t]).norm_squared();
         }
     }
-    (sum / (2 * tracks.sightings()) as f64)
-        .sqrt()
-        .max(f64::MIN_POSITIVE)
+    let mean = sum / (2 * tracks.sightings()) as f64;
+    mean.sqrt().max(f64::MIN_POSITIVE)
 }

@@ -73,24 +73,17 @@ fn truth_for(tracks: &Tracks, path: &Path) -> Result<Shapes, Fault> {
 }
 
 fn print_errors(tracks: &Tracks, shapes: &Shapes, truth: &Shapes) {
-    let rigid = nrsfm(
-        tracks,
-        &Settings {
-            rank: Some(0),
-            ..Settings::default()
-        },
-    );
+    let settings = Settings {
+        rank: Some(0),
+        ..Settings::default()
+    };
+    let rigid = nrsfm(tracks, &settings).shapes;
     let of = |shapes: &Shapes| shape_error(shapes, truth).unwrap_or(f64::NAN);
     println!(
         "error: mean of |S - truth| / |truth|, each frame rigidly aligned, all mirrored in depth if that fits better:"
     );
     println!("  recovered                           {:.4}", of(shapes));
-    println!(
-        "  rigid reconstruction, same tracks   {:.4}",
-        of(&rigid.shapes)
-    );
-    println!(
-        "  rigid mean of the true shapes       {:.4}",
-        of(&rigid_mean_shape(truth))
-    );
+    println!("  rigid reconstruction, same tracks   {:.4}", of(&rigid));
+    let mean = of(&rigid_mean_shape(truth));
+    println!("  rigid mean of the true shapes       {mean:.4}");
 }

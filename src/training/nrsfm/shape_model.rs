@@ -100,10 +100,8 @@ fn laid_on(
         for (p, q) in from.iter().zip(&onto) {
             wrong += (turn * p * scale - q).norm_squared();
         }
-        let laid = frame
-            .iter()
-            .map(|p| turn * (Vector3::from(*p) - here) * scale + there);
-        laid.collect()
+        let laid = |p: &[f64; 3]| turn * (Vector3::from(*p) - here) * scale + there;
+        frame.iter().map(laid).collect()
     });
     let frames = frames.collect();
     (frames, wrong)

@@ -147,9 +147,8 @@ fn discriminant(
     let means = [0, 1].map(|class: usize| &sums[class] / f64::max(counts[class], 1.0));
     let mut scatter = DMatrix::<f64>::zeros(PATCH, PATCH);
     for (class_number, mean) in means.iter().enumerate() {
-        let members: Vec<usize> = (0..features.len())
-            .filter(|&k| class(k) == Some(class_number))
-            .collect();
+        let members = (0..features.len()).filter(|&k| class(k) == Some(class_number));
+        let members: Vec<usize> = members.collect();
         let centred = DMatrix::<f32>::from_fn(PATCH, members.len(), |row, column| {
             features[members[column]][patch.start + row] - mean[row] as f32
         });

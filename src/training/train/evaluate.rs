@@ -11,17 +11,6 @@ pub fn mean_percent(some: &[[f32; 2]]) -> f32 {
     100.0 * some.iter().map(|d| d[0].hypot(d[1])).sum::<f32>() / some.len() as f32
 }
 
-/// Errors over many faces.
-#[derive(Clone, Debug, Default)]
-pub struct Errors {
-    /// Mean distance per face over all 68, per cent.
-    pub faces: Vec<f32>,
-    /// Mean distance per face over the inner 51, per cent.
-    pub inner: Vec<f32>,
-    /// Sum of distances per landmark, per cent.
-    sums: Vec<f64>,
-}
-
 /// Fitted minus annotated points in face axes (x along the outer eye corners), in outer eye distances.
 pub fn differences(fitted: &[[f32; 2]; LANDMARKS], placed: &[[f32; 2]; LANDMARKS]) -> Differences {
     let [r, l] = scheme::OUTER_EYE_CORNERS;
@@ -36,48 +25,44 @@ pub fn differences(fitted: &[[f32; 2]; LANDMARKS], placed: &[[f32; 2]; LANDMARKS
     })
 }
 
-impl Errors {
-    /// Adds one face's differences ([`differences`]).
-    pub fn add(&mut self, differences: &Differences) {
-        self.sums.resize(LANDMARKS, 0.0);
-        for (sum, d) in self.sums.iter_mut().zip(differences) {
-            *sum += f64::from(mean_percent(&[*d]));
-        }
-        self.faces.push(mean_percent(differences));
-        self.inner.push(mean_percent(&differences[scheme::INNER]));
-    }
+/// Mean error of some faces over the inner 51 points, percent.
+pub fn mean_inner(faces: &[Differences]) -> f32 {
+    let inner = faces.iter().map(|d| mean_percent(&d[scheme::INNER]));
+    inner.sum::<f32>() / faces.len().max(1) as f32
+}
 
-    /// Mean over the inner 51.
-    pub fn mean_inner(&self) -> f32 {
-        self.inner.iter().sum::<f32>() / self.inner.len().max(1) as f32
+/// Errors of some faces in one line: mean, median, 95th percentile, inner 51, share over 10 %, regions.
+pub fn summary(faces: &[Differences]) -> String {
+    use std::fmt::Write;
+    if faces.is_empty() {
+        return "no annotated faces".into();
     }
-
-    /// One line: mean, median, 95th percentile, inner 51, regions, share over 10 %.
-    pub fn line(&self) -> String {
-        use std::fmt::Write;
-        if self.faces.is_empty() {
-            return "no annotated faces".into();
-        }
-        let count = self.faces.len() as f32;
-        let mut sorted = self.faces.clone();
-        sorted.sort_by(f32::total_cmp);
-        let at = |share: f32| sorted[((sorted.len() - 1) as f32 * share).round() as usize];
-        let mut line = format!(
-            "{} faces: mean {:.2} %, median {:.2}, p95 {:.2}, inner 51 {:.2}; over 10 %: {:.1} %;",
-            self.faces.len(),
-            self.faces.iter().sum::<f32>() / count,
-            at(0.5),
-            at(0.95),
-            self.mean_inner(),
-            100.0 * self.faces.iter().filter(|e| **e > 10.0).count() as f32 / count,
-        );
-        for (name, range) in scheme::REGIONS {
-            let size = range.len() as f64 * f64::from(count);
-            let mean = self.sums[range].iter().sum::<f64>() / size;
-            let _ = write!(line, " {name} {mean:.2}");
-        }
-        line
+    let count = faces.len() as f32;
+    let errors: Vec<f32> = faces.iter().map(|d| mean_percent(d)).collect();
+    let mut sorted = errors.clone();
+    sorted.sort_by(f32::total_cmp);
+    let at = |share: f32| sorted[((sorted.len() - 1) as f32 * share).round() as usize];
+    let mut line = format!(
+        "{} faces: mean {:.2} %, median {:.2}, p95 {:.2}, inner 51 {:.2}; over 10 %: {:.1} %;",
+        faces.len(),
+        errors.iter().sum::<f32>() / count,
+        at(0.5),
+        at(0.95),
+        mean_inner(faces),
+        100.0 * errors.iter().filter(|e| **e > 10.0).count() as f32 / count,
+    );
+    let of_point = |i: usize| {
+        faces
+            .iter()
+            .map(|d| f64::from(mean_percent(&[d[i]])))
+            .sum::<f64>()
+    };
+    for (name, range) in scheme::REGIONS {
+        let size = range.len() as f64 * f64::from(count);
+        let mean = range.map(of_point).sum::<f64>() / size;
+        let _ = write!(line, " {name} {mean:.2}");
     }
+    line
 }
 
 /// Mean difference per landmark, face axes, in outer eye distances.
@@ -106,8 +91,6 @@ mod tests {
         fitted[30][1] += 5.0;
         let d = differences(&fitted, &placed);
         assert!((d[30][0] - 0.1).abs() < 1e-6 && d[30][1].abs() < 1e-6);
-        let mut errors = Errors::default();
-        errors.add(&without(&d, &d));
-        assert!(errors.faces[0] < 1e-6);
+        assert!(mean_percent(&without(&d, &d)) < 1e-6);
     }
 }

@@ -1,9 +1,7 @@
 //! A grey image of a face to paint on, with its landmarks. Pixels, grey levels.
 
+use mien_simulator::virtual_head::Points;
 use mien_stages::base::capacity::LANDMARKS;
-
-/// The landmarks in the picture, pixels.
-pub(super) type Points = [[f32; 2]; LANDMARKS];
 
 /// The grey image, and which landmarks are still visible.
 pub(super) struct Picture<'a> {

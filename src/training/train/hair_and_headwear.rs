@@ -6,8 +6,9 @@
 
 use fastrand::Rng;
 
-use super::grey_picture::{Picture, Points, inside, middle};
+use super::grey_picture::{Picture, inside, middle};
 use super::random::either;
+use mien_simulator::virtual_head::Points;
 
 /// Axes of a face in the image: origin between the brows, `down` towards the chin; `size` is the height from there to
 /// the chin, which yaw does not change.

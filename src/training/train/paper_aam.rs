@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use super::paper_aam_fits::{Known, Seen, belief, cut, figures, fits, reported_measures};
 use super::render::{Renderer, TrainingSample};
-use super::samples::{NEAR, TruePicture};
+use super::samples::TruePicture;
 use crate::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
 use mien_sensors::Frame;
 use mien_sensors::kinect::picture_clock::timestamp_from_ticks;
@@ -75,22 +75,21 @@ pub fn paper_aam_block(
     seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, Fault> {
-    let renderer = Renderer::new(
-        data,
-        |person| Split::from_index(person) == Split::Train,
-        usize::MAX,
-    )?;
+    let people = |split| {
+        let keep = move |person| Split::from_index(person) == split;
+        Renderer::new(data, keep, usize::MAX)
+    };
+    let renderer = people(Split::Train)?;
     let drawn = renderer.samples(0..PICTURES, seed);
-    let (faces, people) = (drawn.len(), renderer.heads.len());
-    say(&format!("{faces} rendered faces of {people} people"));
+    let (faces, heads) = (drawn.len(), renderer.heads.len());
+    say(&format!("{faces} rendered faces of {heads} people"));
     let camera = mien_sensors::kinect::geometry::nominal();
     let acted = match (tracks, renderer.heads.first()) {
         (Some(tracks), _) => tracks.clone(),
         (None, Some(actor)) => acted_tracks(&actor.asset, seed)?,
         (None, None) => return Err(too_few(1, 0)),
     };
-    let people = people_tracks(&drawn, &camera)?;
-    let bases = shape_bases(shape, &[acted, people], MODES[0])?;
+    let bases = shape_bases(shape, &[acted, people_tracks(&drawn, &camera)?], MODES[0])?;
     say(&format!(
         "{} shape bases, deviations {:.1} to {:.1} mm per point",
         bases.modes.len(),
@@ -112,12 +111,7 @@ pub fn paper_aam_block(
     ));
     // Parsed back, so that figures are of the written model.
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
-    let renderer = Renderer::new(
-        data,
-        |person| Split::from_index(person) == Split::Dev,
-        usize::MAX,
-    )?;
-    let strangers = renderer.samples(0..STRANGERS, seed + 1);
+    let strangers = people(Split::Dev)?.samples(0..STRANGERS, seed + 1);
     let strangers = strangers.par_iter().filter_map(|sample| {
         Some(Known {
             picture: TruePicture::drawn(sample, &camera, shape)?,
@@ -125,7 +119,7 @@ pub fn paper_aam_block(
         })
     });
     let strangers: Vec<Known> = strangers.collect();
-    let fits = fits(&model, &strangers, &NEAR, seed);
+    let fits = fits(&model, &strangers, seed);
     model.confidence_curve = belief(&fits);
     let figures = figures(&model, &fits, &strangers);
     say(&format!("strangers, drawn: {figures}"));
@@ -138,7 +132,6 @@ fn shape_bases(shape: &ShapeModel, tracks: &[Tracks], modes: usize) -> Result<Sh
     let settings = nrsfm::Settings {
         rank: Some(RANK),
         sweeps: SWEEPS,
-        ..nrsfm::Settings::default()
     };
     shape_model_from_sequences(tracks, &reference, &STABLE, modes, &settings)
 }
@@ -330,7 +323,7 @@ pub(super) fn person_block(
     learn_appearance(&mut model, &pictures, MODES_OF_ONE[1], seed);
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
     let others: Vec<Known> = of(1).cloned().collect();
-    let fits = fits(&model, &others, &NEAR, seed);
+    let fits = fits(&model, &others, seed);
     // The other frames are of the same session; another one differs in light and viewpoint.
     model.confidence_curve = belief(&fits).map(|of| OTHER_SESSION * of);
     let figures = figures(&model, &fits, &others);

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::samples::{Disturbance, TruePicture};
+use super::samples::{NEAR, TruePicture};
 use crate::train::evaluate::{differences, mean_percent};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::Point;
@@ -12,6 +12,7 @@ use mien_stages::landmarks::paper_aam::{AamFit, PaperAam, Solver};
 use mien_stages::landmarks::view::View;
 use mien_stages::landmarks::window::{Placement, Region, WINDOW};
 use mien_workbench::correlation::correlation;
+use mien_workbench::dataset;
 use mien_workbench::progress::Progress;
 
 /// A picture, and the reported measures of its points in the shape model's head frame.
@@ -47,7 +48,7 @@ pub(super) fn cut(picture: &TruePicture, view: &View) -> (Vec<f32>, Shape2, View
     let placement = Placement::from_view(view);
     let mut window = vec![0.0; WINDOW * WINDOW];
     placement.resample(
-        &mien_workbench::dataset::picture(&picture.grey),
+        &dataset::picture(&picture.grey),
         &Region::WHOLE,
         &mut window,
     );
@@ -62,18 +63,13 @@ pub(super) struct Ended {
 }
 
 /// Fits from disturbed views.
-pub(super) fn fits(
-    model: &PaperAam,
-    pictures: &[Known],
-    range: &Disturbance,
-    seed: u64,
-) -> Vec<Ended> {
+pub(super) fn fits(model: &PaperAam, pictures: &[Known], seed: u64) -> Vec<Ended> {
     let progress = Progress::new("train: fits", pictures.len());
     let one = |solver: &mut Solver, (k, known): (usize, &Known)| {
         progress.step();
         let picture = &known.picture;
         let mut rng = fastrand::Rng::with_seed(seed ^ (k as u64 + 1).wrapping_mul(0x9e37_79b9));
-        let view = range.disturbed(&picture.truth.view, &mut rng);
+        let view = NEAR.disturbed(&picture.truth.view, &mut rng);
         let (window, points, start) = cut(picture, &view);
         let first = solver.cold(&start);
         let started = first.shape;
@@ -93,9 +89,8 @@ pub(super) fn belief(fits: &[Ended]) -> [f32; 2] {
     residuals.sort_by(f32::total_cmp);
     let at = |share: f32| {
         let last = residuals.len().saturating_sub(1);
-        *residuals
-            .get((last as f32 * share) as usize)
-            .unwrap_or(&1.0)
+        let found = residuals.get((last as f32 * share) as usize);
+        found.copied().unwrap_or(1.0)
     };
     // Half belief at the residual that one good fit in fifty exceeds.
     [at(0.98), ((at(0.98) - at(0.5)) / 4.0).max(0.01)]
@@ -112,10 +107,8 @@ pub(super) fn figures(model: &PaperAam, fits: &[Ended], pictures: &[Known]) -> S
         let failed = errors.iter().filter(|e| **e > 10.0).count() as f32;
         [median, errors.iter().sum::<f32>() / n, 100.0 * failed / n]
     });
-    let found: Vec<_> = fits
-        .iter()
-        .map(|e| reported_measures(&solver.head(&e.fit)))
-        .collect();
+    let found = fits.iter().map(|e| reported_measures(&solver.head(&e.fit)));
+    let found: Vec<_> = found.collect();
     let correlations = REPORTED_MEASURES.iter().enumerate().map(|(m, measure)| {
         let pairs = found.iter().zip(pictures);
         let r = correlation(pairs.map(|(a, b)| [a[m], b.measures[m]]));

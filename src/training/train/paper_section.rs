@@ -72,10 +72,8 @@ pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(),
     };
     let grafted = file::with_section(&bytes, *b"PAAM", &block)?;
     write_out(&args.out, &grafted)?;
-    let kept = file::sections(&bytes)?
-        .zip(file::sections(&grafted)?)
-        .filter(|(before, after)| before == after)
-        .count();
+    let both = file::sections(&bytes)?.zip(file::sections(&grafted)?);
+    let kept = both.filter(|(before, after)| before == after).count();
     say(&format!(
         "wrote {}: {} bytes; {kept} other sections unchanged, byte for byte",
         args.out.display(),

@@ -2,9 +2,9 @@
 
 use fastrand::Rng;
 
-use super::grey_picture::Points;
 use super::random::either;
 use mien_sensors::kinect::colour::pixel_luma;
+use mien_simulator::virtual_head::Points;
 use mien_simulator::virtual_head::draw::Canvas;
 use mien_stages::face_model::scheme;
 
@@ -115,9 +115,8 @@ pub(super) fn photographed(
         gain *= 0.2 + 0.4 * rng.f32();
     }
     let gamma = 0.75 + 0.55 * rng.f32();
-    let curve: Vec<f32> = (0..=1023)
-        .map(|v| 255.0 * (v as f32 / 1023.0 * 1.6).powf(gamma) * gain)
-        .collect();
+    let curve = (0..=1023).map(|v| 255.0 * (v as f32 / 1023.0 * 1.6).powf(gamma) * gain);
+    let curve: Vec<f32> = curve.collect();
     let noise = 0.5 + 5.5 * rng.f32() * rng.f32();
     let mut luma = Vec::with_capacity(width * height);
     for row in 0..height {

@@ -5,6 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use mien_simulator::virtual_head::Points;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::{Point, Rotation, Vector};
 use mien_stages::face_model::{MAX_MODES, ShapeModel, VIEW_PARAMETERS, scheme};
@@ -16,18 +17,14 @@ const PRIOR: f64 = 0.3;
 /// Weight of a jaw point.
 const JAW_WEIGHT: f64 = 0.1;
 
-fn project(shape: &ShapeModel, fit: &FaceFit) -> [[f32; 2]; LANDMARKS] {
+fn project(shape: &ShapeModel, fit: &FaceFit) -> Points {
     let mut head = [Point::origin(); LANDMARKS];
     shape.shape(&fit.shape, &mut head);
     head.map(|p| fit.view.project(&p))
 }
 
 /// View (in picture pixels) and shape that explain the points; `inverse_distance` of the camera in 1/m.
-pub fn fit_points(
-    shape: &ShapeModel,
-    points: &[[f32; 2]; LANDMARKS],
-    inverse_distance: f32,
-) -> FaceFit {
+pub fn fit_points(shape: &ShapeModel, points: &Points, inverse_distance: f32) -> FaceFit {
     let eye = scheme::outer_eye_distance(points).max(1.0);
     let mut fit = upright(shape, points, eye, inverse_distance);
     for iteration in 0..14 {
@@ -43,12 +40,7 @@ pub fn fit_points(
 }
 
 /// The mean face, seen from the front, with the eyes in place.
-fn upright(
-    shape: &ShapeModel,
-    points: &[[f32; 2]; LANDMARKS],
-    eye: f32,
-    inverse_distance: f32,
-) -> FaceFit {
+fn upright(shape: &ShapeModel, points: &Points, eye: f32, inverse_distance: f32) -> FaceFit {
     let [r, l] = scheme::OUTER_EYE_CORNERS;
     let model_eye = (shape.mean[r] - shape.mean[l]).norm();
     let roll = (points[l][1] - points[r][1]).atan2(points[l][0] - points[r][0]);
@@ -66,7 +58,7 @@ fn upright(
 /// One step of Gauss-Newton in the first `active` parameters; errors count in pixels times `unit`.
 fn stepped(
     shape: &ShapeModel,
-    points: &[[f32; 2]; LANDMARKS],
+    points: &Points,
     unit: f32,
     fit: &FaceFit,
     active: usize,

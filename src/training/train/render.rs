@@ -21,7 +21,7 @@ use nalgebra::{Translation3, Vector3};
 use rayon::prelude::*;
 
 use super::acting::expression;
-use super::grey_picture::{Picture, Points};
+use super::grey_picture::Picture;
 use super::photograph::{backdrop, mix_skins, photographed, to_grey};
 use super::random::{either, normal};
 use super::shape::{mirrored, quadratic};
@@ -31,7 +31,7 @@ use mien_baking::heads::reduce::Reduction;
 use mien_baking::heads::{PersonHead, eyes, plain_head, textured_heads};
 use mien_simulator::virtual_head::body::Shape;
 use mien_simulator::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
-use mien_simulator::virtual_head::{HeadAsset, Light, Part};
+use mien_simulator::virtual_head::{HeadAsset, Light, Part, Points};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use mien_stages::camera::Camera;
@@ -45,7 +45,7 @@ pub struct TrainingSample {
     /// Colour pixel of the crop's first pixel: crop pixel + origin = `Camera::colour_pixel` of the point.
     pub origin: [f32; 2],
     /// The 68 points, crop pixels.
-    pub points: [[f32; 2]; LANDMARKS],
+    pub points: Points,
     /// The 68 points in the head frame, metres, expression included.
     pub head: [Point; LANDMARKS],
     /// The 68 points of the same head without expression.
@@ -121,10 +121,8 @@ impl Renderer {
             progress.step();
             sample
         };
-        let numbers = numbers.into_par_iter();
-        numbers
-            .map_init(|| Scratch::new(&first.asset), draw)
-            .collect()
+        let all = numbers.into_par_iter();
+        all.map_init(|| Scratch::new(&first.asset), draw).collect()
     }
 
     fn sample(&self, number: u64, seed: u64, scratch: &mut Scratch) -> TrainingSample {
@@ -324,7 +322,7 @@ fn light(rng: &mut Rng) -> Light {
 }
 
 /// Window around the points, wide enough for a start that is off by a third of a face.
-fn crop(points: &[[f32; 2]; LANDMARKS], rng: &mut Rng) -> ([f32; 2], usize, usize) {
+fn crop(points: &Points, rng: &mut Rng) -> ([f32; 2], usize, usize) {
     let all = |k: usize| points.iter().map(move |p| p[k]);
     let low = [0, 1].map(|k| all(k).fold(f32::INFINITY, f32::min));
     let high = [0, 1].map(|k| all(k).fold(f32::NEG_INFINITY, f32::max));

@@ -21,7 +21,7 @@ use mien_workbench::fault::Fault;
 use super::points::fit_points;
 use super::render::TrainingSample;
 use super::shape::{Face, mirrored};
-use mien_workbench::dataset::{Entry, load_grey};
+use mien_workbench::dataset::{self, Entry, load_grey};
 use mien_workbench::similarity::Similarity;
 use mien_workbench::still::STUDIO_INVERSE_DISTANCE;
 
@@ -71,7 +71,7 @@ impl TruePicture {
         const MARGIN: u32 = 60;
         const SIDE: u32 = WINDOW as u32 + 2 * MARGIN;
         let placement = Placement::from_pose(camera, &drawn.sensor_from_head)?;
-        let picture = mien_workbench::dataset::picture(&drawn.grey);
+        let picture = dataset::picture(&drawn.grey);
         let margin = MARGIN as f32;
         let grey = GrayImage::from_fn(SIDE, SIDE, |x, y| {
             let [x, y] = placement.image_pixel([x, y].map(|at| at as f32 - margin));
@@ -244,11 +244,7 @@ pub fn sample(
     let mut random = fastrand::Rng::with_seed(seed);
     let view = disturbance.disturbed(&picture.truth.view, &mut random);
     let placement = Placement::from_view(&view);
-    placement.resample(
-        &mien_workbench::dataset::picture(&picture.grey),
-        &Region::WHOLE,
-        window,
-    );
+    placement.resample(&dataset::picture(&picture.grey), &Region::WHOLE, window);
     if spoiled && !picture.drawn {
         spoil(window, &mut random);
     }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::args::TrainArgs;
 use super::cascade::{Progress, advance, cold_starts, fit_cold, learn_stage};
-use super::evaluate::{Errors, differences, mean_offsets, without};
+use super::evaluate::{Differences, differences, mean_inner, mean_offsets, summary, without};
 use super::paper_section;
 use super::refine::{PEOPLE, learn_refinement};
 use super::render::Renderer;
@@ -19,7 +19,6 @@ use super::samples::{COLD, Disturbance, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, shape, standard_head};
 use mien_baking::heads::ict::IctHead;
 use mien_simulator::virtual_head::Site;
-use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::{
     CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, file,
 };
@@ -135,21 +134,13 @@ const FACES_A_PERSON: usize = 500;
 /// Disturbance of starts beside the face.
 const BESIDE: Disturbance = Disturbance([1.6, 0.5, 0.5]);
 
-fn measured(
-    samples: &[Sample],
-    ends: &[Progress],
-    shape: &ShapeModel,
-) -> (Errors, Vec<[[f32; 2]; LANDMARKS]>) {
+fn measured(samples: &[Sample], ends: &[Progress], shape: &ShapeModel) -> Vec<Differences> {
     let mut solver = Solver::default();
-    let mut errors = Errors::default();
-    let mut all = Vec::new();
-    for end in ends {
+    let error = |end: &Progress| {
         solver.project(shape, &end.fit);
-        let d = differences(&solver.window, &samples[end.sample].points);
-        errors.add(&d);
-        all.push(d);
-    }
-    (errors, all)
+        differences(&solver.window, &samples[end.sample].points)
+    };
+    ends.iter().map(error).collect()
 }
 
 /// Receives a line for each finished step.
@@ -189,13 +180,12 @@ fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: Log) -> Result<Pict
         pictures.dev.len(),
         pictures.test.len()
     ));
-    let mut floor = Errors::default();
     let mut solver = Solver::default();
-    for picture in &pictures.test {
+    let floor = pictures.test.iter().map(|picture| {
         solver.project(shape, &picture.truth);
-        floor.add(&differences(&solver.window, &picture.points));
-    }
-    let floor = floor.line();
+        differences(&solver.window, &picture.points)
+    });
+    let floor = summary(&floor.collect::<Vec<_>>());
     log(&format!(
         "residual of the shape model on the test portraits: {floor}"
     ));
@@ -230,8 +220,8 @@ fn learn_stages(
         log(&format!(
             "stage {}: {:.2} % on the training starts, {:.2} % on held-out people (points 17–67)",
             k + 1,
-            measured(&samples, &progress, shape).0.mean_inner(),
-            measured(&watched, &watched_progress, shape).0.mean_inner()
+            mean_inner(&measured(&samples, &progress, shape)),
+            mean_inner(&measured(&watched, &watched_progress, shape))
         ));
         if k < COLD_STAGES {
             cold.push(stage);
@@ -239,7 +229,7 @@ fn learn_stages(
             warm.push(stage);
         }
     }
-    let strangers = measured(&watched, &watched_progress, shape).0.line();
+    let strangers = summary(&measured(&watched, &watched_progress, shape));
     log(&format!("strangers: {strangers}"));
     Ok([cold, warm])
 }
@@ -252,15 +242,12 @@ fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log:
         }
         let samples = disturbed(pictures, 10, &[COLD], false, args.seed + 7);
         let ends = fit_cold(&samples, model);
-        let (errors, all) = measured(&samples, &ends, &model.shape);
-        let errors = errors.line();
+        let all = measured(&samples, &ends, &model.shape);
+        let errors = summary(&all);
         log(&format!("{name} people, portraits, cold: {errors}"));
         let offsets = mean_offsets(&all);
-        let mut clean = Errors::default();
-        for d in &all {
-            clean.add(&without(d, &offsets));
-        }
-        log(&format!("with mean offsets removed: {}", clean.line()));
+        let clean: Vec<_> = all.iter().map(|d| without(d, &offsets)).collect();
+        log(&format!("with mean offsets removed: {}", summary(&clean)));
     }
 }
 
@@ -274,7 +261,7 @@ fn write_offsets(
     let few = &pictures.train[..pictures.train.len().min(150)];
     let samples = disturbed(few, 4, &[COLD], false, args.seed + 13);
     let ends = fit_cold(&samples, model);
-    let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
+    let offsets = mean_offsets(&measured(&samples, &ends, &model.shape));
     let text = crate::fit::emit_offsets(&offsets);
     write_beside(path, text.as_bytes(), false)
 }

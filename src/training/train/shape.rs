@@ -10,7 +10,7 @@
 use nalgebra::DMatrix;
 
 use mien_baking::heads::ict::IctHead;
-use mien_simulator::virtual_head::Site;
+use mien_simulator::virtual_head::{Points, Site};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::{Point, Vector};
 use mien_stages::face_model::{ShapeModel, scheme};
@@ -149,11 +149,7 @@ pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec
 }
 
 /// Residual of the model on annotated points, in the head frame: picture axes rotated by the view, without depth.
-pub fn left_over(
-    shape: &ShapeModel,
-    fit: &FaceFit,
-    points: &[[f32; 2]; LANDMARKS],
-) -> [Vector; LANDMARKS] {
+pub fn left_over(shape: &ShapeModel, fit: &FaceFit, points: &Points) -> [Vector; LANDMARKS] {
     let mut head = [Point::origin(); LANDMARKS];
     shape.shape(&fit.shape, &mut head);
     let scale = fit.view.log_scale.exp();
@@ -207,9 +203,8 @@ pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> S
         covariance[(a, b)] * weight(a) * weight(b)
     });
     let axes = strongest(weighed, modes).1;
-    let space = DMatrix::from_fn(dimensions, modes, |k, mode| axes[(k, mode)] / weight(k))
-        .qr()
-        .q();
+    let space = DMatrix::from_fn(dimensions, modes, |k, mode| axes[(k, mode)] / weight(k));
+    let space = space.qr().q();
     let within = space.transpose() * covariance * &space;
     let (variances, turned) = strongest(within, modes);
     let axes = space * turned;

@@ -49,9 +49,8 @@ pub fn standard_head(ict: &IctHead) -> Vec<(Point, Vector)> {
         }
         let corner = t.map(|v| ict.neutral[v as usize]);
         let normal = t.map(|v| normals[v as usize]);
-        let longest = (0..3)
-            .map(|k| (corner[k] - corner[(k + 1) % 3]).norm())
-            .fold(0.0, f32::max);
+        let sides = (0..3).map(|k| (corner[k] - corner[(k + 1) % 3]).norm());
+        let longest = sides.fold(0.0, f32::max);
         let steps = (longest / (0.4 * SPACING_M)).ceil().max(1.0) as u32;
         for i in 0..=steps {
             for j in 0..=steps - i {

@@ -6,9 +6,10 @@
 
 use fastrand::Rng;
 
-use super::grey_picture::{Picture, Points, inside, middle};
+use super::grey_picture::{Picture, inside, middle};
 use super::hair_and_headwear::{headwear, mane};
 use super::random::{either, normal};
+use mien_simulator::virtual_head::Points;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::scheme;
 

@@ -95,21 +95,18 @@ impl Glance {
 
     /// Whether both eyes have all cells.
     pub(super) fn is_whole(&self) -> bool {
-        [&self.right, &self.left]
-            .iter()
-            .all(|eye| eye.len() == CELLS)
+        self.right.len() == CELLS && self.left.len() == CELLS
     }
 
     /// Regression row and target for horizontal (0) or vertical (1) gaze, or for the lids (2, target `lifted`); `at`
     /// is the example's index.
     pub(super) fn seen(&self, at: usize, axis: usize, lifted: f64) -> Seen {
         let [right, left] = [&self.right, &self.left].map(|eye| core::array::from_fn(|k| eye[k]));
+        let row = gaze::row(&[right, left], self.ahead, axis);
         Seen {
             at,
             who: self.who,
-            row: gaze::row(&[right, left], self.ahead, axis)
-                .map(f64::from)
-                .to_vec(),
+            row: row.map(f64::from).to_vec(),
             looks: self.looks.get(axis).copied().unwrap_or(lifted),
         }
     }

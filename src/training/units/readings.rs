@@ -114,10 +114,8 @@ pub fn learn(
     });
     let smiles: Vec<Example> = smiles.collect();
     let mut text = priors;
-    let learnt: Vec<_> = (0..UNIT_COUNT)
-        .into_par_iter()
-        .map(|k| regress(&examples, &smiles, k))
-        .collect();
+    let learnt = (0..UNIT_COUNT).into_par_iter();
+    let learnt: Vec<_> = learnt.map(|k| regress(&examples, &smiles, k)).collect();
     let measured = Units::shipped().by_measure().columns(false);
     for ((unit, _), (shares, r, line)) in UNITS.iter().zip(learnt) {
         let weak = r < LEAST_R && !measured.iter().any(|name| name == unit);
@@ -243,9 +241,8 @@ fn regress(
     let kept: Vec<(usize, usize)> = inputs.flat_map(|i| [(i, 0), (i, 1)]).collect();
     let scale = |&(i, s): &(usize, usize)| {
         let squares = examples.iter().map(|e| side(e.departures[i], s).powi(2));
-        (squares.sum::<f64>() / examples.len() as f64)
-            .sqrt()
-            .max(1e-4)
+        let mean = squares.sum::<f64>() / examples.len() as f64;
+        mean.sqrt().max(1e-4)
     };
     let scales: Vec<f64> = kept.iter().map(scale).collect();
     let n = kept.len();
@@ -283,10 +280,8 @@ fn regress(
         }
     }
     let line = stretch(&mut shares, examples, unit);
-    let pairs = examples
-        .iter()
-        .map(|e| [read(e, &shares).max(0.0), e.truth[unit]]);
-    (shares, correlation(pairs), line)
+    let pair = |e: &Example| [read(e, &shares).max(0.0), e.truth[unit]];
+    (shares, correlation(examples.iter().map(pair)), line)
 }
 
 /// Reading of an example by these shares.
@@ -300,11 +295,8 @@ fn stretch(shares: &mut [[f64; 2]; INPUTS], examples: &[Example], unit: usize) -
     let full = examples.iter().filter(|e| e.truth[unit] > FULL_TRUTH);
     let full: Vec<f64> = full.map(|e| read(e, shares)).collect();
     let middle = if full.is_empty() { FULL } else { median(&full) };
-    let most = if UNITS[unit].0.starts_with("AU5") {
-        MAX_LID_SCALE
-    } else {
-        MAX_SCALE
-    };
+    let is_lid = UNITS[unit].0.starts_with("AU5");
+    let most = if is_lid { MAX_LID_SCALE } else { MAX_SCALE };
     let stretch = (FULL / middle.max(1e-3)).clamp(1.0, most);
     for share in shares.iter_mut().flatten() {
         *share *= stretch;

@@ -27,9 +27,9 @@ fn inputs(head: &[Point; LANDMARKS]) -> [f64; INPUTS] {
     let w = raw[Measure::EyeDistance as usize];
     let scaled = measures::scaled(&raw, w);
     core::array::from_fn(|input| match input.checked_sub(LEARNT_MEASURES) {
-        None => f64::from(scaled[input]),
-        Some(feature) => features::ALL
-            .get(feature)
+        None => scaled[input].into(),
+        Some(k) => features::ALL
+            .get(k)
             .map_or(0.0, |length| f64::from(length.raw(head) / w)),
     })
 }
@@ -43,9 +43,8 @@ pub(super) fn departures(portraits: &Path, model: &FaceModel) -> Result<Vec<[f64
     let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
     let mut pairs: BTreeMap<&str, [Option<&Entry>; 2]> = BTreeMap::new();
     for (entry, split) in entries.iter().zip(Split::from_persons(&persons)) {
-        let which = ["neutral", "smile"]
-            .iter()
-            .position(|e| *e == entry.expression);
+        let mut kinds = ["neutral", "smile"].iter();
+        let which = kinds.position(|e| *e == entry.expression);
         if let (Some(which), true) = (which, split != Split::Test) {
             pairs.entry(&entry.person).or_default()[which] = Some(entry);
         }

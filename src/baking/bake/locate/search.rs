@@ -8,8 +8,10 @@ use nalgebra::Matrix3;
 use super::super::by_shape;
 use super::super::mesh::{Mesh, Vec3, bounding_box};
 use super::seen::{Parts, Seen, distance, draw_head};
+use mien_simulator::virtual_head::Points;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::FaceModel;
+use mien_workbench::dataset::picture;
 use mien_workbench::still::StillFitter;
 
 /// Side of the rendering for the full fit, in head widths.
@@ -54,9 +56,6 @@ pub(super) const DEEP: f64 = 0.4;
 const COMPARED_FITS: usize = 4;
 /// Mean distance of a point in these fits that halves its confidence, in inner-eye-corner distances.
 const HALF: f32 = 0.1;
-
-/// The 68 points in a picture, pixels.
-pub(super) type Points = [[f32; 2]; LANDMARKS];
 
 /// One fit: score, the model's confidence, the points.
 type Fit = (f32, f32, Points);
@@ -111,9 +110,8 @@ impl<'a> Search<'a> {
     }
 
     pub(super) fn is_sure(&self) -> bool {
-        self.best
-            .as_ref()
-            .is_some_and(|b| b.confidence > SURE_CONFIDENCE)
+        let best = self.best.as_ref();
+        best.is_some_and(|b| b.confidence > SURE_CONFIDENCE)
     }
 
     /// Searches all directions, or `only` one, until a face is certain: around the eyes if there are any, then
@@ -126,10 +124,10 @@ impl<'a> Search<'a> {
             let mut candidates: Vec<Candidate> = Vec::new();
             let frames = only.map_or_else(|| self.parts.frames(by_eyes), |only| vec![*only]);
             let skins = self.parts.skins.clone();
-            for (to_view, skin) in frames
+            let pairs = frames
                 .iter()
-                .flat_map(|f| skins.iter().map(move |s| (f, *s)))
-            {
+                .flat_map(|f| skins.iter().map(move |s| (f, *s)));
+            for (to_view, skin) in pairs {
                 let some = self.candidates(skin, to_view, by_eyes);
                 // The best candidate of a direction is fitted before the next direction.
                 let likeliest = some.iter().max_by(|a, b| a.score.total_cmp(&b.score));
@@ -164,17 +162,13 @@ impl<'a> Search<'a> {
         for (middle, side) in squares {
             let fits = |d: &(Seen, f64)| (0.55 * d.1..=1.001 * d.1).contains(&side);
             let (seen, largest) = drawn.take().filter(fits).unwrap_or_else(|| {
-                let (parts, height) = (&self.parts, side * RENDERING_SIDE);
-                (
-                    draw_head(self.mesh, parts, skin, to_view, &middle, height),
-                    side,
-                )
+                let (mesh, height) = (self.mesh, side * RENDERING_SIDE);
+                let seen = draw_head(mesh, &self.parts, skin, to_view, &middle, height);
+                (seen, side)
             });
             let grey = seen.grey();
             let face_box = seen.square(&middle, side);
-            let face = self
-                .fitter
-                .fit_frontal(&mien_workbench::dataset::picture(&grey), &face_box);
+            let face = self.fitter.fit_frontal(&picture(&grey), &face_box);
             let score = face.confidence * self.plausible(&seen, &face.points).0;
             let (middle, side) = seen.unsquare(&face.points);
             found.push(Candidate {
@@ -265,9 +259,7 @@ impl<'a> Search<'a> {
         let mut fits: Vec<Fit> = Vec::with_capacity(BOXES.len() * MIDDLES.len());
         for (share, above) in BOXES.iter().flat_map(|&s| MIDDLES.map(|m| (s, m))) {
             let face_box = seen.square(&(middle + Vec3::y() * (above * width)), share * width);
-            let face = self
-                .fitter
-                .fit(&mien_workbench::dataset::picture(&grey), &face_box, 0.0);
+            let face = self.fitter.fit(&picture(&grey), &face_box, 0.0);
             let score = face.confidence * self.plausible(&seen, &face.points).0;
             fits.push((score, face.confidence, face.points));
         }

@@ -147,12 +147,8 @@ impl Seen {
     /// Pixels of a square given in the view.
     pub(super) fn square(&self, middle: &Vec3, side: f64) -> FaceBox {
         let (at, side) = (self.canvas.screen(middle), side * self.canvas.scale);
-        FaceBox {
-            x: (at.x - 0.5 * side) as f32,
-            y: (at.y - 0.5 * side) as f32,
-            width: side as f32,
-            height: side as f32,
-        }
+        let [x, y] = [at.x, at.y].map(|c| (c - 0.5 * side) as f32);
+        FaceBox::new(x, y, side as f32, side as f32)
     }
 
     /// The bounding square of points, in the view: middle and side.

@@ -47,10 +47,8 @@ fn blade(face: &mut Layer, card: &[Vec3], [across, long, wide]: [f64; 3], side: 
             false => vec![p - half, p + half],
         };
         let mirrored = |p: Vec3| Vec3::new(side * p.x, p.y, p.z);
-        let row = places
-            .into_iter()
-            .map(|p| face.vertex(mirrored(p), [1.0; 3]));
-        rows.push(row.collect());
+        let places = places.into_iter().map(mirrored);
+        rows.push(places.map(|p| face.vertex(p, [1.0; 3])).collect());
     }
     for pair in rows.windows(2) {
         let mut corners = vec![pair[0][0], pair[0][1]];

@@ -210,10 +210,9 @@ fn visible(
     let half = SIDE as f32 / 2.0;
     let on_screen = |p: &Point| {
         let d = p.coords - middle;
-        let [x, y] = [u, v].map(|axis| d.dot(&axis) * scale + half);
         // Inverse depth grows towards the light; all of the head is within a metre.
         let inverse = 1.0 + d.dot(towards);
-        Corner { x, y, inverse }
+        Corner::new([u, v].map(|axis| d.dot(&axis) * scale + half), inverse)
     };
     let screen: Vec<Corner> = places.iter().map(on_screen).collect();
     let mut depth = DepthBuffer::new(SIDE, SIDE);

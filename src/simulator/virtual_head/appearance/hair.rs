@@ -203,46 +203,31 @@ impl Outfit {
                 }
             }
             if path.len() > 2 {
-                self.lock(
-                    &path,
-                    0.007,
-                    0.8 + 0.35 * chance(3),
-                    surface,
-                    k as f32 * 5.0,
-                );
+                let shade = 0.8 + 0.35 * chance(3);
+                self.lock(&path, 0.007, shade, surface, k as f32 * 5.0);
             }
         }
     }
 
     /// Adds a lock: a flat tube, thin at its end. `wide`: half width, metres; `shade`: gain of the colour.
     fn lock(&mut self, path: &[Point], wide: f32, shade: f32, surface: &Surface, uv: f32) {
-        let steps = path.len();
-        let middle = Vector::new(0.0, 0.0, 0.085);
-        self.tube(
-            path,
-            |i| {
-                let mut out = path[i].coords - middle;
-                out.y = out.y.min(0.0);
-                out / out.norm().max(1e-6)
-            },
-            |i| {
-                let t = i as f32 / (steps - 1) as f32;
-                let thin = (1.0 - t * t * t).max(0.06);
-                [wide * thin, 0.45 * wide * thin]
-            },
-            6,
-            surface.material,
-            |i, p, turn| {
-                let t = i as f32 / (steps - 1) as f32;
-                Vertex {
-                    base: FREE,
-                    offset: p.coords,
-                    torso_share: 0.85 * slope(p.y, 0.06, 0.22),
-                    colour: surface.colour.map(|c| c * shade),
-                    uv: [uv + 14.0 * turn, 7.0 * t + uv],
-                    coverage: 1.0 - 0.55 * slope(t, 0.6, 1.0),
-                }
-            },
-        );
+        let along = |i: usize| i as f32 / (path.len() - 1) as f32;
+        let section = |i: usize| {
+            let mut out = path[i].coords - Vector::new(0.0, 0.0, 0.085);
+            out.y = out.y.min(0.0);
+            let thin = (1.0 - along(i) * along(i) * along(i)).max(0.06);
+            (
+                out / out.norm().max(1e-6),
+                [wide * thin, 0.45 * wide * thin],
+            )
+        };
+        self.tube(path, 6, surface.material, section, |i, p, turn| Vertex {
+            base: FREE,
+            offset: p.coords,
+            torso_share: 0.85 * slope(p.y, 0.06, 0.22),
+            colour: surface.colour.map(|c| c * shade),
+            uv: [uv + 14.0 * turn, 7.0 * along(i) + uv],
+            coverage: 1.0 - 0.55 * slope(along(i), 0.6, 1.0),
+        });
     }
 }

@@ -54,17 +54,11 @@ impl Outfit {
             let out = x + side * 0.13 * t;
             Point::new(out, y + 0.02 + 0.34 * t, z + 0.01 + 0.05 * t)
         });
-        self.tube(
-            &path,
-            |_| -Vector::z(),
-            |i| [0.026 + 0.003 * i as f32; 2],
-            14,
-            Material::Cloth,
-            |i, p, turn| {
-                let surface = if i < 2 { &skin } else { &sleeve };
-                surface.vertex(p, [turn * 0.3, 0.05 * i as f32], 1.0)
-            },
-        );
+        let section = |i| (-Vector::z(), [0.026 + 0.003 * i as f32; 2]);
+        self.tube(&path, 14, Material::Cloth, section, |i, p, turn| {
+            let surface = if i < 2 { &skin } else { &sleeve };
+            surface.vertex(p, [turn * 0.3, 0.05 * i as f32], 1.0)
+        });
     }
 
     fn cup(&mut self) {
@@ -75,14 +69,10 @@ impl Outfit {
             Point::new(0.0, 0.088, -0.058),
             Point::new(0.0, 0.089, -0.058),
         ];
-        self.tube(
-            &path,
-            |_| -Vector::z(),
-            |i| [[0.041, 0.040, 0.034, 0.001][i]; 2],
-            18,
-            Material::Matt,
-            |i, p, turn| china.vertex(p, [turn, i as f32], 1.0),
-        );
+        let section = |i: usize| (-Vector::z(), [[0.041, 0.040, 0.034, 0.001][i]; 2]);
+        self.tube(&path, 18, Material::Matt, section, |i, p, turn| {
+            china.vertex(p, [turn, i as f32], 1.0)
+        });
     }
 
     fn palm(&mut self, side: f32) {

@@ -184,19 +184,17 @@ impl Appearance {
 
     /// Material of the clothes, by their brightness.
     pub(super) fn clothes_material(&self) -> Material {
-        if self.clothes.iter().sum::<f32>() < 150.0 {
-            Material::Dark
-        } else {
-            Material::Cloth
+        match self.clothes.iter().sum::<f32>() < 150.0 {
+            true => Material::Dark,
+            false => Material::Cloth,
         }
     }
 
     /// Material of the hair, by its brightness.
     pub(super) fn hair_material(&self) -> Material {
-        if self.hair_colour.iter().sum::<f32>() < 140.0 {
-            Material::DarkHair
-        } else {
-            Material::Hair
+        match self.hair_colour.iter().sum::<f32>() < 140.0 {
+            true => Material::DarkHair,
+            false => Material::Hair,
         }
     }
 }

@@ -133,26 +133,24 @@ impl Outfit {
         }
     }
 
-    /// Adds a tube along a path. `outward(i)`: unit vector of its thickness; `radii(i)`: half width and half thickness, metres;
+    /// Adds a tube along a path. `section(i)`: unit vector of its thickness, half width and half thickness, metres;
     /// `vertex(i, position, share of a turn)`.
     pub(crate) fn tube(
         &mut self,
         path: &[Point],
-        outward: impl Fn(usize) -> Vector,
-        radii: impl Fn(usize) -> [f32; 2],
         sides: usize,
         material: Material,
+        section: impl Fn(usize) -> (Vector, [f32; 2]),
         mut vertex: impl FnMut(usize, Point, f32) -> Vertex,
     ) {
         self.grid([path.len(), sides], true, material, |i, j| {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(path.len() - 1));
             let tangent = path[after] - path[before];
-            let out = outward(i);
+            let (out, [wide, thick]) = section(i);
             let across = tangent.cross(&out);
             let across = across / across.norm().max(1e-9);
             let turn = j as f32 / sides as f32;
             let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
-            let [wide, thick] = radii(i);
             let p = path[i] + across * (wide * cos) + out * (thick * sin);
             vertex(i, p, turn)
         });

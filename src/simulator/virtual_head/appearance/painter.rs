@@ -18,12 +18,9 @@ pub(crate) struct OutfitPainter {
 impl OutfitPainter {
     pub(crate) fn new(outfit: Outfit) -> Self {
         let n = outfit.vertices.len();
+        let placed = outfit.vertices.iter().map(|k| k.offset.into());
         Self {
-            placed: outfit
-                .vertices
-                .iter()
-                .map(|k| Point::from(k.offset))
-                .collect(),
+            placed: placed.collect(),
             normals: vec![Vector::zeros(); n],
             lit: vec![[0.0; 3]; n],
             corners: vec![Corner::default(); n],

@@ -43,11 +43,9 @@ impl Outfit {
             if at(1) > 0.25 {
                 let back = [(45.0, 70.0, 2), (42.0, 55.0, 3), (38.0, 55.0, 1)];
                 let colour = back.map(|(least, range, k)| least + range * at(k) + 60.0 * at(0));
-                let is_dark = at(2) < 0.3;
-                let material = if is_dark {
-                    Material::Dark
-                } else {
-                    Material::Matt
+                let material = match at(2) < 0.3 {
+                    true => Material::Dark,
+                    false => Material::Matt,
                 };
                 let top = foot - (0.17 + 0.11 * at(3));
                 let book = Surface::new(material, colour, 0.0);
@@ -78,7 +76,8 @@ pub(crate) fn room(seed: u64) -> Outfit {
     room.board([-3.2, 0.75, 3.2, 2.6, wall_m], &wall);
     room.pictures(chance, wall_m);
     // Shelves at one side.
-    let sides = if chance(2) < 0.5 {
+    let is_right = chance(2) < 0.5;
+    let sides = if is_right {
         [-1.35, -0.42]
     } else {
         [0.42, 1.35]

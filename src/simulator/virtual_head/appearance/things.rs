@@ -22,11 +22,10 @@ impl Outfit {
         match appearance.beard {
             Beard::None => {}
             Beard::Stubble => self.beard(asset, appearance, 0.0006),
-            Beard::Full => self.beard(
-                asset,
-                appearance,
-                0.008 + 0.012 * share(appearance.seed, 31),
-            ),
+            Beard::Full => {
+                let lift = 0.008 + 0.012 * share(appearance.seed, 31);
+                self.beard(asset, appearance, lift);
+            }
         }
         if appearance.rims_m > 0.0 {
             self.glasses(asset, appearance);
@@ -137,15 +136,10 @@ impl Outfit {
 
     /// Adds a part of the frame.
     fn rod(&mut self, glasses: &Glasses, path: &[Point], out: Vector) {
-        let vertex = |i: usize, p, turn| glasses.frame.vertex(p, [i as f32, turn], 1.0);
-        self.tube(
-            path,
-            |_| out,
-            |_| [glasses.rim; 2],
-            6,
-            Material::Dark,
-            vertex,
-        );
+        let section = |_| (out, [glasses.rim; 2]);
+        self.tube(path, 6, Material::Dark, section, |i, p, turn| {
+            glasses.frame.vertex(p, [i as f32, turn], 1.0)
+        });
     }
 
     fn thing_colour(appearance: &Appearance, k: u64) -> [f32; 3] {
@@ -247,18 +241,13 @@ impl Outfit {
             let below = 0.12 * slope(down, 0.5, 1.0);
             skull.drape(along, below, side * 0.98 * across, lift + 0.008)
         });
-        self.tube(
-            &hem,
-            |i| (hem[i].coords - Vector::new(0.0, 0.0, 0.09)).normalize(),
-            |_| [0.007, 0.006],
-            8,
-            surface.material,
-            |i, p, turn| {
-                let mut vertex = surface.vertex(p, [turn, 0.1 * i as f32], 1.0);
-                vertex.torso_share = slope(p.y, 0.04, 0.16);
-                vertex
-            },
-        );
+        let middle = Vector::new(0.0, 0.0, 0.09);
+        let section = |i: usize| ((hem[i].coords - middle).normalize(), [0.007, 0.006]);
+        self.tube(&hem, 8, surface.material, section, |i, p, turn| {
+            let mut vertex = surface.vertex(p, [turn, 0.1 * i as f32], 1.0);
+            vertex.torso_share = slope(p.y, 0.04, 0.16);
+            vertex
+        });
     }
 
     fn headphones(&mut self, skull: &Skull, appearance: &Appearance) {
@@ -281,14 +270,10 @@ impl Outfit {
             Point::new(p.x, p.y, 0.082)
         });
         let middle = Vector::new(0.0, -0.01, 0.082);
-        self.tube(
-            &path,
-            |i| (path[i].coords - middle).normalize(),
-            |_| [0.013, 0.006],
-            8,
-            Material::Dark,
-            |i, p, turn| surface.vertex(p, [turn, 0.1 * i as f32], 1.0),
-        );
+        let section = |i: usize| ((path[i].coords - middle).normalize(), [0.013, 0.006]);
+        self.tube(&path, 8, Material::Dark, section, |i, p, turn| {
+            surface.vertex(p, [turn, 0.1 * i as f32], 1.0)
+        });
         for side in [-1.0, 1.0f32] {
             let out = 0.086 + 0.4 * above;
             self.ball([side * out, 0.012, 0.082], [0.019, 0.043, 0.036], &surface);
@@ -307,15 +292,14 @@ impl Outfit {
                 let (across, ahead) = ((wide + fold) * phi.sin(), (wide + fold) * phi.cos());
                 Point::new(across, wave, 0.098 - ahead)
             });
-            let round = |i: usize| thick * (0.9 + 0.2 * grain(i as f32 * 0.7, 3.0));
-            self.tube(
-                &path,
-                |i| -(path[i].coords - Vector::new(0.0, path[i].y, 0.098)).normalize(),
-                |i| [round(i), thick * 0.8],
-                12,
-                Material::Cloth,
-                |i, p, round| surface.vertex(p, [0.2 * i as f32, round], 1.0),
-            );
+            let section = |i: usize| {
+                let inward = Vector::new(0.0, path[i].y, 0.098) - path[i].coords;
+                let round = thick * (0.9 + 0.2 * grain(i as f32 * 0.7, 3.0));
+                (inward.normalize(), [round, thick * 0.8])
+            };
+            self.tube(&path, 12, Material::Cloth, section, |i, p, round| {
+                surface.vertex(p, [0.2 * i as f32, round], 1.0)
+            });
         }
         // One end hangs down the chest.
         self.sheet([10, 6], &surface, |u, v| {
@@ -396,11 +380,8 @@ struct Glasses {
 
 impl Glasses {
     fn from_asset(asset: &HeadAsset, appearance: &Appearance) -> Self {
-        let colour = if share(appearance.seed, 40) < 0.6 {
-            [32.0, 28.0, 27.0]
-        } else {
-            [120.0, 96.0, 70.0]
-        };
+        let is_dark = share(appearance.seed, 40) < 0.6;
+        let colour = [[120.0, 96.0, 70.0], [32.0, 28.0, 27.0]][usize::from(is_dark)];
         Self {
             frame: Surface::new(Material::Dark, colour, 0.0),
             rim: appearance.rims_m,

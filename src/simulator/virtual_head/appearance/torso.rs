@@ -65,14 +65,10 @@ impl Outfit {
                 let out = side * (0.165 + 0.07 * t.sqrt());
                 Point::new(out, 0.235 + 0.55 * t, BACK_M + 0.01 - 0.05 * t * t)
             });
-            self.tube(
-                &path,
-                |_| Vector::new(0.0, 0.0, -1.0),
-                |i| [ARM[i]; 2],
-                16,
-                material,
-                |i, p, turn| surface.vertex(p, [turn * 0.4, 0.04 * i as f32], 1.0),
-            );
+            let section = |i: usize| (Vector::new(0.0, 0.0, -1.0), [ARM[i]; 2]);
+            self.tube(&path, 16, material, section, |i, p, turn| {
+                surface.vertex(p, [turn * 0.4, 0.04 * i as f32], 1.0)
+            });
         }
     }
 }

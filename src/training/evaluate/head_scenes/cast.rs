@@ -140,9 +140,8 @@ impl Cast<'_> {
 
     /// How often a head is recognised in another session, and how often others are taken for it.
     pub(super) fn known_again(&self) -> Result<String, PipelineError> {
-        let judge = self
-            .trial
-            .pipeline(self.simulator(Scene::Acted, 0).camera())?;
+        let simulator = self.simulator(Scene::Acted, 0);
+        let judge = self.trial.pipeline(simulator.camera())?;
         let session =
             |k: usize, seed: u64, frames: &[usize]| -> Result<Vec<Likeness>, PipelineError> {
                 let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);
@@ -161,25 +160,23 @@ impl Cast<'_> {
         let learned = self.each(|k| Ok(session(k, self.trial.sessions.seed, &[90])?.remove(0)))?;
         let frames = REID_RULES.map(|(frames, _)| frames);
         let looks = self.each(|k| session(k, self.trial.sessions.seed + 99, &frames))?;
-        let text = REID_RULES
-            .iter()
-            .enumerate()
-            .map(|(look, &(frames, most))| {
-                let (mut same, mut other) = ([0; 2], [0; 2]);
-                for (k, seen) in looks.iter().enumerate() {
-                    for (n, known) in learned.iter().enumerate() {
-                        let apart = judge.identity_distance(&seen[look], known);
-                        let count = if n == k { &mut same } else { &mut other };
-                        count[0] += usize::from(apart.is_some_and(|apart| apart < most));
-                        count[1] += 1;
-                    }
+        let mut text = Vec::new();
+        for (look, (frames, most)) in REID_RULES.into_iter().enumerate() {
+            let (mut same, mut other) = ([0; 2], [0; 2]);
+            for (k, seen) in looks.iter().enumerate() {
+                for (n, known) in learned.iter().enumerate() {
+                    let apart = judge.identity_distance(&seen[look], known);
+                    let count = if n == k { &mut same } else { &mut other };
+                    count[0] += usize::from(apart.is_some_and(|apart| apart < most));
+                    count[1] += 1;
                 }
-                format!(
-                    "after {frames} frames {} of {} recognised, {} of {} mistaken for another",
-                    same[0], same[1], other[0], other[1]
-                )
-            });
-        Ok(text.collect::<Vec<_>>().join("; "))
+            }
+            text.push(format!(
+                "after {frames} frames {} of {} recognised, {} of {} mistaken for another",
+                same[0], same[1], other[0], other[1]
+            ));
+        }
+        Ok(text.join("; "))
     }
 
     /// Numbers of frames with a detected face, and of frames, among real ones without a face.
@@ -189,13 +186,9 @@ impl Cast<'_> {
         let mut frame = Frame::default();
         let (mut faces, mut count) = (0, 0);
         for name in ["five_people", "desk_000", "desk_001"] {
-            let picture = |kind: &str| {
-                self.trial
-                    .data
-                    .join(format!("kinect_v1_pcl/{name}_{kind}.png"))
-            };
-            let [Ok(depth), Ok(rgb)] = ["depth", "rgb"].map(|kind| image::open(picture(kind)))
-            else {
+            let folder = self.trial.data.join("kinect_v1_pcl");
+            let picture = |kind| image::open(folder.join(format!("{name}_{kind}.png")));
+            let [Ok(depth), Ok(rgb)] = ["depth", "rgb"].map(picture) else {
                 return Ok(None);
             };
             for (raw, &z_mm) in frame.depth.iter_mut().zip(depth.into_luma16().iter()) {

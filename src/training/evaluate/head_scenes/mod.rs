@@ -24,6 +24,7 @@ use std::fmt::Write as _;
 use super::sessions::Trial;
 use cast::Cast;
 use measure::{SceneRun, Sight, pose_spreads};
+use mien_appliance::pipeline::PipelineError;
 use mien_simulator::virtual_head::Scene;
 use mien_stages::users::TrackingState;
 use mien_workbench::fault::Fault;
@@ -38,8 +39,8 @@ pub const ROWS: [&str; 10] = [
     "acted", "wide", "fast", "still", "first", "several", "known", "hand", "mouth", "nobody",
 ];
 
-/// Text of the table.
-struct Table(String);
+/// Name, description and bar of each row; the group of rows `several` has three.
+const TEXTS: &str = include_str!("rows.txt");
 
 /// Most frames from the hand's leaving the face to renewed tracking, and the states under the hand.
 fn uncovered(run: &SceneRun) -> (usize, String) {
@@ -80,50 +81,34 @@ pub fn play(trial: &Trial, only: &[String]) -> Result<String, Fault> {
         trial,
         frames: (trial.sessions.seconds * 30.0) as usize,
     };
-    let mut rows = Table("| scene | bar | figure |\n| --- | --- | --- |\n".to_owned());
-    let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
-    for name in ROWS.into_iter().filter(|name| wanted(name)) {
-        match name {
-            "acted" => rows.add(
-                "acted, 0.5–1.2 m, yaw ±25°, pitch ±15°",
-                "0.7 / 1.5°, 3 / 6 mm",
-                tracked(&cast.each(|k| cast.near_and_far(k))?),
-            ),
-            "wide" => rows.add(
-                "yaw ±45°, pitch ±30°",
-                "1.5 / 4°, never lost",
-                tracked(&cast.runs(Scene::Wide, cast.frames)?),
-            ),
-            "fast" => rows.add(
-                "turns at 200°/s",
-                "2 / 5°, lost ≤ 1 %",
-                tracked(&cast.runs(Scene::Fast, cast.short())?),
-            ),
-            "still" => jitter_and_lag(&cast, &mut rows)?,
-            "first" => first_poses(&cast, &mut rows)?,
-            "several" => several_people(&cast, trial.sessions.seconds, &mut rows)?,
-            "known" => rows.add(
-                "people who left, re-identified by the head",
-                "right",
-                cast.known_again()?,
-            ),
-            "hand" => hand_before_the_face(&cast, &mut rows)?,
-            "mouth" => rows.add(
-                "hand over the mouth for 1 s: error of its units relative to holding them",
-                "half",
-                covered::figure(&cast.each(|k| covered::play(&cast, k))?),
-            ),
-            _ => nobody(&cast, &mut rows)?,
+    let mut table = "| scene | bar | figure |\n| --- | --- | --- |\n".to_owned();
+    for (name, text) in TEXTS.lines().filter_map(|line| line.split_once(" | ")) {
+        let group = match name {
+            "two" | "crossing" | "swap" => "several",
+            _ => name,
+        };
+        if !(only.is_empty() || only.iter().any(|one| one == group)) {
+            continue;
         }
+        let figure = match name {
+            "acted" => tracked(&cast.each(|k| cast.near_and_far(k))?),
+            "wide" => tracked(&cast.runs(Scene::Wide, cast.frames)?),
+            "fast" => tracked(&cast.runs(Scene::Fast, cast.short())?),
+            "still" => jitter_and_lag(&cast)?,
+            "first" => first_poses(&cast)?,
+            "two" => two_people(&cast, Scene::Two, 15.0)?,
+            "crossing" => two_people(&cast, Scene::Crossing, 20.0)?,
+            "swap" => two_people(&cast, Scene::Swap, 40.0)?,
+            "known" => cast.known_again()?,
+            "hand" => hand_before_the_face(&cast)?,
+            "mouth" => covered::figure(&cast.each(|k| covered::play(&cast, k))?),
+            _ => nobody(&cast)?,
+        };
+        let scene = text.split(" | ").next().unwrap_or_default();
+        eprintln!("{scene}: {figure}");
+        let _ = writeln!(table, "| {text} | {figure} |");
     }
-    Ok(rows.0)
-}
-
-impl Table {
-    fn add(&mut self, scene: &str, bar: &str, figure: String) {
-        report_progress(scene, &figure);
-        let _ = writeln!(self.0, "| {scene} | {bar} | {figure} |");
-    }
+    Ok(table)
 }
 
 /// The ratio of two counts over all runs, percent.
@@ -140,72 +125,52 @@ fn tracked(runs: &[SceneRun]) -> String {
     format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
 }
 
-fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
+fn jitter_and_lag(cast: &Cast) -> Result<String, PipelineError> {
     let mean = |values: &dyn Fn(&SceneRun) -> f64, runs: &[SceneRun]| {
         runs.iter().map(values).sum::<f64>() / runs.len() as f64
     };
     let still = cast.runs(Scene::Still, cast.short())?;
     let [turning, fast] = [Scene::Turning, Scene::Fast].map(|scene| cast.runs(scene, cast.short()));
-    rows.add(
-        "still head: jitter; lag in slow and in fast turns",
-        "0.05°, 0.3 mm; 1 frame",
-        format!(
-            "{:.3}°, {:.2} mm; {:.2} and {:.2} frames",
-            mean(&|run| run.jitter()[0], &still),
-            mean(&|run| run.jitter()[1], &still),
-            mean(&SceneRun::lag, &turning?),
-            mean(&SceneRun::lag, &fast?)
-        ),
+    let [angle, shift] = [0, 1].map(|k| mean(&|run| run.jitter()[k], &still));
+    let (slow, fast) = (
+        mean(&SceneRun::lag, &turning?),
+        mean(&SceneRun::lag, &fast?),
     );
-    Ok(())
+    Ok(format!(
+        "{angle:.3}°, {shift:.2} mm; {slow:.2} and {fast:.2} frames"
+    ))
 }
 
-fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
+fn first_poses(cast: &Cast) -> Result<String, PipelineError> {
     let firsts = cast.each(|k| cast.first_poses(k))?.concat();
     let within =
         |most: f64| firsts.iter().filter(|&&error| error < most).count() * 100 / firsts.len();
-    rows.add(
-        "first pose, yaw ±60°, pitch ±40°, after 2 frames",
-        "found",
-        format!("{} % within 5°, {} % within 15°", within(5.0), within(15.0)),
-    );
-    Ok(())
+    let [near, far] = [5.0, 15.0].map(within);
+    Ok(format!("{near} % within 5°, {far} % within 15°"))
 }
 
-fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<(), Fault> {
-    for (name, scene, seconds) in [
-        ("two side by side", Scene::Two, 15.0),
-        ("two crossing", Scene::Crossing, 20.0),
-        ("user swap", Scene::Swap, 40.0),
-    ] {
-        let frames = 30.0 * f64::min(seconds, 2.0 * seconds_each);
-        let runs = cast.runs(scene, frames as usize)?;
-        let ids = 100.0 - percent(&runs, SceneRun::wrong_ids);
-        let lost = percent(&runs, SceneRun::missing);
-        let arrivals: Vec<usize> = runs.iter().flat_map(SceneRun::arrivals).collect();
-        let late = arrivals.iter().max().copied().unwrap_or(0);
-        let ghosts: usize = runs.iter().map(|run| run.ghosts).sum();
-        let figure = format!(
-            "ids correct in {ids:.2} %, new user within {late} frames, lost {lost:.2} %, {ghosts} frames with a ghost"
-        );
-        rows.add(name, "ids 99 %, new user in 10 frames", figure);
-    }
-    Ok(())
+/// Figures of a scene of two people, at most `seconds` long.
+fn two_people(cast: &Cast, scene: Scene, seconds: f64) -> Result<String, PipelineError> {
+    let frames = 30.0 * f64::min(seconds, 2.0 * cast.trial.sessions.seconds);
+    let runs = cast.runs(scene, frames as usize)?;
+    let ids = 100.0 - percent(&runs, SceneRun::wrong_ids);
+    let lost = percent(&runs, SceneRun::missing);
+    let arrivals: Vec<usize> = runs.iter().flat_map(SceneRun::arrivals).collect();
+    let late = arrivals.iter().max().copied().unwrap_or(0);
+    let ghosts: usize = runs.iter().map(|run| run.ghosts).sum();
+    Ok(format!(
+        "ids correct in {ids:.2} %, new user within {late} frames, lost {lost:.2} %, {ghosts} frames with a ghost"
+    ))
 }
 
-fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
+fn hand_before_the_face(cast: &Cast) -> Result<String, PipelineError> {
     let hands = cast.runs(Scene::Hand, 480)?;
     let worst = hands.iter().map(|run| uncovered(run).0).max();
     let (worst, states) = (worst.unwrap_or(0), uncovered(&hands[0]).1);
-    rows.add(
-        "hand in front of the face",
-        "held, lost, back in 5 frames",
-        format!("{states}; back within {worst} frames"),
-    );
-    Ok(())
+    Ok(format!("{states}; back within {worst} frames"))
 }
 
-fn nobody(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
+fn nobody(cast: &Cast) -> Result<String, PipelineError> {
     let mut ghosts = Vec::new();
     for (name, scene) in [
         ("empty", Scene::Empty),
@@ -223,12 +188,5 @@ fn nobody(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
         Some([faces, count]) => format!("kinect_v1_pcl {faces} of {count}"),
         None => "kinect_v1_pcl is not there".to_owned(),
     });
-    let ghosts = ghosts.join(", ");
-    rows.add("frames with a face where there is none", "0", ghosts);
-    Ok(())
-}
-
-/// Prints the progress of long work.
-fn report_progress(scene: &str, figure: &str) {
-    eprintln!("{scene}: {figure}");
+    Ok(ghosts.join(", "))
 }

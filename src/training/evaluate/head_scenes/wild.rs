@@ -142,7 +142,7 @@ fn play_one(
         position_mm,
         landmarks: Spread::from_values(landmarks),
     };
-    super::report_progress(&format!("{number}"), &row.to_string());
+    eprintln!("{number}: {row}");
     Ok(row)
 }
 

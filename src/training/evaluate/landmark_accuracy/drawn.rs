@@ -9,7 +9,7 @@ use crate::train::evaluate::{Differences, differences, mean_offsets, mean_percen
 use mien_appliance::pipeline::PipelineError;
 use mien_baking::heads::PersonHead;
 use mien_sensors::Frame;
-use mien_simulator::virtual_head::{Light, Scene, Simulator, Truth};
+use mien_simulator::virtual_head::{Light, Points, Scene, Simulator, Truth};
 use mien_stages::base::capacity::{LANDMARKS, PIXELS, WIDTH};
 use mien_stages::base::frames::SensorFromHead;
 use mien_stages::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
@@ -111,14 +111,10 @@ impl<'a> Player<'a> {
             random,
             seen: Seen {
                 people: 1,
+                least: stages.landmarks.cascade.min_confidence,
                 ..Seen::default()
             },
         })
-    }
-
-    /// The settings' least confidence of a face.
-    fn least(&self) -> f32 {
-        self.trial.settings.stages.landmarks.cascade.min_confidence
     }
 
     /// A fitter with this least confidence.
@@ -165,9 +161,7 @@ impl<'a> Player<'a> {
         truth: &Truth,
     ) -> f64 {
         let Some(fit) = fit else { return f64::NAN };
-        let error = self
-            .seen
-            .record_fit(fit, truth, &[false; LANDMARKS], self.least());
+        let error = self.seen.record_fit(fit, truth, &[false; LANDMARKS]);
         self.seen.add(condition, error);
         error
     }
@@ -187,7 +181,7 @@ impl<'a> Player<'a> {
             covered: self.fitter(0.0),
             lamp: self.fitter(0.0),
             once: self.fitter(0.0),
-            sceptic: self.fitter(self.least()),
+            sceptic: self.fitter(self.seen.least),
             waited: None,
             changed: vec![0; PIXELS].try_into().expect("PIXELS long"),
             found: Vec::new(),
@@ -252,7 +246,7 @@ impl<'a> Player<'a> {
         let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
             return;
         };
-        self.seen.record_fit(fit, truth, &hidden, self.least());
+        self.seen.record_fit(fit, truth, &hidden);
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
         let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
@@ -299,8 +293,7 @@ impl<'a> Player<'a> {
             ..*now
         };
         if let Some(fit) = self.fit(&mut play.once, &wrong) {
-            self.seen
-                .record_fit(fit, &now.truth, &[false; LANDMARKS], self.least());
+            (self.seen).record_fit(fit, &now.truth, &[false; LANDMARKS]);
         }
     }
 
@@ -379,7 +372,7 @@ impl<'a> Player<'a> {
         let weights = vec![0.0; self.simulator.asset().expressions.len()];
         let turn = rotation_from_yaw_pitch_roll(0.1, 0.05, 0.02);
         let pose = Rigid::from_parts(Vector::new(0.02, -0.02, 0.75).into(), turn);
-        let mut places: Vec<[[f32; 2]; LANDMARKS]> = Vec::new();
+        let mut places: Vec<Points> = Vec::new();
         let mut eye = 1.0;
         for index in 0..60 {
             let at = frame_time(6000 + index);
@@ -398,7 +391,7 @@ impl<'a> Player<'a> {
         for i in scheme::INNER {
             for axis in 0..2 {
                 let mean = places.iter().map(|p| f64::from(p[i][axis])).sum::<f64>() / n;
-                let spread = |p: &[[f32; 2]; LANDMARKS]| (f64::from(p[i][axis]) - mean).powi(2);
+                let spread = |p: &Points| (f64::from(p[i][axis]) - mean).powi(2);
                 squares += places.iter().map(spread).sum::<f64>() / n;
             }
         }
@@ -423,9 +416,8 @@ fn cover(
     let mut order: [usize; LANDMARKS] = std::array::from_fn(|i| i);
     order.sort_by(|&a, &b| far[a].total_cmp(&far[b]));
     let last = far[order[count - 1]];
-    let radius = order
-        .get(count)
-        .map_or(1.1 * last, |&next| 0.5 * (last + far[next]));
+    let next = order.get(count).map(|&next| far[next]);
+    let radius = next.map_or(1.1 * last, |next| 0.5 * (last + next));
     out.copy_from_slice(luma);
     let nose = points[30];
     let skin = f32::from(luma[(nose[1] as usize * WIDTH + nose[0] as usize).min(PIXELS - 1)]);

@@ -60,6 +60,8 @@ pub(super) enum Share {
 #[derive(Default)]
 pub(super) struct Seen {
     pub(super) people: usize,
+    /// Confidence from which a face counts.
+    pub(super) least: f32,
     pub(super) faces: Calibration,
     pub(super) points: Calibration,
     pub(super) errors: BTreeMap<Condition, Vec<f64>>,
@@ -78,33 +80,32 @@ impl Seen {
         *all += 1;
     }
 
-    /// Records a fit's confidences and its error, which it returns; a face counts from confidence `least` on.
+    /// Records a fit's confidences and its error, which it returns.
     pub(super) fn record_fit(
         &mut self,
         fit: &Landmarks,
         truth: &Truth,
         covered: &[bool; LANDMARKS],
-        least: f32,
     ) -> f64 {
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let error = f64::from(mean_percent(&d));
-        self.faces.add(fit.confidence, error <= 5.0);
+        self.faces.0.push((fit.confidence, error <= 5.0));
         for i in 0..LANDMARKS {
             let good = mean_percent(&d[i..=i]) <= 5.0 && !covered[i];
-            self.points.add(fit.point_confidence[i], good);
+            self.points.0.push((fit.point_confidence[i], good));
         }
         if error <= 5.0 {
-            self.count(Share::Lost, fit.confidence < least);
+            self.count(Share::Lost, fit.confidence < self.least);
         } else if error > 10.0 {
-            self.count(Share::Kept, fit.confidence >= least);
+            self.count(Share::Kept, fit.confidence >= self.least);
         }
         error
     }
 
     pub(super) fn merge(&mut self, other: Self) {
         self.people += other.people;
-        self.faces.merge(&other.faces);
-        self.points.merge(&other.points);
+        self.faces.0.extend(other.faces.0);
+        self.points.0.extend(other.points.0);
         for (condition, errors) in other.errors {
             self.errors.entry(condition).or_default().extend(errors);
         }
@@ -132,41 +133,20 @@ impl Seen {
     }
 }
 
-/// Faces or points of similar confidence.
-#[derive(Clone, Copy, Debug, Default)]
-struct Bin {
-    count: usize,
-    confidence: f64,
-    good: usize,
-}
-
-/// Share of errors within 5 % by confidence, in five bins.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Calibration([Bin; 5]);
-
-impl Calibration {
-    fn add(&mut self, confidence: f32, good: bool) {
-        let bin = &mut self.0[((confidence * 5.0) as usize).min(4)];
-        bin.count += 1;
-        bin.confidence += f64::from(confidence);
-        bin.good += usize::from(good);
-    }
-
-    fn merge(&mut self, other: &Self) {
-        for (a, b) in self.0.iter_mut().zip(&other.0) {
-            a.count += b.count;
-            a.confidence += b.confidence;
-            a.good += b.good;
-        }
-    }
-}
+/// Confidence of each face or point, and whether it was good; shown as the share of good ones by confidence, in five
+/// bins.
+#[derive(Default)]
+pub(super) struct Calibration(Vec<(f32, bool)>);
 
 impl Display for Calibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let lines = self.0.iter().filter(|bin| bin.count > 0).map(|bin| {
-            let n = bin.count as f64;
-            let (said, was) = (bin.confidence / n, bin.good as f64 / n);
-            format!("{said:.2} → {was:.2} ({})", bin.count)
+        let lines = (0..5).filter_map(|bin| {
+            let near = |(sure, _): &&(f32, bool)| ((sure * 5.0) as usize).min(4) == bin;
+            let some: Vec<_> = self.0.iter().filter(near).collect();
+            let n = some.len() as f64;
+            let said = some.iter().map(|one| f64::from(one.0)).sum::<f64>() / n;
+            let was = some.iter().filter(|one| one.1).count() as f64 / n;
+            (n > 0.0).then(|| format!("{said:.2} → {was:.2} ({n})"))
         });
         f.write_str(&lines.collect::<Vec<_>>().join("; "))
     }
