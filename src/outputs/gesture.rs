@@ -10,6 +10,7 @@
 //!
 //! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
 
+use super::Every;
 use super::report::{Report, unit_range};
 use super::view::{is_name, is_unit};
 use mien_stages::base::capacity::{GESTURES, USERS};
@@ -273,8 +274,8 @@ pub struct Gestures {
     /// Indices of the weights that open the mouth.
     mouth: Vec<usize>,
     speech: [Speech; USERS],
-    /// When all states were last sent.
-    repeated: Option<Timestamp>,
+    /// Schedules the repetition of all states.
+    repetition: Every,
     at: Timestamp,
 }
 
@@ -294,7 +295,7 @@ impl Gestures {
             all: all.iter().take(limit).map(watched).collect(),
             mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
             speech: Default::default(),
-            repeated: None,
+            repetition: Every::default(),
             at: Timestamp::default(),
         }
     }
@@ -359,12 +360,7 @@ impl Gestures {
         if !ENABLED {
             return;
         }
-        let last = self.repeated.map(|last| self.at.seconds_since(last));
-        // Negative only if the source changed.
-        let repeat = last.is_none_or(|last| !(0.0..REPEAT_S).contains(&last));
-        if repeat {
-            self.repeated = Some(self.at);
-        }
+        let repeat = self.repetition.due(self.at, REPEAT_S);
         for (index, watched) in self.all.iter_mut().enumerate() {
             let (gesture, activations) = (&watched.gesture, &watched.activations);
             for (slot, last_sent) in watched.last_sent.iter_mut().enumerate() {

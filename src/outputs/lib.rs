@@ -47,7 +47,7 @@ use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
 pub use view::all_units;
 pub(crate) use view::is_unit;
-pub use view::{LossPolicy, UnitView, View, is_name};
+pub use view::{LossPolicy, UnitView, View, is_name, numbers};
 
 /// A command from a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -251,9 +251,8 @@ struct Every {
 impl Every {
     /// Whether `period_s` seconds have passed since it was last due, or time has gone backwards because the source changed.
     fn due(&mut self, now: Timestamp, period_s: f64) -> bool {
-        let due = self
-            .last
-            .is_none_or(|last| now < last || now.seconds_since(last) >= period_s);
+        let is_over = |last| now < last || now.seconds_since(last) >= period_s;
+        let due = self.last.is_none_or(is_over);
         if due {
             self.last = Some(now);
         }

@@ -121,12 +121,8 @@ pub(super) const DEPTH: usize = 3;
 /// messages. A part that cannot be separated or is nested too deeply counts as one refused. Time tags are ignored.
 pub fn messages(datagram: &[u8], take: &mut dyn FnMut(&[u8]) -> bool) -> [u64; 2] {
     let mut counts = [0; 2];
-    elements(
-        datagram,
-        DEPTH,
-        &mut |taken| counts[usize::from(!taken)] += 1,
-        take,
-    );
+    let mut counted = |taken: bool| counts[usize::from(!taken)] += 1;
+    elements(datagram, DEPTH, &mut counted, take);
     counts
 }
 
@@ -160,10 +156,8 @@ fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let end = bytes.iter().position(|&byte| byte == 0)?;
     let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;
     let zeros = text[end..].iter().all(|&byte| byte == 0);
-    Some((
-        core::str::from_utf8(&text[..end]).ok().filter(|_| zeros)?,
-        rest,
-    ))
+    let text = core::str::from_utf8(&text[..end]).ok();
+    Some((text.filter(|_| zeros)?, rest))
 }
 
 /// Passes every argument of a message to `take`; returns the address, or `None` if the message is malformed or `take` refuses an

@@ -161,7 +161,7 @@ impl VrChat {
             if at_the_end {
                 wire.message(address, [argument]);
             }
-            at_the_end || wire.message_if_room(address, [argument])
+            at_the_end || wire.message_if_room(address, argument)
         };
         let (first, count) = (self.next_other, self.others.len());
         for sent in &mut self.others {
@@ -208,10 +208,8 @@ impl Sent {
         if !self.stale && !changed {
             return true;
         }
-        let taken = put(
-            format_args!("/{}", self.parameter.name),
-            Argument::Float(value),
-        );
+        let name = &self.parameter.name;
+        let taken = put(format_args!("/{name}"), Argument::Float(value));
         if taken {
             self.value = value;
         }

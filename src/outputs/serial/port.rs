@@ -31,7 +31,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(20);
 /// A port that accepts nothing for this long is closed and reopened.
 const STALL_LIMIT: Duration = Duration::from_secs(2);
 /// The same when the program is ending.
-const STALL_LIMIT_AT_END: Duration = Duration::from_millis(200);
+const END_STALL_LIMIT: Duration = Duration::from_millis(200);
 
 /// State shared by the pipeline and the thread.
 #[derive(Default)]
@@ -204,13 +204,8 @@ impl Feeder {
                 Err(error) => match error.kind() {
                     ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock => {
                         let stops = self.shared.lock().stop;
-                        if progress.elapsed()
-                            > if stops {
-                                STALL_LIMIT_AT_END
-                            } else {
-                                STALL_LIMIT
-                            }
-                        {
+                        let limit = if stops { END_STALL_LIMIT } else { STALL_LIMIT };
+                        if progress.elapsed() > limit {
                             return Err(ErrorKind::TimedOut.into());
                         }
                     }
@@ -288,10 +283,8 @@ impl Serial {
 /// Logs omitted units and a reduced rate.
 fn log_limits(settings: &Settings, units: &[&str], plan: &Plan) {
     let Settings { port, baud, .. } = settings;
-    let left_out = plan.left_out.iter();
-    let left_out: Vec<&str> = left_out
-        .map(|&unit| settings.view.name(units[unit]))
-        .collect();
+    let name = |&unit: &usize| settings.view.name(units[unit]);
+    let left_out: Vec<&str> = plan.left_out.iter().map(name).collect();
     if !left_out.is_empty() {
         tracing::warn!(
             "serial port {port} carries {} of {} units at {baud} bit/s, omitting {}",

@@ -161,9 +161,8 @@ impl Service for Page {
 
     fn next_message(&mut self, mailbox: &mut Mailbox, message: &mut String) -> bool {
         let snapshots = || mailbox.users.iter().chain([&mailbox.nobody]);
-        let newest = snapshots()
-            .filter(|snapshot| snapshot.fresh)
-            .max_by_key(|snapshot| snapshot.frame);
+        let fresh = || snapshots().filter(|snapshot| snapshot.fresh);
+        let newest = fresh().max_by_key(|snapshot| snapshot.frame);
         if let Some(newest) = newest.filter(|newest| newest.frame != self.newest.0) {
             let frames = newest.frame.saturating_sub(self.newest.0) as f32;
             let seconds = newest.at_us.saturating_sub(self.newest.1) as f32 * 1e-6;
@@ -174,18 +173,15 @@ impl Service for Page {
             self.newest = (newest.frame, newest.at_us, Some(Instant::now()));
         }
         let passed = self.last.elapsed();
-        let fresh = snapshots().any(|snapshot| snapshot.fresh);
-        if passed < SHORTEST_PERIOD || !fresh && passed < LONGEST_PERIOD {
+        let is_waiting = fresh().next().is_none() && passed < LONGEST_PERIOD;
+        if passed < SHORTEST_PERIOD || is_waiting {
             return false;
         }
         self.last = Instant::now();
         // A string takes everything.
         let _ = self.write(mailbox, message);
-        mailbox
-            .users
-            .iter_mut()
-            .for_each(|snapshot| snapshot.fresh = false);
-        mailbox.nobody.fresh = false;
+        let all = mailbox.users.iter_mut().chain([&mut mailbox.nobody]);
+        all.for_each(|snapshot| snapshot.fresh = false);
         true
     }
 }
@@ -223,8 +219,8 @@ impl Page {
 /// `box.json`. `sends` names the destinations of the weights.
 fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> String {
     let gestures = gestures.iter().map(|gesture| {
-        let [on, off] =
-            [gesture.on, gesture.off].map(|level| (f64::from(level) * 1e6).round() / 1e6);
+        let levels = [gesture.on, gesture.off].map(f64::from);
+        let [on, off] = levels.map(|level| (level * 1e6).round() / 1e6);
         json!({"name": gesture.name, "sums": gesture.indexed(units), "on": on, "off": off})
     });
     let gestures: Vec<Value> = gestures.collect();
