@@ -128,9 +128,8 @@ impl Forwarder {
 fn target(host: &str, port: &str) -> Result<String, String> {
     let letters = |byte: u8| byte.is_ascii_alphanumeric() || b".-_:".contains(&byte);
     if host.is_empty() || host.len() > 253 || !host.bytes().all(letters) {
-        return Err(format!(
-            "expected a host name or an address, found {host:?}"
-        ));
+        let expected = "expected a host name or an address";
+        return Err(format!("{expected}, found {host:?}"));
     }
     let none = |_| format!("expected a port from 1 to 65535, found {port:?}");
     let number: std::num::NonZeroU16 = port.parse().map_err(none)?;
@@ -174,10 +173,9 @@ struct Thread {
 impl Thread {
     fn new(hub: Arc<Hub>) -> Self {
         let units = Units::shipped().columns(false);
-        let units = units.iter();
         Self {
             hub,
-            units: units.map(ToString::to_string).collect(),
+            units: units.iter().map(ToString::to_string).collect(),
             lines: BTreeMap::new(),
             main: None,
             start: Instant::now(),
@@ -194,12 +192,11 @@ impl Thread {
             }
             match passed.recv_timeout(FRAME) {
                 Ok(Passed::Sample(sample)) => self.pass_on(&sample),
+                Ok(Passed::Units(units)) if units == self.units => {}
                 Ok(Passed::Units(units)) => {
-                    if units != self.units {
-                        self.units = units;
-                        for line in self.lines.values_mut() {
-                            line.outputs = Self::open(&self.units, &line.settings);
-                        }
+                    self.units = units;
+                    for line in self.lines.values_mut() {
+                        line.outputs = Self::open(&self.units, &line.settings);
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -272,10 +269,9 @@ impl Thread {
             weights: if seen { &sample.weights } else { &[] },
             ..Report::default()
         };
-        for line in self.lines.values_mut() {
-            if line.connected && line.tested.is_none() {
-                send(line, &report);
-            }
+        let lines = self.lines.values_mut();
+        for line in lines.filter(|line| line.connected && line.tested.is_none()) {
+            send(line, &report);
         }
     }
 
@@ -342,10 +338,8 @@ fn send(line: &mut Line, report: &Report) {
 
 fn rigid([x, y, z, qx, qy, qz, qw]: [f32; 7]) -> Rigid {
     let turn = nalgebra::Quaternion::new(qw, qx, qy, qz);
-    Rigid::from_parts(
-        nalgebra::Translation3::new(x, y, z),
-        nalgebra::UnitQuaternion::from_quaternion(turn),
-    )
+    let turn = nalgebra::UnitQuaternion::from_quaternion(turn);
+    Rigid::from_parts([x, y, z].into(), turn)
 }
 
 #[cfg(test)]

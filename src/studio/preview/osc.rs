@@ -92,13 +92,11 @@ impl Receiver {
         let words: Vec<&str> = address.strip_prefix('/')?.split('/').collect();
         match (&words[..], &values[..]) {
             ([.., "schema"], [Int(_), names @ ..]) => {
-                let names: Option<Vec<String>> = names
-                    .iter()
-                    .map(|name| match name {
-                        Text(name) if is_name(name) => Some((*name).to_owned()),
-                        _ => None,
-                    })
-                    .collect();
+                let name = |name: &Argument| match *name {
+                    Text(name) if is_name(name) => Some(name.to_owned()),
+                    _ => None,
+                };
+                let names: Option<Vec<String>> = names.iter().map(name).collect();
                 self.rename(names.filter(|names| names.len() <= MAX_UNITS)?);
                 self.named = true;
                 return Some(());
@@ -140,24 +138,17 @@ impl Receiver {
                     ref more @ ..,
                 ],
             ) if confidence.is_finite() => {
-                let latency = match more {
+                let sample = &mut user.sample;
+                sample.number = u64::try_from(number).ok()?;
+                sample.user = Some(slot);
+                sample.seconds = f64::from(ms) * 1e-3;
+                (sample.state, sample.confidence) = (state as u8, confidence);
+                sample.latency_ms = match more {
                     [Float(ms), ..] if ms.is_finite() && *ms > 0.0 => Some(*ms),
                     _ => None,
                 };
-                let number = u64::try_from(number).ok()?;
-                let weights = std::mem::take(&mut user.sample.weights);
-                let frozen = user.sample.frozen;
-                user.sample = Sample {
-                    user: Some(slot),
-                    number,
-                    seconds: f64::from(ms) * 1e-3,
-                    state: state as u8,
-                    confidence,
-                    latency_ms: latency,
-                    frozen,
-                    weights,
-                    ..Sample::default()
-                };
+                // That of the frame before.
+                sample.pose = None;
             }
             ("frozen", &[Int(frozen @ 0..=1)]) => user.sample.frozen = frozen == 1,
             ("au", values) if named && values.len() == count => {
@@ -216,10 +207,8 @@ impl Receiver {
         for user in &mut self.users {
             let old = |name: &String| self.units.iter().position(|unit| unit == name);
             let weight = |name| user.sample.weights.get(old(name)?).copied();
-            let weights = names
-                .iter()
-                .map(|name| weight(name).unwrap_or(0.0))
-                .collect();
+            let weights = names.iter().map(|name| weight(name).unwrap_or(0.0));
+            let weights = weights.collect();
             let range = |name| user.ranges.get(old(name)?).copied().flatten();
             user.ranges = names.iter().map(range).collect();
             user.sample.weights = weights;
@@ -234,13 +223,11 @@ fn slot(word: &str) -> Option<usize> {
 
 /// All values as finite floats.
 fn floats(values: &[Argument]) -> Option<Vec<f32>> {
-    values
-        .iter()
-        .map(|value| match value {
-            Float(number) if number.is_finite() => Some(*number),
-            _ => None,
-        })
-        .collect()
+    let float = |value: &Argument| match *value {
+        Float(number) if number.is_finite() => Some(number),
+        _ => None,
+    };
+    values.iter().map(float).collect()
 }
 
 #[cfg(test)]
