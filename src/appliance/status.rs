@@ -130,16 +130,9 @@ impl Status {
             return;
         };
         let before = self.users[slot].as_ref();
-        if report.state == TrackingState::Lost
-            && before.is_some_and(|user| user.state != TrackingState::Lost)
-        {
-            self.lost += 1;
-        }
-        if report.state == TrackingState::Absent {
-            self.users[slot] = None;
-            return;
-        }
-        self.users[slot] = Some(User {
+        let was_lost = before.is_none_or(|user| user.state == TrackingState::Lost);
+        self.lost += u64::from(report.state == TrackingState::Lost && !was_lost);
+        self.users[slot] = (report.state != TrackingState::Absent).then(|| User {
             state: report.state,
             confidence: report.confidence,
             frozen: report.frozen,
@@ -231,12 +224,8 @@ impl Status {
             let comma = if i > 0 { "," } else { "" };
             let [low, rest, high, noise] =
                 [range.low, range.rest, range.high, range.noise].map(finite);
-            write!(
-                text,
-                "{comma}\n      {}: {{\"weight\": {:.3}, ",
-                Quoted(name),
-                finite(*weight)
-            )?;
+            let (name, weight) = (Quoted(name), finite(*weight));
+            write!(text, "{comma}\n      {name}: {{\"weight\": {weight:.3}, ")?;
             if self.ranges {
                 write!(
                     text,
@@ -378,9 +367,8 @@ impl Files {
     fn write(&mut self, file: usize, text: &[u8]) {
         let path = self.files[file].path();
         let found = std::fs::metadata(path).ok().as_ref().map(file_identity);
-        let other = self.last_written[file].is_some()
-            && found.is_some()
-            && found != self.last_written[file];
+        let last = self.last_written[file];
+        let other = last.is_some() && found.is_some() && found != last;
         if other && !std::mem::replace(&mut self.other_writer_logged, true) {
             tracing::warn!(
                 "another program, perhaps a second mien, also writes {}; give each its own status.path",

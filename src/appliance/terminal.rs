@@ -40,9 +40,8 @@ fn width(stream: &impl AsRawFd) -> usize {
     // SAFETY: TIOCGWINSZ writes one `winsize`, four 16-bit numbers, into `size`, which is not aliased.
     let result = unsafe { libc::ioctl(stream.as_raw_fd(), libc::TIOCGWINSZ, &raw mut size) };
     let columns = usize::from(size[1]);
-    Some(columns)
-        .filter(|&columns| result == 0 && columns > 0)
-        .unwrap_or(DEFAULT_COLUMNS)
+    let is_known = result == 0 && columns > 0;
+    if is_known { columns } else { DEFAULT_COLUMNS }
 }
 
 /// A line with a limited number of columns: words that do not fit are omitted.

@@ -8,7 +8,7 @@ use mien_stages::base::capacity::UNITS;
 use mien_stages::base::frames::SensorFromFace;
 use mien_stages::base::geometry::{Point, Vector};
 use mien_stages::base::time::Timestamp;
-use mien_stages::camera::Camera;
+
 use mien_stages::expression::{Expression, UnitRange};
 use mien_stages::landmarks::{LandmarkStage, Landmarks};
 use mien_stages::pose::{Evidence, HeadPose, PoseTracker, guess};
@@ -145,13 +145,8 @@ impl Follower {
         self.person.head_box = None;
         let at = context.frame.at;
         let (expected_pose, scale) = self.pose.expected(at, middle)?;
-        if !gather_at_pose(
-            &context.frame.depth,
-            context.camera,
-            &expected_pose,
-            scale,
-            cloud,
-        ) {
+        let (depth, camera) = (&context.frame.depth, context.camera);
+        if !gather_at_pose(depth, camera, &expected_pose, scale, cloud) {
             return None;
         }
         let pose = self.pose.follow(cloud, at);
@@ -165,10 +160,9 @@ impl Follower {
         context: &mut FrameContext<'_>,
         cloud: &HeadCloud,
     ) -> bool {
-        let pose;
-        (pose, context.search_budget) =
-            self.pose
-                .find(cloud, context.frame.at, context.search_budget);
+        let (at, budget) = (context.frame.at, context.search_budget);
+        let (pose, left) = self.pose.find(cloud, at, budget);
+        context.search_budget = left;
         (context.stage_done)(Stage::Pose);
         let Some(pose) = pose else {
             self.person.head_box = Some(cloud.rect);
@@ -248,9 +242,7 @@ impl Follower {
             return is_head;
         }
         let sensor_from_face = self.pose.sensor_from_face(&pose.sensor_from_head);
-        if let Some(landmarks) =
-            self.turned_away(&sensor_from_face, context.camera, context.frame.at)
-        {
+        if let Some(landmarks) = self.turned_away(&sensor_from_face, context) {
             self.accept_landmarks(context, landmarks, sensor_from_face, cloud);
             return true;
         }
@@ -292,14 +284,12 @@ impl Follower {
         let guesses = guess::guesses(&cloud.points, self.guesses);
         self.guesses += 1;
         let (luma, camera) = (&context.frame.luma, context.camera);
-        let search_face = |guess| {
-            self.landmarks
-                .search_face(context.scratch, luma, camera, &guess)
-        };
+        let (stage, scratch) = (&mut self.landmarks, &mut *context.scratch);
+        let search_face = |guess| stage.search_face(scratch, luma, camera, &guess);
         let found = guesses.into_iter().flatten().filter_map(search_face);
         if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
-            self.pose
-                .update(Evidence::Elsewhere(head, context.frame.at));
+            let evidence = Evidence::Elsewhere(head, context.frame.at);
+            self.pose.update(evidence);
         }
     }
 
@@ -346,21 +336,16 @@ impl Follower {
 
     /// The last landmarks moved with a known head that turns away, at low confidence. `None` if the head faces the sensor, turns
     /// too far, or was not tracked just before.
-    fn turned_away(
-        &self,
-        pose: &SensorFromFace,
-        camera: &Camera,
-        at: Timestamp,
-    ) -> Option<Landmarks> {
+    fn turned_away(&self, pose: &SensorFromFace, context: &FrameContext) -> Option<Landmarks> {
         let last = self.person.landmarks.as_ref()?;
-        let known = self.person.face_frames >= KNOWN_FRAMES
-            && at.seconds_since(self.person.last_seen) < AWAY_GAP_S;
+        let unseen_s = context.frame.at.seconds_since(self.person.last_seen);
+        let known = self.person.face_frames >= KNOWN_FRAMES && unseen_s < AWAY_GAP_S;
         let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
         if !known || !AWAY_FACING.contains(&facing) {
             return None;
         }
         let mut landmarks = last.clone();
-        landmarks.reproject(pose, camera);
+        landmarks.reproject(pose, context.camera);
         landmarks.confidence = landmarks.confidence.min(AWAY_CONFIDENCE);
         for confidence in &mut landmarks.point_confidence {
             *confidence = confidence.min(AWAY_CONFIDENCE);
@@ -461,6 +446,7 @@ mod tests {
     use mien_stages::base::frames::SensorFromHead;
     use mien_stages::base::geometry::Rigid;
     use mien_stages::base::geometry::Rotation;
+    use mien_stages::camera::Camera;
     use mien_stages::expression::Units;
     use mien_stages::face_model::FaceModel;
     use mien_stages::landmarks::Scratch;

@@ -38,10 +38,8 @@ impl People {
         let lost = |slot: usize| self.followers[slot].person.state == TrackingState::Lost;
         let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
         let candidate = &self.followers[CANDIDATE];
-        let (learned, waited) = (
-            candidate.pose.learned_frames(),
-            candidate.tracked_frames() >= REID_MAX_FRAMES,
-        );
+        let learned = candidate.pose.learned_frames();
+        let waited = candidate.tracked_frames() >= REID_MAX_FRAMES;
         if anybody && learned < REID_MIN_FRAMES && !waited {
             return;
         }

@@ -35,13 +35,8 @@ const MAX_FILE_BYTES: usize = 1 << 20;
 #[error("{0}")]
 pub struct SettingsError(String);
 
-/// A setting that a run would refuse although every key is in its range.
-pub(super) struct Refused {
-    pub(super) section: &'static str,
-    /// Empty for the section as a whole.
-    pub(super) key: &'static str,
-    pub(super) problem: String,
-}
+/// A setting that a run would refuse although every key is in its range: section, key (empty for the section as a whole), problem.
+pub(super) type Refused = (&'static str, &'static str, String);
 
 impl SettingsError {
     pub(super) fn unreadable(path: &Path, problem: impl std::fmt::Display) -> Self {
@@ -50,6 +45,14 @@ impl SettingsError {
             "{path}: cannot be read ({}); give an existing file or omit --config",
             reason(problem)
         ))
+    }
+
+    /// A problem at a byte offset of the text of a file; line and column count from 1.
+    fn at(path: &Path, text: &str, offset: usize, problem: impl std::fmt::Display) -> Self {
+        let (path, before) = (path.display(), &text[..offset.min(text.len())]);
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+        Self(format!("{path}:{line}:{column}: {problem}"))
     }
 }
 
@@ -60,32 +63,19 @@ fn read_text(path: &Path) -> Result<String, SettingsError> {
     String::from_utf8(bytes).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
         let before = String::from_utf8_lossy(&error.as_bytes()[..valid]);
-        let (line, column) = line_and_column(&before, valid);
-        let path = path.display();
-        SettingsError(format!(
-            "{path}:{line}:{column}: expected UTF-8 text, found other bytes; save the file as UTF-8"
-        ))
+        let expected = "expected UTF-8 text, found other bytes; save the file as UTF-8";
+        SettingsError::at(path, &before, valid, expected)
     })
 }
 
-/// Line and column of a byte offset in a text, counted from 1.
-fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
-    let before = &text[..offset.min(text.len())];
-    let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
-    (before.matches('\n').count() + 1, column)
-}
-
-/// Byte offset of the refused value, else of its section, else of the first gesture, whose settings an output may refuse.
-fn refused_offset(document: &DeTable<'_>, refused: &Refused) -> usize {
-    let section = |name: &str| document.iter().find(|(key, _)| key.get_ref() == name);
-    let Some((name, value)) = section(refused.section).or_else(|| section(GESTURE)) else {
+/// Byte offset of the value of a key, else of its section, else of the first gesture, whose settings an output may refuse.
+fn offset_of(document: &DeTable<'_>, section: &str, key: &str) -> usize {
+    let find = |name: &str| document.iter().find(|(key, _)| key.get_ref() == name);
+    let Some((name, value)) = find(section).or_else(|| find(GESTURE)) else {
         return 0;
     };
-    let table = value.get_ref().as_table();
-    let value = table.and_then(|table| {
-        let mut keys = table.iter();
-        keys.find(|(key, _)| key.get_ref() == refused.key)
-    });
+    let mut keys = value.get_ref().as_table().into_iter().flatten();
+    let value = keys.find(|(name, _)| name.get_ref() == key);
     value.map_or(name.span(), |(_, value)| value.span()).start
 }
 
@@ -122,11 +112,8 @@ impl Settings {
     ) -> Result<Self, SettingsError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let wrong = |offset: usize, expected: String, found: String| {
-            let (line, column) = line_and_column(text, offset);
-            let path = path.display();
-            SettingsError(format!(
-                "{path}:{line}:{column}: expected {expected}, found {found}"
-            ))
+            let problem = format_args!("expected {expected}, found {found}");
+            SettingsError::at(path, text, offset, problem)
         };
         let document = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(0, |span| span.start);
@@ -160,11 +147,9 @@ impl Settings {
         }
         settings.outputs.copy_units();
         match refused(&settings) {
-            Some(refused) => {
-                let (line, column) =
-                    line_and_column(text, refused_offset(document.get_ref(), &refused));
-                let (path, problem) = (path.display(), refused.problem);
-                Err(SettingsError(format!("{path}:{line}:{column}: {problem}")))
+            Some((section, key, problem)) => {
+                let offset = offset_of(document.get_ref(), section, key);
+                Err(SettingsError::at(path, text, offset, problem))
             }
             None => Ok(settings),
         }
@@ -185,19 +170,18 @@ impl Settings {
         }
         for (key, value) in table {
             if name == UNITS {
-                units::assign(key.get_ref(), value, &mut self.outputs.units).map_err(
-                    |(span, expected, found)| {
-                        wrong(span.unwrap_or(key.span()).start, expected, found)
-                    },
-                )?;
+                let assigned = units::assign(key.get_ref(), value, &mut self.outputs.units);
+                assigned.map_err(|(span, expected, found)| {
+                    wrong(span.unwrap_or(key.span()).start, expected, found)
+                })?;
                 continue;
             }
-            let mut rows = known.keys(self);
+            let mut rows = (known.keys)(self);
             let Some(index) = rows.iter().position(|row| row.name == key.get_ref()) else {
                 let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
-                let expected =
-                    format!("one of the keys {} in {}", names.join(", "), known.header());
-                let found = format!("{key}{}", hint(key.get_ref(), names), key = key.get_ref());
+                let (all, header) = (names.join(", "), known.header());
+                let expected = format!("one of the keys {all} in {header}");
+                let found = format!("{}{}", key.get_ref(), hint(key.get_ref(), names));
                 return Err(wrong(key.span().start, expected, found));
             };
             let row = rows.swap_remove(index);
@@ -226,11 +210,8 @@ impl Settings {
             let _ = write!(text, "\n# {}\n", section.about);
             let is_gesture = section.name == GESTURE;
             let mark = if is_gesture && is_example { "# " } else { "" };
-            for _ in 0..if is_gesture {
-                self.outputs.gestures.len()
-            } else {
-                1
-            } {
+            let gestures = self.outputs.gestures.len();
+            for _ in 0..if is_gesture { gestures } else { 1 } {
                 // The keys refer to the last gesture: rotates each one there.
                 if is_gesture {
                     self.outputs.gestures.rotate_left(1);
@@ -239,7 +220,7 @@ impl Settings {
                 if section.name == UNITS {
                     units::print(&self.outputs.units, &mut text);
                 }
-                for Key { name, about, kind } in section.keys(&mut self) {
+                for Key { name, about, kind } in (section.keys)(&mut self) {
                     let (allowed, value) = as_toml(&kind);
                     let _ = write!(text, "# {about} ({allowed})\n{mark}{name} = {value}\n");
                 }
