@@ -34,18 +34,14 @@ impl Fault {
 
     /// Wraps a system error about a file; `advice` follows it.
     pub fn cannot<E: Display>(what: &str, path: &Path, advice: &str) -> impl Fn(E) -> Self {
-        let published = match data_set_name(path).filter(|_| !path.exists()) {
-            Some(set) => {
-                format!("; docs/data.md says what the data set {set} is and how to get it")
-            }
-            None => String::new(),
-        };
+        let about =
+            |set| format!("; docs/data.md says what the data set {set} is and how to get it");
+        let set = data_set_name(path).filter(|_| !path.exists());
+        let published = set.map(about).unwrap_or_default();
         let path = path.display().to_string();
         move |error| {
-            Self::new(format!(
-                "cannot {what} {path}: {}{advice}{published}",
-                reason(error)
-            ))
+            let why = reason(error);
+            Self::new(format!("cannot {what} {path}: {why}{advice}{published}"))
         }
     }
 
