@@ -77,9 +77,8 @@ impl ServiceManager {
 
     /// Triggers the watchdog when due; to be called after every frame, or wait for the sensor.
     pub fn feed_watchdog(&mut self, now: Instant) {
-        let due = self
-            .feed_every
-            .is_some_and(|every| since(self.last_fed, now) >= every);
+        let passed = since(self.last_fed, now);
+        let due = self.feed_every.is_some_and(|every| passed >= every);
         if due {
             self.last_fed = Some(now);
             self.notify("WATCHDOG=1");

@@ -202,12 +202,10 @@ impl Status {
     }
 
     fn user(&self, slot: usize, user: &User, text: &mut String) -> std::fmt::Result {
+        let (state, sure, frozen) = (user.state.name(), finite(user.confidence), user.frozen);
         write!(
             text,
-            "\n    {{\"slot\": {slot}, \"state\": \"{}\", \"confidence\": {:.3}, \"frozen\": {}, ",
-            user.state.name(),
-            finite(user.confidence),
-            user.frozen
+            "\n    {{\"slot\": {slot}, \"state\": \"{state}\", \"confidence\": {sure:.3}, \"frozen\": {frozen}, "
         )?;
         if ENABLED && !self.gestures.is_empty() {
             let on = (0..self.gestures.len()).filter(|i| user.gestures >> i & 1 == 1);
@@ -384,10 +382,9 @@ impl Files {
                 // The default folder exists only under the service; a missing one is not reported.
                 let is_default_path = path.to_str() == Some(STATUS_PATH);
                 if !(is_default_path && error.kind() == ErrorKind::NotFound) {
+                    let (path, why) = (path.display(), reason(error));
                     tracing::info!(
-                        "{} is not written ({}); set status.path to another file",
-                        path.display(),
-                        reason(error)
+                        "{path} is not written ({why}); set status.path to another file"
                     );
                 }
                 self.error_logged = true;

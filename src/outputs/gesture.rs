@@ -158,15 +158,13 @@ impl Gesture {
     /// Index among `units` and sign of each term, for each sum; units that are not measured are omitted.
     pub fn indexed(&self, units: &[&str]) -> Vec<Vec<(usize, f32)>> {
         let index = |(sign, unit)| Some((units.iter().position(|name| *name == unit)?, sign));
-        let sums = Self::sums(&self.of);
-        sums.map(|terms| terms.filter_map(index).collect())
-            .collect()
+        let sums = Self::sums(&self.of).map(|terms| terms.filter_map(index).collect());
+        sums.collect()
     }
 
     fn terms(sum: &str) -> impl Iterator<Item = (f32, &str)> {
-        let signs = sum
-            .matches(['+', '-'])
-            .map(|sign| if sign == "-" { -1.0 } else { 1.0 });
+        let signs = sum.matches(['+', '-']);
+        let signs = signs.map(|sign| if sign == "-" { -1.0 } else { 1.0 });
         let signs = core::iter::once(1.0).chain(signs);
         signs.zip(sum.split(['+', '-']).map(str::trim))
     }
@@ -237,11 +235,8 @@ struct Speech {
 impl Speech {
     /// Takes the mouth's opening; returns whether the person speaks.
     fn update(&mut self, opening: f32, at: Timestamp) -> bool {
-        let back = if self.is_opening {
-            self.extreme - opening
-        } else {
-            opening - self.extreme
-        };
+        let direction = if self.is_opening { 1.0 } else { -1.0 };
+        let back = direction * (self.extreme - opening);
         // Noise grows with the opening.
         let least = REVERSAL.max(SHARE * opening.max(self.extreme));
         if back > least {
@@ -344,10 +339,10 @@ impl Gestures {
         for watched in &mut self.all {
             let gesture = &watched.gesture;
             let is_theirs = gesture.person != Person::Shown || !report.other_is_shown;
-            let counts =
-                is_tracked && is_theirs && sideways <= gesture.turned_deg && up <= PITCH_MAX_DEG;
+            let is_facing = sideways <= gesture.turned_deg && up <= PITCH_MAX_DEG;
             let sum = |terms: &Vec<_>| terms.iter().map(|(unit, sign)| sign * weight(unit)).sum();
             let least = watched.sums.iter().map(sum).fold(f32::MAX, f32::min);
+            let counts = is_tracked && is_theirs && is_facing;
             // Below any level.
             let sum = if counts { least } else { f32::MIN };
             let may_start = gesture.speaking || !is_speaking || sum >= SPEAKING_FACTOR * gesture.on;

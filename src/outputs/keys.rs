@@ -124,13 +124,10 @@ impl Keys {
             self.tally.dropped += 1;
             self.is_down[i] = before;
             // The device is gone, not just busy or without a host.
-            if matches!(written, Some(Err(problem)) if problem.raw_os_error() == Some(libc::ENODEV))
-            {
-                tracing::warn!(
-                    "{} is gone; retrying every {} s",
-                    self.path,
-                    PAUSES[1].as_secs()
-                );
+            let problem = written.and_then(Result::err);
+            if problem.is_some_and(|problem| problem.raw_os_error() == Some(libc::ENODEV)) {
+                let (path, pause_s) = (&self.path, PAUSES[1].as_secs());
+                tracing::warn!("{path} is gone; retrying every {pause_s} s");
                 self.device = None;
                 return;
             }
@@ -196,10 +193,9 @@ impl Drop for Keys {
 
 /// Opens a device for non-blocking writes; makes a keyboard of `uinput`.
 fn open_device(path: &str, is_gadget: bool) -> io::Result<File> {
-    let mut device = OpenOptions::new()
-        .write(true)
-        .custom_flags(libc::O_NONBLOCK)
-        .open(path)?;
+    let mut mode = OpenOptions::new();
+    let mode = mode.write(true).custom_flags(libc::O_NONBLOCK);
+    let mut device = mode.open(path)?;
     if device.metadata()?.file_type().is_char_device() && !is_gadget {
         create_uinput(&mut device)?;
     }
@@ -228,10 +224,9 @@ fn create_uinput(device: &mut File) -> io::Result<()> {
         }
     };
     set(UI_SET_EVBIT, EV_KEY)?;
-    let codes = KEYBOARD.chain(KEYS.iter().map(|key| key.1));
-    codes
-        .into_iter()
-        .try_for_each(|code| set(UI_SET_KEYBIT, code))?;
+    for code in KEYBOARD.chain(KEYS.iter().map(|key| key.1)) {
+        set(UI_SET_KEYBIT, code)?;
+    }
     let mut about = [0; DEVICE_BYTES];
     about[..NAME.len()].copy_from_slice(NAME);
     // BUS_VIRTUAL.

@@ -167,14 +167,12 @@ pub(super) struct Snapshot {
 /// The members that every JSON object about a user has in common.
 impl std::fmt::Display for Snapshot {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (state, sure, frozen) = (self.state.name(), Weight(self.confidence), self.frozen);
         write!(
             f,
-            "\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{}",
-            self.state.name(),
-            Weight(self.confidence),
-            self.frozen,
-            self.latency_us
-        )
+            "\"state\":\"{state}\",\"confidence\":{sure},\"frozen\":{frozen}"
+        )?;
+        write!(f, ",\"latency_us\":{}", self.latency_us)
     }
 }
 

@@ -73,12 +73,11 @@ impl View {
             let found = opposite.and_then(|name| units.iter().position(|unit| *unit == name));
             found.unwrap_or(i)
         };
-        (0..units.len())
-            .map(|i| Channel {
-                source: source(i),
-                gain: self.unit_view(units[i]).map_or(1.0, |view| view.gain),
-            })
-            .collect()
+        let channel = |i: usize| Channel {
+            source: source(i),
+            gain: self.unit_view(units[i]).map_or(1.0, |view| view.gain),
+        };
+        (0..units.len()).map(channel).collect()
     }
 
     /// Pose of a report, mirrored if configured: position in metres and quaternion x, y, z, w, sensor frame. `None` without a pose

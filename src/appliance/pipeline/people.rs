@@ -303,9 +303,9 @@ impl People {
                     let index = self.rejected_index(&heads[head].centre);
                     index.map_or(0, |index| self.rejected[index].retry_from)
                 };
-                let free = free.iter().copied();
-                free.filter(|&head| retry_from(head) <= self.frame_count)
-                    .min_by_key(|&head| retry_from(head))
+                let due = free.iter().copied();
+                let due = due.filter(|&head| retry_from(head) <= self.frame_count);
+                due.min_by_key(|&head| retry_from(head))
             }
         };
         let candidate = &mut self.followers[CANDIDATE];

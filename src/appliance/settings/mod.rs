@@ -40,11 +40,9 @@ pub(super) type Refused = (&'static str, &'static str, String);
 
 impl SettingsError {
     pub(super) fn unreadable(path: &Path, problem: impl std::fmt::Display) -> Self {
-        let path = path.display();
-        Self(format!(
-            "{path}: cannot be read ({}); give an existing file or omit --config",
-            reason(problem)
-        ))
+        let (path, problem) = (path.display(), reason(problem));
+        let advice = "give an existing file or omit --config";
+        Self(format!("{path}: cannot be read ({problem}); {advice}"))
     }
 
     /// A problem at a byte offset of the text of a file; line and column count from 1.

@@ -86,11 +86,8 @@ pub(super) fn run(
         shared.connected.store(false, Ordering::Relaxed);
         let Err(end) = end else { return };
         if !std::mem::replace(&mut failure_logged, true) {
-            let broker = &config.settings.broker;
-            tracing::warn!(
-                "MQTT broker {broker}: {end}; retrying every {} s",
-                PAUSES[1].as_secs()
-            );
+            let (broker, pause_s) = (&config.settings.broker, PAUSES[1].as_secs());
+            tracing::warn!("MQTT broker {broker}: {end}; retrying every {pause_s} s");
         }
         if wait_for_retry(back_off.pause(), &mut messages, shared, &mut waker) {
             return;

@@ -103,14 +103,15 @@ impl Messages {
                 let payload = draft.begin(format_args!("gesture/{name}"));
                 payload.write_str(if is_on { "ON" } else { "OFF" })
             }
-            Change::State(slot, user) => write!(
-                draft.begin(format_args!("{slot}/state")),
-                "{{\"state\":\"{}\",\"present\":{},\"changes\":{},\"time_us\":{}}}",
-                user.state.name(),
-                user.state.is_present(),
-                user.changes,
-                user.at_us
-            ),
+            Change::State(slot, user) => {
+                let (state, present) = (user.state.name(), user.state.is_present());
+                write!(
+                    draft.begin(format_args!("{slot}/state")),
+                    "{{\"state\":\"{state}\",\"present\":{present},\"changes\":{},\"time_us\":{}}}",
+                    user.changes,
+                    user.at_us
+                )
+            }
         };
     }
 

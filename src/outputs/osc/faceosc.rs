@@ -99,8 +99,8 @@ impl FaceOsc {
 
     fn send_found(&mut self, found: bool) {
         self.found = found;
-        self.wire
-            .message(format_args!("/found"), [Argument::Int(found.into())]);
+        let argument = Argument::Int(found.into());
+        self.wire.message(format_args!("/found"), [argument]);
         self.wire.flush();
     }
 

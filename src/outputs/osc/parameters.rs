@@ -83,15 +83,13 @@ impl Parameter {
 
     /// One parameter per unit, with the given names.
     pub(super) fn for_units<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Self> {
-        names
-            .enumerate()
-            .map(|(unit, name)| Self {
-                name: name.to_owned(),
-                rest: 0.0,
-                least: 0.0,
-                terms: Box::new([(1.0, Box::from([unit]))]),
-            })
-            .collect()
+        let parameter = |(unit, name): (usize, &str)| Self {
+            name: name.to_owned(),
+            rest: 0.0,
+            least: 0.0,
+            terms: Box::new([(1.0, Box::from([unit]))]),
+        };
+        names.enumerate().map(parameter).collect()
     }
 
     /// Whether its value can be negative.

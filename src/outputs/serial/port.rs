@@ -81,9 +81,8 @@ impl Shared {
 
     /// Waits for `time` or until asked to stop; returns whether to stop.
     fn pause(&self, time: Duration) -> bool {
-        let waited = self
-            .changed
-            .wait_timeout_while(self.lock(), time, |waiting| !waiting.stop);
+        let goes_on = |waiting: &mut Waiting| !waiting.stop;
+        let waited = self.changed.wait_timeout_while(self.lock(), time, goes_on);
         waited.unwrap_or_else(PoisonError::into_inner).0.stop
     }
 
@@ -230,10 +229,9 @@ fn open(settings: &Settings) -> std::io::Result<Box<dyn Write>> {
     }
     let port = serialport::new(&settings.port, settings.baud).timeout(WRITE_TIMEOUT);
     // The system raises DTR when a port is first opened; the setting changes that only on request.
-    let port = if settings.dtr {
-        port.dtr_on_open(true)
-    } else {
-        port.preserve_dtr_on_open()
+    let port = match settings.dtr {
+        true => port.dtr_on_open(true),
+        false => port.preserve_dtr_on_open(),
     };
     Ok(Box::new(port.open_native()?))
 }
@@ -286,11 +284,10 @@ fn log_limits(settings: &Settings, units: &[&str], plan: &Plan) {
     let name = |&unit: &usize| settings.view.name(units[unit]);
     let left_out: Vec<&str> = plan.left_out.iter().map(name).collect();
     if !left_out.is_empty() {
+        let (kept, omitted) = (plan.units.len(), left_out.join(" "));
+        let all = kept + left_out.len();
         tracing::warn!(
-            "serial port {port} carries {} of {} units at {baud} bit/s, omitting {}",
-            plan.units.len(),
-            plan.units.len() + left_out.len(),
-            left_out.join(" ")
+            "serial port {port} carries {kept} of {all} units at {baud} bit/s, omitting {omitted}"
         );
     }
     if plan.rate_hz < budget::FRAMES_HZ {

@@ -80,9 +80,8 @@ fn is_equal(given: &[u8], known: &[u8]) -> bool {
 
 /// Whether the value of the header `Authorization` has this password.
 fn has_password(header: &str, password: &str) -> bool {
-    let coded = header
-        .split_once(' ')
-        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("basic"));
+    let is_basic = |(scheme, _): &(&str, _)| scheme.eq_ignore_ascii_case("basic");
+    let coded = header.split_once(' ').filter(is_basic);
     let mut room = [0; 3 * PASSWORD_MAX];
     let length = coded.and_then(|(_, coded)| STANDARD.decode_slice(coded.trim(), &mut room).ok());
     let given = &room[..length.unwrap_or_default()];
@@ -188,24 +187,24 @@ impl Service for Page {
 
 impl Page {
     fn write(&self, mailbox: &Mailbox, message: &mut String) -> std::fmt::Result {
-        let (frame, _, at) = self.newest;
+        let ((frame, _, at), rate) = (self.newest, self.rate);
         let silent = at.map_or(u128::MAX, |at| at.elapsed().as_millis());
+        let silent = silent.min(u128::from(u32::MAX));
         write!(
             message,
-            "{{\"frame\":{},\"silent_ms\":{},\"rate\":{:.1},\"users\":[",
-            frame,
-            silent.min(u128::from(u32::MAX)),
-            self.rate
+            "{{\"frame\":{frame},\"silent_ms\":{silent},\"rate\":{rate:.1}"
         )?;
+        message.write_str(",\"users\":[")?;
         let users = mailbox.users.iter().enumerate();
         let known = users.filter(|(_, snapshot)| snapshot.count > 0);
         for (i, (slot, snapshot)) in known.enumerate() {
             let comma = if i > 0 { "," } else { "" };
+            let gestures = snapshot.gestures;
             write!(
                 message,
-                "{comma}{{\"slot\":{slot},{snapshot},\"gestures\":{},\"weights\":[",
-                snapshot.gestures
+                "{comma}{{\"slot\":{slot},{snapshot},\"gestures\":{gestures}"
             )?;
+            message.write_str(",\"weights\":[")?;
             for (i, weight) in snapshot.weights.iter().enumerate() {
                 let comma = if i > 0 { "," } else { "" };
                 write!(message, "{comma}{}", Weight(*weight))?;

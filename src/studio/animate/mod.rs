@@ -85,10 +85,8 @@ impl Columns {
     /// Finds the columns; `targets` lists the units that may drive each target. `None` without time and user.
     fn find(table: &csv::Table, targets: &[Vec<String>]) -> Option<Self> {
         let columns = |units: &String| -> Vec<usize> {
-            let units = units.split('|');
-            units
-                .filter_map(|unit| table.find(&format!("w_{unit}")))
-                .collect()
+            let column = |unit| table.find(&format!("w_{unit}"));
+            units.split('|').filter_map(column).collect()
         };
         let of = |names: &Vec<String>| {
             let mut found = names.iter().map(columns);
@@ -172,9 +170,8 @@ fn track(
             continue;
         }
         met |= slot.is_some();
-        let now: u64 = cells[columns.time]
-            .parse()
-            .map_err(|_| refuse(line, "a time in microseconds", text))?;
+        let now = cells[columns.time].parse::<u64>();
+        let now = now.map_err(|_| refuse(line, "a time in microseconds", text))?;
         let seconds = now.saturating_sub(*first.get_or_insert(now)) as f64 * 1e-6;
         let time = [seconds as f32];
         if out.times.last().is_some_and(|&last| time <= last) {
@@ -210,9 +207,9 @@ struct Targets {
 impl Targets {
     /// Targets of a mesh; `recipe` maps names of shapes to units. `None` if its targets have no names.
     fn read(mesh: &Value, recipe: &[(String, String)]) -> Option<Self> {
-        let names = mesh["extras"]["targetNames"]
-            .as_array()
-            .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array())?;
+        let own = mesh["extras"]["targetNames"].as_array();
+        let first = &mesh["primitives"][0]["extras"]["targetNames"];
+        let names = own.or(first.as_array())?;
         let names: Vec<&str> = names.iter().map(Value::as_str).collect::<Option<_>>()?;
         let units = names.iter().enumerate().map(|(k, name)| {
             let output_name = mesh["extras"]["mien"]["units"][k].as_str();
@@ -315,10 +312,8 @@ pub fn animate(args: &Args) -> Result<(), Fault> {
     let text = read(&args.csv)?;
     let (frames, driven) = animated(&mut glb, &text, &args.csv, args.user.as_deref())?;
     write(&args.out, &glb.emit())?;
-    println!(
-        "{}: {frames} frames, {driven} morph targets driven",
-        args.out.display()
-    );
+    let out = args.out.display();
+    println!("{out}: {frames} frames, {driven} morph targets driven");
     Ok(())
 }
 

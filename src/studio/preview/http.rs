@@ -126,9 +126,8 @@ pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), Fault> {
     let listener = TcpListener::bind(address);
     let opened = listener.and_then(|listener| Ok((listener.local_addr()?, listener)));
     let (page, listener) = opened.map_err(|error| {
-        Fault::new(format!(
-            "cannot serve the page at {address}: {error}; choose another with --port"
-        ))
+        let problem = format!("cannot serve the page at {address}: {error}");
+        Fault::new(problem + "; choose another with --port")
     })?;
     Ok((listener, page))
 }

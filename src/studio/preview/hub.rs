@@ -162,13 +162,9 @@ impl Hub {
     /// now.
     pub fn start(&self) -> (Vec<Arc<str>>, u64) {
         let state = self.lock();
-        let skipped = if self.is_session() {
-            0
-        } else {
-            state.lines.len()
-        };
-        let facts = state.facts.values().cloned();
-        (facts.collect(), state.first + skipped as u64)
+        let (session, count) = (self.is_session(), state.lines.len() as u64);
+        let next = state.first + if session { 0 } else { count };
+        (state.facts.values().cloned().collect(), next)
     }
 
     /// Events from number `next` on, and the number after them; waits at most `time` for the first.
