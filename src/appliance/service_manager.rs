@@ -140,14 +140,8 @@ mod tests {
             manager.feed_watchdog(start + Duration::from_millis(frame * 33));
         }
         manager.notify("STOPPING=1");
-        let expected = [
-            "READY=1",
-            "WATCHDOG=1",
-            "WATCHDOG=1",
-            "WATCHDOG=1",
-            "STOPPING=1",
-        ];
-        assert_eq!(received(&socket), expected);
+        let expected = "READY=1 WATCHDOG=1 WATCHDOG=1 WATCHDOG=1 STOPPING=1";
+        assert_eq!(received(&socket).join(" "), expected);
     }
 
     #[test]
@@ -157,10 +151,8 @@ mod tests {
         manager.feed_watchdog(start);
         for second in 0..6 {
             let users = second / 3;
-            manager.set_status(
-                format_args!("{users} users"),
-                start + Duration::from_millis(1100 * second),
-            );
+            let at = start + Duration::from_millis(1100 * second);
+            manager.set_status(format_args!("{users} users"), at);
         }
         assert_eq!(received(&socket), ["STATUS=0 users", "STATUS=1 users"]);
     }
@@ -173,9 +165,8 @@ mod tests {
         assert!(ServiceManager::connect(bytes, None).is_err());
         let socket = UnixDatagram::bind(&path).unwrap();
         socket.set_nonblocking(true).unwrap();
-        ServiceManager::connect(bytes, None)
-            .unwrap()
-            .notify("READY=1");
+        let manager = ServiceManager::connect(bytes, None).unwrap();
+        manager.notify("READY=1");
         assert_eq!(received(&socket), ["READY=1"]);
     }
 }

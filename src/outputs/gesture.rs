@@ -517,11 +517,8 @@ mod tests {
             for ms in [0, 100, 200] {
                 gestures.observe(&mut [user(1, ms, &faces)]);
             }
-            assert_eq!(
-                switches(&mut gestures),
-                [("smile".to_owned(), None, true)],
-                "{end}"
-            );
+            let on = [("smile".to_owned(), None, true)];
+            assert_eq!(switches(&mut gestures), on, "{end}");
             // Missed for a frame, it stays.
             gestures.observe(&mut [Report {
                 state: TrackingState::Held,
@@ -529,38 +526,26 @@ mod tests {
             }]);
             assert_eq!(switches(&mut gestures), [], "{end}");
             let [turned, nodded] = [[0.8, 0.0], [0.0, 0.6]].map(|[yaw, pitch]| {
-                Rigid::from_parts(
-                    Vector::new(0.0, 0.0, 0.8).into(),
-                    rotation_from_yaw_pitch_roll(yaw, pitch, 0.0),
-                )
+                let turn = rotation_from_yaw_pitch_roll(yaw, pitch, 0.0);
+                Rigid::from_parts(Vector::new(0.0, 0.0, 0.8).into(), turn)
             });
-            let now = user(1, 266, &faces);
+            let mut now = user(1, 266, &faces);
             match end {
-                "lost" => gestures.observe(&mut [Report {
-                    state: TrackingState::Lost,
-                    ..now
-                }]),
-                "absent" => gestures.observe(&mut [Report {
-                    state: TrackingState::Absent,
-                    ..now
-                }]),
-                "gone" => gestures.observe(&mut [Report { user: None, ..now }]),
-                "turned" | "nodded" => gestures.observe(&mut [Report {
-                    sensor_from_face: Some(if end == "turned" { &turned } else { &nodded }),
-                    ..now
-                }]),
-                "clock" => gestures.observe(&mut [user(1, 0, &faces)]),
-                "aside" => gestures.observe(&mut [Report {
-                    other_is_shown: true,
-                    ..now
-                }]),
-                _ => gestures.release(),
+                "lost" => now.state = TrackingState::Lost,
+                "absent" => now.state = TrackingState::Absent,
+                "gone" => now.user = None,
+                "turned" => now.sensor_from_face = Some(&turned),
+                "nodded" => now.sensor_from_face = Some(&nodded),
+                "clock" => now = user(1, 0, &faces),
+                "aside" => now.other_is_shown = true,
+                _ => {}
             }
-            assert_eq!(
-                switches(&mut gestures),
-                [("smile".to_owned(), None, false)],
-                "{end}"
-            );
+            match end {
+                "end" => gestures.release(),
+                _ => gestures.observe(&mut [now]),
+            }
+            let off = [("smile".to_owned(), None, false)];
+            assert_eq!(switches(&mut gestures), off, "{end}");
         }
     }
 
@@ -617,16 +602,10 @@ mod tests {
                 0.05
             };
             let smiles = if s > 3.0 { 0.9 } else { 0.1 };
-            gestures.observe(&mut [user(
-                0,
-                frame * 1000 / 30,
-                &[smiles, smiles, opening, opening],
-            )]);
-            on.extend(
-                switches(&mut gestures)
-                    .into_iter()
-                    .map(|(name, _, _)| (name, s)),
-            );
+            let weights = [smiles, smiles, opening, opening];
+            gestures.observe(&mut [user(0, frame * 1000 / 30, &weights)]);
+            let switches = switches(&mut gestures).into_iter();
+            on.extend(switches.map(|(name, _, _)| (name, s)));
         }
         let names: Vec<&str> = on.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["speaking", "broad", "smile"]);
@@ -652,10 +631,8 @@ mod tests {
             for terms in Gesture::sums(text) {
                 let terms: Vec<(f32, &str)> = terms.collect();
                 for (_, unit) in &terms {
-                    assert!(
-                        names.iter().any(|known| known.as_str() == *unit),
-                        "{name}: {unit}"
-                    );
+                    let is_known = names.iter().any(|known| known.as_str() == *unit);
+                    assert!(is_known, "{name}: {unit}");
                 }
                 assert!(off < on && on < terms.len() as f32);
             }

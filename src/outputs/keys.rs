@@ -242,6 +242,17 @@ mod tests {
     use mien_stages::base::time::Timestamp;
     use mien_stages::users::TrackingState;
 
+    /// A new state of a gesture.
+    fn switch(index: usize, gesture: &Gesture, is_on: bool) -> Switch<'_> {
+        Switch {
+            index,
+            gesture,
+            user: None,
+            is_on,
+            is_new: true,
+        }
+    }
+
     /// Bytes written for a smile and a brow that press the same key, and for a gesture without a key.
     fn written(name: &str) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
@@ -252,20 +263,11 @@ mod tests {
             press: Press::Hold,
             ..Gesture::named(name)
         };
-        let all = [
-            gesture("smile", "space"),
-            gesture("brows", "space"),
-            gesture("kiss", ""),
-        ];
+        let keys = [("smile", "space"), ("brows", "space"), ("kiss", "")];
+        let all = keys.map(|(name, key)| gesture(name, key));
         let mut keys = Keys::new(path.to_str().unwrap());
         for (index, is_on) in [(0, true), (0, true), (1, true), (2, true), (0, false)] {
-            keys.switch(&Switch {
-                index,
-                gesture: &all[index],
-                user: None,
-                is_on,
-                is_new: true,
-            });
+            keys.switch(&switch(index, &all[index], is_on));
         }
         // The brow is still up.
         assert_eq!(keys.tally.sent, 1);
@@ -276,14 +278,12 @@ mod tests {
     #[test]
     fn a_key_is_down_while_any_gesture_holds_it_and_up_at_the_end() {
         let events = written("events");
-        let words: Vec<(u16, u16, i32)> = events
-            .chunks(EVENT_BYTES)
-            .map(|event| {
-                let at = EVENT_BYTES - 8;
-                let word = |i: usize| u16::from_ne_bytes([event[at + i], event[at + i + 1]]);
-                (word(0), word(2), i32::from(event[at + 4]))
-            })
-            .collect();
+        let words = events.chunks(EVENT_BYTES).map(|event| {
+            let event = &event[EVENT_BYTES - 8..];
+            let word = |i: usize| u16::from_ne_bytes([event[i], event[i + 1]]);
+            (word(0), word(2), i32::from(event[4]))
+        });
+        let words: Vec<(u16, u16, i32)> = words.collect();
         // KEY_SPACE is 57.
         assert_eq!(words, [(1, 57, 1), (0, 0, 0), (1, 57, 0), (0, 0, 0)]);
     }
@@ -308,11 +308,8 @@ mod tests {
         let mut downs = Vec::new();
         for (is_on, is_new) in [(true, true), (true, false), (false, true), (true, true)] {
             keys.switch(&Switch {
-                index: 0,
-                gesture: &gesture,
-                user: None,
-                is_on,
                 is_new,
+                ..switch(0, &gesture, is_on)
             });
             downs.push(keys.is_down.contains(&true));
             keys.send(&Report::default()).unwrap();
@@ -421,13 +418,7 @@ mod tests {
             error.starts_with(&format!("cannot press keys through {path:?}: ")),
             "{error}"
         );
-        keys.switch(&Switch {
-            index: 0,
-            gesture: &gesture,
-            user: None,
-            is_on: true,
-            is_new: true,
-        });
+        keys.switch(&switch(0, &gesture, true));
         keys.send(&Report::default()).unwrap();
         assert!(!keys.tally().connected && keys.tally().dropped == 0);
         std::fs::write(&path, []).unwrap();

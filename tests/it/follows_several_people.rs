@@ -1,8 +1,6 @@
 //! Promise: people are told apart while they sit side by side, pass each other, leave and come back; what is no face is
 //! none; a hand before the face is held, then lost, then over. All without asking for memory after the start.
 
-use std::process::Command;
-
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
 use mien_sensors::Frame;
@@ -11,7 +9,7 @@ use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::FaceModel;
 use mien_stages::users::{Policy, TrackingState};
 
-use crate::common::program;
+use crate::common::mien;
 
 /// Who is where in a frame.
 struct Seen {
@@ -169,10 +167,8 @@ fn four_are_followed_at_once_and_ask_for_no_memory_after_the_start() {
     found.sort_unstable();
     assert_eq!(found, [0, 1, 2, 3]);
 
-    let bench = Command::new(program())
-        .args(["bench", "--source", "simulated:four", "--frames", "15"])
-        .output()
-        .expect("the program runs");
+    let bench = mien("bench --source simulated:four --frames 15").output();
+    let bench = bench.expect("the program runs");
     let text = String::from_utf8_lossy(&bench.stdout);
     assert!(text.contains("allocations_after_start 0"), "{text}");
 }

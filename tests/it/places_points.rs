@@ -5,7 +5,9 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
+
+use crate::common::studio;
 
 use mien_baking::bake::mesh::{Mesh, Vec3};
 use mien_baking::bake::order::Ordered;
@@ -26,12 +28,9 @@ impl Drop for Served {
 
 impl Served {
     fn start(words: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
-            .args(["place", "--port", "0"])
-            .args(words)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut command = studio("place --port 0");
+        let command = command.args(words).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
         let mut line = String::new();
         let mut out = BufReader::new(child.stdout.take().unwrap());
         out.read_line(&mut line).unwrap();
@@ -265,11 +264,7 @@ fn what_cannot_be_opened_is_said_in_one_sentence() {
         ),
         (vec![], "not provided: --mesh"),
     ] {
-        let output = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
-            .args(["place", "--port", "0"])
-            .args(&words)
-            .output()
-            .unwrap();
+        let output = studio("place --port 0").args(&words).output().unwrap();
         let said = String::from_utf8(output.stderr).unwrap();
         assert!(
             !output.status.success() && said.contains(expected),

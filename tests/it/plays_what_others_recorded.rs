@@ -4,8 +4,7 @@
 #![cfg(unix)]
 
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 use std::sync::OnceLock;
 
 use mien_appliance::pipeline::Pipeline;
@@ -20,7 +19,7 @@ use mien_stages::segment::PixelRect;
 use mien_stages::users::TrackingState::{self, Absent, Held, Lost, Posed, Tracking, Warming};
 use tempfile::TempDir;
 
-use crate::common::program;
+use crate::common::{make_pipe, mien};
 
 /// Frames of the recording that all tests play parts of.
 const FRAMES: usize = 75;
@@ -235,11 +234,8 @@ fn colour_pictures_that_are_named_but_not_there_are_none() {
 #[test]
 fn the_table_of_a_run_has_pose_and_box_and_no_face() {
     let folder = recording(&lines(|_| Some(false)));
-    let output = Command::new(program())
-        .args(["run", "--fast", "--csv", "-", "--source"])
-        .arg(folder.path())
-        .output()
-        .expect("mien starts");
+    let mut run = mien("run --fast --csv - --source");
+    let output = run.arg(folder.path()).output().expect("mien starts");
     let text = String::from_utf8(output.stdout).unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
@@ -388,10 +384,6 @@ fn fifteen_frames_a_second_are_followed() {
     }
 }
 
-fn pipe(path: PathBuf) {
-    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
-}
-
 #[test]
 fn a_pipe_is_not_waited_for() {
     let names = &session().names;
@@ -399,16 +391,14 @@ fn a_pipe_is_not_waited_for() {
     let [depth, _] = &names[4];
     let [_, colour] = &names[7];
     for name in [depth, colour] {
-        fs::remove_file(folder.path().join(name)).unwrap();
-        pipe(folder.path().join(name));
+        make_pipe(&folder.path().join(name));
     }
     let (played, skipped) = play(folder.path());
     let numbers: Vec<usize> = played.iter().map(|one| one.number).collect();
     assert_eq!(numbers, [0, 1, 2, 3, 5, 6, 8, 9, 10, 11]);
     assert_eq!(skipped, 2);
     for name in ["device.json", "INDEX.txt"] {
-        fs::remove_file(folder.path().join(name)).unwrap();
-        pipe(folder.path().join(name));
+        make_pipe(&folder.path().join(name));
         let said = Recording::open(folder.path()).err().unwrap().to_string();
         assert!(
             said.contains(name) && said.contains("not a regular file"),

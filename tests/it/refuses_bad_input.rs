@@ -44,18 +44,9 @@ fn a_configuration_with_an_unknown_key_or_a_value_out_of_range_is_placed_and_exp
         "{text}"
     );
     let range = file(folder.path(), "range.toml", "[users]\nhold_s = 60\n");
-    let text = sentence(
-        &[
-            "run",
-            "--config",
-            &range,
-            "--source",
-            "simulated",
-            "--frames",
-            "1",
-        ],
-        2,
-    );
+    let words = format!("run --config {range} --source simulated --frames 1");
+    let words: Vec<&str> = words.split(' ').collect();
+    let text = sentence(&words, 2);
     assert!(
         text.contains("range.toml:2:10: expected users.hold_s from 0 to 10 s, found 60"),
         "{text}"
@@ -154,11 +145,9 @@ fn the_workstation_names_the_bad_file_too_and_leaves_nothing_behind() {
         (&["nrsfm", "--tracks", &tracks], "uneven.csv", "found 2"),
     ];
     for (words, name, found) in cases {
-        let output = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
-            .args(words)
-            .args(["--out", &out])
-            .output()
-            .expect("mien-studio starts");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mien-studio"));
+        let output = command.args(words).args(["--out", &out]).output();
+        let output = output.expect("mien-studio starts");
         let text = String::from_utf8(output.stderr).expect("UTF-8");
         assert_eq!(output.status.code(), Some(1), "{words:?}: {text}");
         assert!(text.contains(name) && text.contains(found), "{text}");

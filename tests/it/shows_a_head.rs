@@ -16,10 +16,8 @@ fn lines(path: &Path) -> usize {
 
 /// Runs `mien-studio`, expects it to refuse, and returns what it says.
 fn refused(words: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
-        .args(words)
-        .output()
-        .unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mien-studio"));
+    let output = command.args(words).output().unwrap();
     let text = String::from_utf8(output.stderr).unwrap();
     assert!(!output.status.success(), "{words:?} was accepted");
     assert!(!text.contains("panicked"), "{text}");

@@ -232,10 +232,16 @@ impl Settings {
 mod tests {
     use super::*;
 
-    fn refused(text: &str) -> String {
+    fn parse(text: &str) -> Result<Settings, SettingsError> {
         Settings::parse(text, Path::new("a.toml"))
-            .expect_err("must be refused")
-            .to_string()
+    }
+
+    fn refused(text: &str) -> String {
+        parse(text).expect_err("must be refused").to_string()
+    }
+
+    fn reads_back(settings: Settings) {
+        assert_eq!(parse(&settings.clone().to_toml()), Ok(settings));
     }
 
     #[test]
@@ -243,19 +249,12 @@ mod tests {
         let mut settings = Settings::default();
         settings.stages.users.hold_s = 1.25;
         settings.sensor.source = "simulated:still".into();
-        assert_eq!(
-            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
-            Ok(settings)
-        );
+        reads_back(settings);
     }
 
     #[test]
     fn defaults_are_within_their_own_ranges() {
-        let defaults = Settings::default();
-        assert_eq!(
-            Settings::parse(&defaults.clone().to_toml(), Path::new("a.toml")),
-            Ok(defaults)
-        );
+        reads_back(Settings::default());
     }
 
     #[test]
@@ -288,7 +287,7 @@ mod tests {
     fn gestures_are_presets_with_overrides() {
         let text = "[[gesture]]\nname = \"smile\"\nkey = \"space\"\nperson = \"any\"\n\
             [[gesture]]\nname = \"frown\"\nof = \"AU4L + AU4R - AU1L\"\non = 1\noff = 0.5\npress = \"hold\"\n";
-        let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
+        let settings = parse(text).unwrap();
         let [smile, frown] = &settings.outputs.gestures[..] else {
             panic!("{:?}", settings.outputs.gestures)
         };
@@ -296,54 +295,42 @@ mod tests {
         assert_eq!((smile.on, &*smile.key), (preset.on, "space"));
         assert_eq!(smile.person, mien_outputs::gesture::Person::Any);
         assert_eq!((frown.on, frown.off), (1.0, 0.5));
-        assert_eq!(
-            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
-            Ok(settings)
-        );
-        for (text, part) in [
+        reads_back(settings);
+        assert!(refused("[gesture]\nname = \"smile\"\n").contains("a section [[gesture]]"));
+        let above = "expected off of the gesture smile to be below its on, 0.25, found 1.5";
+        for (words, part) in [
             (
-                "[gesture]\nname = \"smile\"\n",
-                "expected a section [[gesture]]",
-            ),
-            (
-                "[[gesture]]\nof = \"AU26\"\n",
+                "of = \"AU26\"",
                 "expected a gesture with a name that no other gesture has",
             ),
             (
-                "[[gesture]]\nname = \"grin\"\n",
+                "name = \"grin\"",
                 "expected gesture.of, or one of the names smile, brows,",
             ),
+            ("name = \"smile\"\noff = 1.5", above),
             (
-                "[[gesture]]\nname = \"smile\"\noff = 1.5\n",
-                "expected off of the gesture smile to be below its on, 0.25, found 1.5",
-            ),
-            (
-                "[[gesture]]\nname = \"smile\"\nof = \"AU12L +\"\n",
+                "name = \"smile\"\nof = \"AU12L +\"",
                 "gesture.of to be a sum of units",
             ),
             (
-                "[[gesture]]\nname = \"smile\"\nof = \"AU12L AU12R\"\n",
+                "name = \"smile\"\nof = \"AU12L AU12R\"",
                 "found \"AU12L AU12R\"",
             ),
             (
-                "[[gesture]]\nname = \"smile\"\nkey = \"any key\"\n",
+                "name = \"smile\"\nkey = \"any key\"",
                 "gesture.key to be a key such as",
             ),
             (
-                "[[gesture]]\nname = \"smile\"\nonn = 1\n",
+                "name = \"smile\"\nonn = 1",
                 "one of the keys name, of, on, off,",
             ),
-            (
-                "[[gesture]]\nname = \"smile\"\n[[gesture]]\nname = \"smile\"\n",
-                "a name that no other gesture has",
-            ),
         ] {
-            let message = refused(text);
+            let message = refused(&format!("[[gesture]]\n{words}\n"));
             assert!(message.contains(part), "{message}");
         }
-        let many: String = (0..17)
-            .map(|i| format!("[[gesture]]\nname = \"g{i}\"\nof = \"AU26\"\n"))
-            .collect();
+        let gesture = |name| format!("[[gesture]]\nname = \"{name}\"\nof = \"AU26\"\n");
+        assert!(refused(&gesture(1).repeat(2)).contains("a name that no other gesture has"));
+        let many: String = (0..17).map(gesture).collect();
         assert!(refused(&many).contains("expected at most 16 gestures"));
     }
 
@@ -353,18 +340,11 @@ mod tests {
         // AU23 is not measured.
         assert!(refused(text).contains("a.toml:3:1: expected one of the units AU25, "));
         let text = text.replace("AU23", "AU2L");
-        let settings = Settings::parse(&text, Path::new("a.toml")).unwrap();
-        let units: Vec<_> = settings
-            .outputs
-            .units
-            .iter()
-            .map(|view| (view.unit.as_str(), view.name.as_str(), view.gain))
-            .collect();
-        assert_eq!(units, [("AU26", "jaw", 1.5), ("AU2L", "AU2L", 2.0)]);
-        assert_eq!(
-            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
-            Ok(settings)
-        );
+        let settings = parse(&text).unwrap();
+        let units = settings.outputs.units.iter();
+        let units = units.map(|view| (view.unit.as_str(), view.name.as_str(), view.gain));
+        assert!(units.eq([("AU26", "jaw", 1.5), ("AU2L", "AU2L", 2.0)]));
+        reads_back(settings);
         for (text, part) in [
             (
                 "AU26 = 3",
@@ -392,13 +372,10 @@ mod tests {
     #[test]
     fn targets_are_one_or_several() {
         let text = "[osc]\ntarget = [\"a:1\", \"239.0.0.1:2\"]\n[vmc]\ntarget = \"b:3\"\n";
-        let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
+        let settings = parse(text).unwrap();
         assert_eq!(settings.outputs.osc.targets, ["a:1", "239.0.0.1:2"]);
         assert_eq!(settings.outputs.vmc.targets, ["b:3"]);
-        assert_eq!(
-            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
-            Ok(settings)
-        );
+        reads_back(settings);
         assert!(refused("[osc]\ntarget = []").ends_with("found []"));
         assert!(refused("[osc]\ntarget = [\"a:1\", \"b\"]").ends_with("found [\"a:1\", \"b\"]"));
         assert!(
