@@ -22,8 +22,11 @@ pub(super) struct Section {
     /// Comment printed above the section.
     pub(super) about: &'static str,
     /// Its keys in the settings.
-    pub(super) keys: Box<dyn Fn(&mut Settings) -> Vec<Key<'_>>>,
+    pub(super) keys: Box<KeysOf>,
 }
+
+/// The keys of a section.
+type KeysOf = dyn Fn(&mut Settings) -> Vec<Key<'_>>;
 
 impl Section {
     pub(super) fn header(&self) -> String {
