@@ -10,7 +10,7 @@
 //!
 //! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
 
-use super::Every;
+use super::every::Every;
 use super::report::{Report, unit_range};
 use super::view::{is_name, is_unit};
 use mien_stages::base::capacity::{GESTURES, USERS};
