@@ -31,26 +31,28 @@ const OUTPUTS: usize = 12;
 /// Initial capacity of a file's text, bytes.
 const TEXT: usize = 24 * 1024;
 
-/// Figures of the status files.
-pub struct Status {
-    files: Option<Files>,
-    source: String,
-    units: Vec<String>,
-    gestures: Vec<String>,
-    start: Instant,
-    written: Option<Instant>,
-    frames: u64,
-    time_us: u64,
-    lost: u64,
-    /// Whether the sensor delivers frames.
-    sensor: bool,
-    latencies: Latencies,
-    users: [Option<User>; USERS],
-    /// Sums of the outputs that reloads replaced, one per name.
-    replaced: heapless::Vec<Tally, OUTPUTS>,
-    text: String,
-    /// Whether learned ranges are written; every user of the machine can read them.
-    ranges: bool,
+defaults! {
+    /// Figures of the status files.
+    pub struct Status {
+        files: Option<Files> = None,
+        source: String = String::new(),
+        units: Vec<String> = Vec::new(),
+        gestures: Vec<String> = Vec::new(),
+        start: Instant = Instant::now(),
+        written: Option<Instant> = None,
+        frames: u64 = 0,
+        time_us: u64 = 0,
+        lost: u64 = 0,
+        /// Whether the sensor delivers frames.
+        sensor: bool = false,
+        latencies: Latencies = Latencies::default(),
+        users: [Option<User>; USERS] = [const { None }; USERS],
+        /// Sums of the outputs that reloads replaced, one per name.
+        replaced: heapless::Vec<Tally, OUTPUTS> = heapless::Vec::new(),
+        text: String = String::with_capacity(TEXT),
+        /// Whether learned ranges are written; every user of the machine can read them.
+        ranges: bool = false,
+    }
 }
 
 /// A user as last reported.
@@ -73,17 +75,7 @@ impl Status {
             source: source.to_owned(),
             units: owned(units),
             gestures: owned(gestures),
-            start: Instant::now(),
-            written: None,
-            frames: 0,
-            time_us: 0,
-            lost: 0,
-            sensor: false,
-            latencies: Latencies::default(),
-            users: [const { None }; USERS],
-            replaced: heapless::Vec::new(),
-            text: String::with_capacity(TEXT),
-            ranges: false,
+            ..Self::default()
         }
     }
 
