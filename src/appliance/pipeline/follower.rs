@@ -505,6 +505,20 @@ mod tests {
         (seen, done)
     }
 
+    /// How far a head faces the sensor: the cosine of the angle to the line of sight.
+    fn facing(pose: &Rigid) -> f32 {
+        (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize())
+    }
+
+    /// The frame with an image without a face.
+    fn without_face(frame: &Frame) -> Frame {
+        let mut hidden = frame.clone();
+        for (k, luma) in hidden.luma.iter_mut().enumerate() {
+            *luma = (k % 251) as u8;
+        }
+        hidden
+    }
+
     #[test]
     fn landmarks_correct_a_rotated_depth_pose() {
         // Too small to restart the pose search.
@@ -527,24 +541,23 @@ mod tests {
         assert!(mean < 0.06, "{mean} rad of 0.10 are left");
     }
 
-    fn search_face(follower: &mut Follower, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
-        let mut context = FrameContext {
-            frame,
-            camera,
-            scratch: &mut Scratch::default(),
-            search_budget: 0,
-            stage_done: &mut |_| {},
-        };
-        follower.search_face(&mut context, cloud);
-    }
-
     #[test]
     fn a_face_without_a_depth_pose_is_found_in_the_image() {
         let mut follower = follower();
         let mut random = fastrand::Rng::with_seed(5);
         let (mut looked, mut off) = (0, Vec::new());
         frames(24, |frame, camera, cloud, truth| {
-            search_face(&mut follower, frame, camera, cloud);
+            let search_face = |follower: &mut Follower, frame| {
+                let mut context = FrameContext {
+                    frame,
+                    camera,
+                    scratch: &mut Scratch::default(),
+                    search_budget: 0,
+                    stage_done: &mut |_| {},
+                };
+                follower.search_face(&mut context, cloud);
+            };
+            search_face(&mut follower, frame);
             looked += 1;
             if follower.pose.is_searching()
                 && let Some((found, _)) = follower.pose.expected(frame.at, None)
@@ -556,7 +569,7 @@ mod tests {
             follower.pose.reset();
             let mut covered = frame.clone();
             covered.luma.fill_with(|| random.u8(..));
-            search_face(&mut follower, &covered, camera, cloud);
+            search_face(&mut follower, &covered);
             assert!(!follower.pose.is_searching(), "no face in noise");
         });
         assert!(looked > 20 && off.len() >= 4, "{} of {looked}", off.len());
@@ -618,19 +631,14 @@ mod tests {
             if follower.person.face_frames < KNOWN_FRAMES {
                 return;
             }
-            // An image without a face.
-            let mut hidden = frame.clone();
-            for (k, luma) in hidden.luma.iter_mut().enumerate() {
-                *luma = (k % 251) as u8;
-            }
+            let hidden = without_face(frame);
             covered += 1;
             let unsure = HeadPose {
                 coverage: SURE_COVERAGE - 0.01,
                 ..pose(truth)
             };
-            let faces = (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
             let before = follower.person.face_frames;
-            if faces >= AWAY_FACING.end {
+            if facing(&truth) >= AWAY_FACING.end {
                 if covered == 1 {
                     assert!(!run_face_stages(&mut follower, (&hidden, camera), cloud, &unsure).0);
                 }
@@ -693,20 +701,14 @@ mod tests {
         for (frames_before, followed) in [(29, false), (30, true)] {
             let mut looked = false;
             frames(6, |frame, camera, cloud, truth| {
-                let faces =
-                    (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
-                if looked || faces < AWAY_FACING.end {
+                if looked || facing(&truth) < AWAY_FACING.end {
                     return;
                 }
                 looked = true;
-                let mut hidden = frame.clone();
-                for (k, luma) in hidden.luma.iter_mut().enumerate() {
-                    *luma = (k % 251) as u8;
-                }
+                let hidden = (&without_face(frame), camera);
                 let mut follower = follower();
                 follower.person.face_frames = frames_before;
-                let found =
-                    run_face_stages(&mut follower, (&hidden, camera), cloud, &pose(truth)).0;
+                let found = run_face_stages(&mut follower, hidden, cloud, &pose(truth)).0;
                 assert_eq!(found, followed, "{frames_before} frames");
             });
             assert!(looked);

@@ -257,8 +257,8 @@ mod tests {
         }
     }
 
-    /// The datagrams of a sender that reports a face, and a receiver that has had them.
-    fn sent() -> (Vec<Vec<u8>>, Receiver, Hub) {
+    /// The datagrams of a sender of these reports, and a receiver that has had them.
+    fn received(units: &[&str], reports: &[Report]) -> (Vec<Vec<u8>>, Receiver, Hub) {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         socket
             .set_read_timeout(Some(Duration::from_millis(200)))
@@ -268,7 +268,22 @@ mod tests {
             ranges: true,
             ..Settings::default()
         };
-        let mut osc = Osc::new(settings, &["AU25", "AU26"]).unwrap();
+        let mut osc = Osc::new(settings, units).unwrap();
+        for report in reports {
+            osc.send(report).unwrap();
+        }
+        let (hub, mut receiver) = (Hub::new(true), Receiver::default());
+        let mut all = Vec::new();
+        let mut bytes = [0; 2000];
+        while let Ok(length) = socket.recv(&mut bytes) {
+            receiver.take(&bytes[..length], &hub);
+            all.push(bytes[..length].to_vec());
+        }
+        (all, receiver, hub)
+    }
+
+    /// The datagrams of a sender that reports a face, and a receiver that has had them.
+    fn sent() -> (Vec<Vec<u8>>, Receiver, Hub) {
         let pose = Rigid::translation(0.1, 0.0, 0.7);
         let report = Report {
             at: Timestamp::from_us(1_500_000),
@@ -287,15 +302,7 @@ mod tests {
             latency_us: 12_500,
             ..Report::default()
         };
-        osc.send(&report).unwrap();
-        let (hub, mut receiver) = (Hub::new(true), Receiver::default());
-        let mut all = Vec::new();
-        let mut bytes = [0; 2000];
-        while let Ok(length) = socket.recv(&mut bytes) {
-            receiver.take(&bytes[..length], &hub);
-            all.push(bytes[..length].to_vec());
-        }
-        (all, receiver, hub)
+        received(&["AU25", "AU26"], &[report])
     }
 
     #[test]
@@ -335,30 +342,14 @@ mod tests {
 
     #[test]
     fn frozen_state_reaches_every_page_until_the_box_changes_it() {
-        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let timeout = Some(Duration::from_millis(200));
-        socket.set_read_timeout(timeout).unwrap();
-        let settings = Settings {
-            targets: vec![socket.local_addr().unwrap().to_string()],
-            ..Settings::default()
-        };
-        let mut osc = Osc::new(settings, &["AU26"]).unwrap();
-        for (frame, frozen) in [false, true, true, false].into_iter().enumerate() {
-            let report = Report {
-                at: Timestamp::from_us(33_000 * frame as u64),
-                user: Some(0),
-                state: TrackingState::Tracking,
-                frozen,
-                weights: &[0.5],
-                ..Report::default()
-            };
-            osc.send(&report).unwrap();
-        }
-        let (hub, mut receiver) = (Hub::new(true), Receiver::default());
-        let mut bytes = [0; 2000];
-        while let Ok(length) = socket.recv(&mut bytes) {
-            receiver.take(&bytes[..length], &hub);
-        }
+        let reports = [false, true, true, false].map(|frozen| Report {
+            user: Some(0),
+            state: TrackingState::Tracking,
+            frozen,
+            weights: &[0.5],
+            ..Report::default()
+        });
+        let (_, _, hub) = received(&["AU26"], &reports);
         assert_eq!(hub.counts().refused, 0);
         let samples = events(&hub).into_iter().filter(|event| event["u"] == 0);
         let frozen: Vec<bool> = samples.map(|sample| sample["f"] == 1).collect();
