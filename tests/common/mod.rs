@@ -69,6 +69,15 @@ pub fn noise_frame(number: u64, seed: u64) -> KinectFrame {
     frame
 }
 
+/// Checks that a frame has the pictures of another, to the bit.
+pub fn assert_same_pictures(found: &KinectFrame, expected: &KinectFrame) {
+    let index = found.index;
+    let colour = [found, expected].map(|frame| &frame.original.bayer);
+    assert!(found.depth == expected.depth, "depth of frame {index}");
+    assert!(found.luma == expected.luma, "luma of frame {index}");
+    assert!(colour[0] == colour[1], "mosaic of frame {index}");
+}
+
 /// Completes a frame whose pictures are drawn: luma, number, times. `first_ticks` is the counter at the start.
 pub fn stamp(frame: &mut KinectFrame, number: u64, first_ticks: u32) {
     colour::luma_from_bayer(&frame.original.bayer, &mut frame.frame.luma);
