@@ -89,11 +89,8 @@ impl Times {
             let people = (self.people as f32 / frames.len() as f32).round();
             let noun = if people == 1.0 { "person" } else { "people" };
             // Percent of the sensor's 33 ms.
-            let share = mean * 3.0;
-            writeln!(
-                out,
-                "{people} {noun}: {share:.0} % of a frame at 30 per second"
-            )?;
+            let share = format!("{:.0} % of a frame", mean * 3.0);
+            writeln!(out, "{people} {noun}: {share} at 30 per second")?;
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use serialport::SerialPortType;
+use serialport::{SerialPortInfo, SerialPortType};
 
 use crate::log::one_line;
 use mien_outputs::serial::{STABLE_NAMES, stable_name};
@@ -53,23 +53,21 @@ fn serial_ports() -> Vec<(PathBuf, String)> {
         return Vec::new();
     }
     let ports = serialport::available_ports().unwrap_or_default();
-    let mut ports: Vec<(PathBuf, String)> = ports
-        .into_iter()
-        .map(|port| {
-            let plain = PathBuf::from(&port.port_name);
-            let name = stable_name(&plain, Path::new(STABLE_NAMES));
-            let about = match port.port_type {
-                SerialPortType::UsbPort(usb) => {
-                    let product = usb.product.map(|product| format!(" {product}"));
-                    let product = product.unwrap_or_default();
-                    format!(", USB {:04x}:{:04x}{product}", usb.vid, usb.pid)
-                }
-                SerialPortType::BluetoothPort => ", Bluetooth".to_owned(),
-                SerialPortType::PciPort | SerialPortType::Unknown => String::new(),
-            };
-            (name.map_or(plain, PathBuf::from), about)
-        })
-        .collect();
+    let described = |port: SerialPortInfo| {
+        let plain = PathBuf::from(&port.port_name);
+        let name = stable_name(&plain, Path::new(STABLE_NAMES));
+        let about = match port.port_type {
+            SerialPortType::UsbPort(usb) => {
+                let product = usb.product.map(|product| format!(" {product}"));
+                let product = product.unwrap_or_default();
+                format!(", USB {:04x}:{:04x}{product}", usb.vid, usb.pid)
+            }
+            SerialPortType::BluetoothPort => ", Bluetooth".to_owned(),
+            SerialPortType::PciPort | SerialPortType::Unknown => String::new(),
+        };
+        (name.map_or(plain, PathBuf::from), about)
+    };
+    let mut ports: Vec<_> = ports.into_iter().map(described).collect();
     ports.sort();
     ports
 }

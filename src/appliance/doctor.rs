@@ -97,42 +97,32 @@ fn sensor(lines: &mut Lines, settings: &Settings) {
 }
 
 fn serial(lines: &mut Lines, port: &str) {
+    let absent = "plug it in (`mien run` waits for it); `mien devices` lists what is connected";
+    let forbidden = "add the user to the group dialout and log in again";
     match port {
         "" => lines.say(OK, "serial port", "none configured"),
         _ if port.starts_with("tcp:") => {
             let text = format_args!("{port} was not tested; `mien run` connects to it");
             lines.say(OK, "serial port", text);
         }
-        _ => device(
-            lines,
-            "serial port",
-            port,
-            [
-                "plug it in (`mien run` waits for it); `mien devices` lists what is connected",
-                "add the user to the group dialout and log in again",
-            ],
-        ),
+        _ => device(lines, "serial port", port, [absent, forbidden]),
     }
 }
 
 /// Checks a device that a run opens, with retries; the array has the remedies for an absent and for a forbidden device.
 fn device(lines: &mut Lines, what: &str, path: &str, [absent, forbidden]: [&str; 2]) {
     // Opening it as a plain file neither raises DTR, nor locks it, nor creates a uinput keyboard.
-    let found = std::fs::OpenOptions::new().write(true).open(path);
-    let problem = match found {
-        Ok(_) => return lines.say(OK, what, format_args!("{path} is writable")),
-        Err(problem) => problem,
+    let Err(problem) = std::fs::OpenOptions::new().write(true).open(path) else {
+        return lines.say(OK, what, format_args!("{path} is writable"));
     };
     let (verdict, advice) = match problem.kind() {
         ErrorKind::NotFound => (WARN, absent),
         ErrorKind::PermissionDenied => (FAIL, forbidden),
         _ => (FAIL, "stop the other program that uses it"),
     };
-    lines.say(
-        verdict,
-        what,
-        format_args!("{path} cannot be opened ({}); {advice}", reason(problem)),
-    );
+    let problem = reason(problem);
+    let text = format_args!("{path} cannot be opened ({problem}); {advice}");
+    lines.say(verdict, what, text);
 }
 
 /// Checks the device that presses keys.
@@ -147,25 +137,21 @@ fn keys(lines: &mut Lines, path: &str) {
 }
 
 fn targets(lines: &mut Lines, settings: &Settings) {
+    let unknown = "does not resolve; check the name, or give an address like 192.168.1.20:9130";
     for row in table::enabled(&settings.outputs) {
+        let targets = (row.targets)(&settings.outputs);
         match row.section {
-            "serial" => continue,
-            "keys" => {
-                keys(lines, &settings.outputs.keys.device);
-                continue;
+            "serial" => {}
+            "keys" => keys(lines, &settings.outputs.keys.device),
+            section => {
+                for target in targets {
+                    let found = target.to_socket_addrs().ok().and_then(|mut all| all.next());
+                    let receivers = found.map(|address| receivers(address.ip()));
+                    let verdict = if receivers.is_some() { OK } else { WARN };
+                    let text = receivers.unwrap_or(unknown);
+                    lines.say(verdict, section, format_args!("{target} {text}"));
+                }
             }
-            _ => {}
-        }
-        for target in (row.targets)(&settings.outputs) {
-            let found = target.to_socket_addrs().ok().and_then(|mut all| all.next());
-            let (verdict, text) = match found {
-                Some(address) => (OK, receivers(address.ip())),
-                None => (
-                    WARN,
-                    "does not resolve; check the name, or give an address like 192.168.1.20:9130",
-                ),
-            };
-            lines.say(verdict, row.section, format_args!("{target} {text}"));
         }
     }
 }

@@ -124,10 +124,9 @@ pub(crate) fn one_line(words: impl Display) -> String {
 impl Visit for Line {
     fn record_debug(&mut self, field: &Field, value: &dyn std::fmt::Debug) {
         // Truncates.
-        let _ = if field.name() == "message" {
-            write!(self, "{value:?}")
-        } else {
-            write!(self, " {}={value:?}", field.name())
+        let _ = match field.name() {
+            "message" => write!(self, "{value:?}"),
+            name => write!(self, " {name}={value:?}"),
         };
     }
 }

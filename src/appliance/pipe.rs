@@ -18,6 +18,8 @@ use nix::poll::{PollFd, PollFlags, poll};
 
 /// Bytes that a pipe with any room takes at once (`PIPE_BUF`).
 const ATOMIC_BYTES: usize = 4096;
+/// Flags of a file whose writes never wait.
+const NEVER_BLOCK: i32 = libc::O_NONBLOCK | libc::O_NOCTTY;
 /// Interval at which a waiting call checks whether to stop, in milliseconds.
 const POLL_MS: i32 = 100;
 
@@ -37,7 +39,7 @@ impl Pipe {
         let mut mode = File::options();
         let mode = mode.write(true).create(true).truncate(true);
         // A blocking open would wait for a reader regardless of signals.
-        let mode = mode.custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
+        let mode = mode.custom_flags(NEVER_BLOCK);
         let mut is_logged = false;
         loop {
             match mode.open(path) {
@@ -63,19 +65,16 @@ impl Pipe {
         let file = File::from(stream.as_fd().try_clone_to_owned()?);
         let kind = file.metadata()?.file_type();
         let reopen = || {
-            let mut mode = File::options();
-            let mode = mode
-                .write(true)
-                .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
-            mode.open(format!("/proc/self/fd/{}", file.as_raw_fd()))
-                .ok()
+            let (mut mode, path) = (
+                File::options(),
+                format!("/proc/self/fd/{}", file.as_raw_fd()),
+            );
+            mode.write(true).custom_flags(NEVER_BLOCK).open(path).ok()
         };
-        // If reopening fails, the inherited mode remains.
-        let opened = (kind.is_fifo() || kind.is_char_device())
-            .then(reopen)
-            .flatten();
+        let may_block = kind.is_fifo() || kind.is_char_device();
         Ok(Self {
-            file: opened.unwrap_or(file),
+            // If reopening fails, the inherited mode remains.
+            file: may_block.then(reopen).flatten().unwrap_or(file),
             regular: kind.is_file(),
         })
     }

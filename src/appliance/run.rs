@@ -396,10 +396,9 @@ fn csv_table(
     pipeline: &Pipeline,
     settings: &Settings,
 ) -> Result<Csv<Rows>, OutputError> {
-    let pipe = if to.as_os_str() == "-" {
-        Pipe::from_stream(io::stdout())
-    } else {
-        Pipe::create(to, &signals.stop)
+    let pipe = match to.as_os_str() == "-" {
+        true => Pipe::from_stream(io::stdout()),
+        false => Pipe::create(to, &signals.stop),
     };
     let rows = pipe.map(|pipe| Rows::new(pipe, &signals.stop, source.state().is_live));
     let rows = rows.map_err(OutputError::Csv)?;

@@ -101,22 +101,14 @@ pub(super) fn settings_unchecked(file: Option<&Path>) -> Settings {
 /// The first setting that a run would refuse, found with the same constructors. Files that this user may not read are accepted:
 /// the service's user may.
 fn refused(settings: &Settings) -> Option<Refused> {
-    let refusal = |section, key, problem: String| {
-        Some(Refused {
-            section,
-            key,
-            problem,
-        })
-    };
     if let Err(problem) = source::check(&settings.sensor.source) {
-        return refusal("sensor", "source", problem.to_string());
+        return Some(("sensor", "source", problem.to_string()));
     }
     // The built-in model is always complete.
     if let Some(path) = settings.sensor.model() {
-        let checked =
-            model(Some(path)).and_then(|model| Ok(Pipeline::check(&settings.stages, &model)?));
-        if let Err(problem) = checked {
-            return refusal("sensor", "model", problem.to_string());
+        let check = |model| Ok(Pipeline::check(&settings.stages, &model)?);
+        if let Err(problem) = model(Some(path)).and_then(check) {
+            return Some(("sensor", "model", problem.to_string()));
         }
     }
     let units = Pipeline::unit_names_with(&settings.stages);
@@ -129,13 +121,13 @@ fn refused(settings: &Settings) -> Option<Refused> {
             _ => false,
         };
         if !forbidden {
-            return refusal(section, problem.key(), problem.to_string());
+            return Some((section, problem.key(), problem.to_string()));
         }
     }
     let listen = &settings.outputs.page.listen;
     (table::share_a_port(&settings.outputs)).then_some(())?;
     let problem = "expected page.listen on another port than websocket.listen";
-    refusal("page", "listen", format!("{problem}, found {listen}"))
+    Some(("page", "listen", format!("{problem}, found {listen}")))
 }
 
 /// The face model in a file, or the built-in one.

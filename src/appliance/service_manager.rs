@@ -15,6 +15,11 @@ const STATUS_PERIOD: Duration = Duration::from_secs(1);
 /// Longest status datagram, bytes.
 const MESSAGE: usize = 256;
 
+/// Time from an event to `now`; for ever if there was none.
+fn since(event: Option<Instant>, now: Instant) -> Duration {
+    event.map_or(Duration::MAX, |event| now.saturating_duration_since(event))
+}
+
 /// The manager of this process, if there is one.
 #[derive(Debug, Default)]
 pub struct ServiceManager {
@@ -35,15 +40,14 @@ impl ServiceManager {
         // The variables pass to children: the watchdog is only for the process it names.
         let mine = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
         let watchdog = number("WATCHDOG_USEC").filter(|_| mine);
-        Self::connect(path.as_encoded_bytes(), watchdog.map(Duration::from_micros)).unwrap_or_else(
-            |problem| {
-                tracing::warn!(
-                    "cannot reach the service manager at {}: {problem}; readiness is not reported",
-                    path.display()
-                );
-                Self::default()
-            },
-        )
+        let connected = Self::connect(path.as_encoded_bytes(), watchdog.map(Duration::from_micros));
+        let connected = connected.inspect_err(|problem| {
+            let path = path.display();
+            tracing::warn!(
+                "cannot reach the service manager at {path}: {problem}; readiness is not reported"
+            );
+        });
+        connected.unwrap_or_default()
     }
 
     /// The manager listening at `path`, with this watchdog period.
@@ -53,9 +57,7 @@ impl ServiceManager {
     pub fn connect(path: &[u8], watchdog: Option<Duration>) -> std::io::Result<Self> {
         let address = match path.strip_prefix(b"@") {
             Some(name) => SocketAddr::from_abstract_name(name)?,
-            None => {
-                SocketAddr::from_pathname(std::path::Path::new(&*String::from_utf8_lossy(path)))?
-            }
+            None => SocketAddr::from_pathname(&*String::from_utf8_lossy(path))?,
         };
         let socket = UnixDatagram::unbound()?;
         socket.connect_addr(&address)?;
@@ -75,10 +77,8 @@ impl ServiceManager {
 
     /// Triggers the watchdog when due; to be called after every frame, or wait for the sensor.
     pub fn feed_watchdog(&mut self, now: Instant) {
-        let due = self.feed_every.is_some_and(|every| {
-            self.last_fed
-                .is_none_or(|last_fed| now.saturating_duration_since(last_fed) >= every)
-        });
+        let passed = since(self.last_fed, now);
+        let due = self.feed_every.is_some_and(|every| passed >= every);
         if due {
             self.last_fed = Some(now);
             self.notify("WATCHDOG=1");
@@ -87,10 +87,7 @@ impl ServiceManager {
 
     /// Sets the line of `systemctl status`; sent if changed, at most once a second.
     pub fn set_status(&mut self, line: std::fmt::Arguments<'_>, now: Instant) {
-        let early = self
-            .status_sent
-            .is_some_and(|status_sent| now.saturating_duration_since(status_sent) < STATUS_PERIOD);
-        if self.socket.is_none() || early {
+        if self.socket.is_none() || since(self.status_sent, now) < STATUS_PERIOD {
             return;
         }
         let mut message = heapless::String::<MESSAGE>::new();
@@ -143,14 +140,8 @@ mod tests {
             manager.feed_watchdog(start + Duration::from_millis(frame * 33));
         }
         manager.notify("STOPPING=1");
-        let expected = [
-            "READY=1",
-            "WATCHDOG=1",
-            "WATCHDOG=1",
-            "WATCHDOG=1",
-            "STOPPING=1",
-        ];
-        assert_eq!(received(&socket), expected);
+        let expected = "READY=1 WATCHDOG=1 WATCHDOG=1 WATCHDOG=1 STOPPING=1";
+        assert_eq!(received(&socket).join(" "), expected);
     }
 
     #[test]
@@ -160,10 +151,8 @@ mod tests {
         manager.feed_watchdog(start);
         for second in 0..6 {
             let users = second / 3;
-            manager.set_status(
-                format_args!("{users} users"),
-                start + Duration::from_millis(1100 * second),
-            );
+            let at = start + Duration::from_millis(1100 * second);
+            manager.set_status(format_args!("{users} users"), at);
         }
         assert_eq!(received(&socket), ["STATUS=0 users", "STATUS=1 users"]);
     }
@@ -176,9 +165,8 @@ mod tests {
         assert!(ServiceManager::connect(bytes, None).is_err());
         let socket = UnixDatagram::bind(&path).unwrap();
         socket.set_nonblocking(true).unwrap();
-        ServiceManager::connect(bytes, None)
-            .unwrap()
-            .notify("READY=1");
+        let manager = ServiceManager::connect(bytes, None).unwrap();
+        manager.notify("READY=1");
         assert_eq!(received(&socket), ["READY=1"]);
     }
 }

@@ -22,18 +22,14 @@ impl Signals {
             stop: Arc::default(),
             reload: Arc::default(),
         };
-        for signal in [SIGTERM, SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&signals.stop))
-                .map_err(Failure::Signals)?;
-        }
+        let Self { stop, reload } = &signals;
         // SIGHUP: closing a terminal ends the run; a service manager requests a reload.
         let on_a_terminal = stdout().is_terminal() || stderr().is_terminal();
-        let hang_up = if on_a_terminal {
-            &signals.stop
-        } else {
-            &signals.reload
-        };
-        signal_hook::flag::register(SIGHUP, Arc::clone(hang_up)).map_err(Failure::Signals)?;
+        let hang_up = if on_a_terminal { stop } else { reload };
+        for (signal, flag) in [(SIGTERM, stop), (SIGINT, stop), (SIGHUP, hang_up)] {
+            let registered = signal_hook::flag::register(signal, Arc::clone(flag));
+            registered.map_err(Failure::Signals)?;
+        }
         Ok(signals)
     }
 }

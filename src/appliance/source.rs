@@ -147,10 +147,8 @@ impl Pacer {
     /// caught up.
     pub fn wait(&mut self, at: Timestamp) {
         let (now, offset) = (Instant::now(), Duration::from_micros(at.as_us()));
-        let start = self
-            .start
-            .or_else(|| now.checked_sub(offset))
-            .unwrap_or(now);
+        let begun = || now.checked_sub(offset);
+        let start = self.start.or_else(begun).unwrap_or(now);
         let due = start + offset;
         let ahead = due.saturating_duration_since(now);
         let late = now.saturating_duration_since(due);

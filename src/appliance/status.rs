@@ -31,26 +31,28 @@ const OUTPUTS: usize = 12;
 /// Initial capacity of a file's text, bytes.
 const TEXT: usize = 24 * 1024;
 
-/// Figures of the status files.
-pub struct Status {
-    files: Option<Files>,
-    source: String,
-    units: Vec<String>,
-    gestures: Vec<String>,
-    start: Instant,
-    written: Option<Instant>,
-    frames: u64,
-    time_us: u64,
-    lost: u64,
-    /// Whether the sensor delivers frames.
-    sensor: bool,
-    latencies: Latencies,
-    users: [Option<User>; USERS],
-    /// Sums of the outputs that reloads replaced, one per name.
-    replaced: heapless::Vec<Tally, OUTPUTS>,
-    text: String,
-    /// Whether learned ranges are written; every user of the machine can read them.
-    ranges: bool,
+defaults! {
+    /// Figures of the status files.
+    pub struct Status {
+        files: Option<Files> = None,
+        source: String = String::new(),
+        units: Vec<String> = Vec::new(),
+        gestures: Vec<String> = Vec::new(),
+        start: Instant = Instant::now(),
+        written: Option<Instant> = None,
+        frames: u64 = 0,
+        time_us: u64 = 0,
+        lost: u64 = 0,
+        /// Whether the sensor delivers frames.
+        sensor: bool = false,
+        latencies: Latencies = Latencies::default(),
+        users: [Option<User>; USERS] = [const { None }; USERS],
+        /// Sums of the outputs that reloads replaced, one per name.
+        replaced: heapless::Vec<Tally, OUTPUTS> = heapless::Vec::new(),
+        text: String = String::with_capacity(TEXT),
+        /// Whether learned ranges are written; every user of the machine can read them.
+        ranges: bool = false,
+    }
 }
 
 /// A user as last reported.
@@ -73,17 +75,7 @@ impl Status {
             source: source.to_owned(),
             units: owned(units),
             gestures: owned(gestures),
-            start: Instant::now(),
-            written: None,
-            frames: 0,
-            time_us: 0,
-            lost: 0,
-            sensor: false,
-            latencies: Latencies::default(),
-            users: [const { None }; USERS],
-            replaced: heapless::Vec::new(),
-            text: String::with_capacity(TEXT),
-            ranges: false,
+            ..Self::default()
         }
     }
 
@@ -130,16 +122,9 @@ impl Status {
             return;
         };
         let before = self.users[slot].as_ref();
-        if report.state == TrackingState::Lost
-            && before.is_some_and(|user| user.state != TrackingState::Lost)
-        {
-            self.lost += 1;
-        }
-        if report.state == TrackingState::Absent {
-            self.users[slot] = None;
-            return;
-        }
-        self.users[slot] = Some(User {
+        let was_lost = before.is_none_or(|user| user.state == TrackingState::Lost);
+        self.lost += u64::from(report.state == TrackingState::Lost && !was_lost);
+        self.users[slot] = (report.state != TrackingState::Absent).then(|| User {
             state: report.state,
             confidence: report.confidence,
             frozen: report.frozen,
@@ -209,12 +194,10 @@ impl Status {
     }
 
     fn user(&self, slot: usize, user: &User, text: &mut String) -> std::fmt::Result {
+        let (state, sure, frozen) = (user.state.name(), finite(user.confidence), user.frozen);
         write!(
             text,
-            "\n    {{\"slot\": {slot}, \"state\": \"{}\", \"confidence\": {:.3}, \"frozen\": {}, ",
-            user.state.name(),
-            finite(user.confidence),
-            user.frozen
+            "\n    {{\"slot\": {slot}, \"state\": \"{state}\", \"confidence\": {sure:.3}, \"frozen\": {frozen}, "
         )?;
         if ENABLED && !self.gestures.is_empty() {
             let on = (0..self.gestures.len()).filter(|i| user.gestures >> i & 1 == 1);
@@ -231,12 +214,8 @@ impl Status {
             let comma = if i > 0 { "," } else { "" };
             let [low, rest, high, noise] =
                 [range.low, range.rest, range.high, range.noise].map(finite);
-            write!(
-                text,
-                "{comma}\n      {}: {{\"weight\": {:.3}, ",
-                Quoted(name),
-                finite(*weight)
-            )?;
+            let (name, weight) = (Quoted(name), finite(*weight));
+            write!(text, "{comma}\n      {name}: {{\"weight\": {weight:.3}, ")?;
             if self.ranges {
                 write!(
                     text,
@@ -378,9 +357,8 @@ impl Files {
     fn write(&mut self, file: usize, text: &[u8]) {
         let path = self.files[file].path();
         let found = std::fs::metadata(path).ok().as_ref().map(file_identity);
-        let other = self.last_written[file].is_some()
-            && found.is_some()
-            && found != self.last_written[file];
+        let last = self.last_written[file];
+        let other = last.is_some() && found.is_some() && found != last;
         if other && !std::mem::replace(&mut self.other_writer_logged, true) {
             tracing::warn!(
                 "another program, perhaps a second mien, also writes {}; give each its own status.path",
@@ -396,10 +374,9 @@ impl Files {
                 // The default folder exists only under the service; a missing one is not reported.
                 let is_default_path = path.to_str() == Some(STATUS_PATH);
                 if !(is_default_path && error.kind() == ErrorKind::NotFound) {
+                    let (path, why) = (path.display(), reason(error));
                     tracing::info!(
-                        "{} is not written ({}); set status.path to another file",
-                        path.display(),
-                        reason(error)
+                        "{path} is not written ({why}); set status.path to another file"
                     );
                 }
                 self.error_logged = true;

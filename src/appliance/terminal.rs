@@ -40,9 +40,8 @@ fn width(stream: &impl AsRawFd) -> usize {
     // SAFETY: TIOCGWINSZ writes one `winsize`, four 16-bit numbers, into `size`, which is not aliased.
     let result = unsafe { libc::ioctl(stream.as_raw_fd(), libc::TIOCGWINSZ, &raw mut size) };
     let columns = usize::from(size[1]);
-    Some(columns)
-        .filter(|&columns| result == 0 && columns > 0)
-        .unwrap_or(DEFAULT_COLUMNS)
+    let is_known = result == 0 && columns > 0;
+    if is_known { columns } else { DEFAULT_COLUMNS }
 }
 
 /// A line with a limited number of columns: words that do not fit are omitted.
@@ -79,10 +78,8 @@ impl Line {
         for (name, weight) in all() {
             let other = |side: char, other: char| {
                 let code = name.strip_suffix(side)?;
-                let is_other = |name: &str| name.strip_suffix(other) == Some(code);
-                all()
-                    .find(|(name, _)| is_other(name))
-                    .map(|(_, weight)| weight)
+                let (_, weight) = all().find(|(name, _)| name.strip_suffix(other) == Some(code))?;
+                Some(weight)
             };
             // Both sides are listed with the left one.
             if other('R', 'L').is_some() {
@@ -174,18 +171,17 @@ impl Tally {
     }
 
     fn summary(&self, took: Duration) -> String {
-        let seconds = took.as_secs_f64().max(1e-3);
+        let (frames, seconds) = (self.frames, took.as_secs_f64().max(1e-3));
+        let rate = frames as f64 / seconds;
+        let latency = self.latency_us as f64 * 1e-3 / frames.max(1) as f64;
+        let slowest = f64::from(self.slowest_us) * 1e-3;
         let people = match self.people {
             0 => "nobody".to_owned(),
             1 => "1 person".to_owned(),
             many => format!("{many} people"),
         };
         format!(
-            "{} frames in {seconds:.1} s ({:.1} per second), {people}, latency {:.1} ms, at most {:.1} ms",
-            self.frames,
-            self.frames as f64 / seconds,
-            self.latency_us as f64 * 1e-3 / self.frames.max(1) as f64,
-            f64::from(self.slowest_us) * 1e-3,
+            "{frames} frames in {seconds:.1} s ({rate:.1} per second), {people}, latency {latency:.1} ms, at most {slowest:.1} ms"
         )
     }
 }
@@ -211,11 +207,8 @@ impl Live {
     /// Prints the source, the destinations, and what to do next.
     pub(super) fn print_header(&self, source: &str, outputs: &str) {
         let version = env!("CARGO_PKG_VERSION");
-        let to = if outputs.is_empty() {
-            "nowhere"
-        } else {
-            outputs
-        };
+        let to = Some(outputs).filter(|all| !all.is_empty());
+        let to = to.unwrap_or("nowhere");
         let next = if outputs.is_empty() {
             "enable an output in the configuration (see `mien print-config`), or add --csv FILE; Ctrl-C stops"
         } else if outputs.contains(PREVIEW_TARGET) {

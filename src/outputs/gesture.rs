@@ -10,6 +10,7 @@
 //!
 //! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
 
+use super::every::Every;
 use super::report::{Report, unit_range};
 use super::view::{is_name, is_unit};
 use mien_stages::base::capacity::{GESTURES, USERS};
@@ -157,15 +158,13 @@ impl Gesture {
     /// Index among `units` and sign of each term, for each sum; units that are not measured are omitted.
     pub fn indexed(&self, units: &[&str]) -> Vec<Vec<(usize, f32)>> {
         let index = |(sign, unit)| Some((units.iter().position(|name| *name == unit)?, sign));
-        let sums = Self::sums(&self.of);
-        sums.map(|terms| terms.filter_map(index).collect())
-            .collect()
+        let sums = Self::sums(&self.of).map(|terms| terms.filter_map(index).collect());
+        sums.collect()
     }
 
     fn terms(sum: &str) -> impl Iterator<Item = (f32, &str)> {
-        let signs = sum
-            .matches(['+', '-'])
-            .map(|sign| if sign == "-" { -1.0 } else { 1.0 });
+        let signs = sum.matches(['+', '-']);
+        let signs = signs.map(|sign| if sign == "-" { -1.0 } else { 1.0 });
         let signs = core::iter::once(1.0).chain(signs);
         signs.zip(sum.split(['+', '-']).map(str::trim))
     }
@@ -236,11 +235,8 @@ struct Speech {
 impl Speech {
     /// Takes the mouth's opening; returns whether the person speaks.
     fn update(&mut self, opening: f32, at: Timestamp) -> bool {
-        let back = if self.is_opening {
-            self.extreme - opening
-        } else {
-            opening - self.extreme
-        };
+        let direction = if self.is_opening { 1.0 } else { -1.0 };
+        let back = direction * (self.extreme - opening);
         // Noise grows with the opening.
         let least = REVERSAL.max(SHARE * opening.max(self.extreme));
         if back > least {
@@ -273,8 +269,8 @@ pub struct Gestures {
     /// Indices of the weights that open the mouth.
     mouth: Vec<usize>,
     speech: [Speech; USERS],
-    /// When all states were last sent.
-    repeated: Option<Timestamp>,
+    /// Schedules the repetition of all states.
+    repetition: Every,
     at: Timestamp,
 }
 
@@ -294,7 +290,7 @@ impl Gestures {
             all: all.iter().take(limit).map(watched).collect(),
             mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
             speech: Default::default(),
-            repeated: None,
+            repetition: Every::default(),
             at: Timestamp::default(),
         }
     }
@@ -343,10 +339,10 @@ impl Gestures {
         for watched in &mut self.all {
             let gesture = &watched.gesture;
             let is_theirs = gesture.person != Person::Shown || !report.other_is_shown;
-            let counts =
-                is_tracked && is_theirs && sideways <= gesture.turned_deg && up <= PITCH_MAX_DEG;
+            let is_facing = sideways <= gesture.turned_deg && up <= PITCH_MAX_DEG;
             let sum = |terms: &Vec<_>| terms.iter().map(|(unit, sign)| sign * weight(unit)).sum();
             let least = watched.sums.iter().map(sum).fold(f32::MAX, f32::min);
+            let counts = is_tracked && is_theirs && is_facing;
             // Below any level.
             let sum = if counts { least } else { f32::MIN };
             let may_start = gesture.speaking || !is_speaking || sum >= SPEAKING_FACTOR * gesture.on;
@@ -359,12 +355,7 @@ impl Gestures {
         if !ENABLED {
             return;
         }
-        let last = self.repeated.map(|last| self.at.seconds_since(last));
-        // Negative only if the source changed.
-        let repeat = last.is_none_or(|last| !(0.0..REPEAT_S).contains(&last));
-        if repeat {
-            self.repeated = Some(self.at);
-        }
+        let repeat = self.repetition.due(self.at, REPEAT_S);
         for (index, watched) in self.all.iter_mut().enumerate() {
             let (gesture, activations) = (&watched.gesture, &watched.activations);
             for (slot, last_sent) in watched.last_sent.iter_mut().enumerate() {
@@ -526,11 +517,8 @@ mod tests {
             for ms in [0, 100, 200] {
                 gestures.observe(&mut [user(1, ms, &faces)]);
             }
-            assert_eq!(
-                switches(&mut gestures),
-                [("smile".to_owned(), None, true)],
-                "{end}"
-            );
+            let on = [("smile".to_owned(), None, true)];
+            assert_eq!(switches(&mut gestures), on, "{end}");
             // Missed for a frame, it stays.
             gestures.observe(&mut [Report {
                 state: TrackingState::Held,
@@ -538,38 +526,26 @@ mod tests {
             }]);
             assert_eq!(switches(&mut gestures), [], "{end}");
             let [turned, nodded] = [[0.8, 0.0], [0.0, 0.6]].map(|[yaw, pitch]| {
-                Rigid::from_parts(
-                    Vector::new(0.0, 0.0, 0.8).into(),
-                    rotation_from_yaw_pitch_roll(yaw, pitch, 0.0),
-                )
+                let turn = rotation_from_yaw_pitch_roll(yaw, pitch, 0.0);
+                Rigid::from_parts(Vector::new(0.0, 0.0, 0.8).into(), turn)
             });
-            let now = user(1, 266, &faces);
+            let mut now = user(1, 266, &faces);
             match end {
-                "lost" => gestures.observe(&mut [Report {
-                    state: TrackingState::Lost,
-                    ..now
-                }]),
-                "absent" => gestures.observe(&mut [Report {
-                    state: TrackingState::Absent,
-                    ..now
-                }]),
-                "gone" => gestures.observe(&mut [Report { user: None, ..now }]),
-                "turned" | "nodded" => gestures.observe(&mut [Report {
-                    sensor_from_face: Some(if end == "turned" { &turned } else { &nodded }),
-                    ..now
-                }]),
-                "clock" => gestures.observe(&mut [user(1, 0, &faces)]),
-                "aside" => gestures.observe(&mut [Report {
-                    other_is_shown: true,
-                    ..now
-                }]),
-                _ => gestures.release(),
+                "lost" => now.state = TrackingState::Lost,
+                "absent" => now.state = TrackingState::Absent,
+                "gone" => now.user = None,
+                "turned" => now.sensor_from_face = Some(&turned),
+                "nodded" => now.sensor_from_face = Some(&nodded),
+                "clock" => now = user(1, 0, &faces),
+                "aside" => now.other_is_shown = true,
+                _ => {}
             }
-            assert_eq!(
-                switches(&mut gestures),
-                [("smile".to_owned(), None, false)],
-                "{end}"
-            );
+            match end {
+                "end" => gestures.release(),
+                _ => gestures.observe(&mut [now]),
+            }
+            let off = [("smile".to_owned(), None, false)];
+            assert_eq!(switches(&mut gestures), off, "{end}");
         }
     }
 
@@ -626,16 +602,10 @@ mod tests {
                 0.05
             };
             let smiles = if s > 3.0 { 0.9 } else { 0.1 };
-            gestures.observe(&mut [user(
-                0,
-                frame * 1000 / 30,
-                &[smiles, smiles, opening, opening],
-            )]);
-            on.extend(
-                switches(&mut gestures)
-                    .into_iter()
-                    .map(|(name, _, _)| (name, s)),
-            );
+            let weights = [smiles, smiles, opening, opening];
+            gestures.observe(&mut [user(0, frame * 1000 / 30, &weights)]);
+            let switches = switches(&mut gestures).into_iter();
+            on.extend(switches.map(|(name, _, _)| (name, s)));
         }
         let names: Vec<&str> = on.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["speaking", "broad", "smile"]);
@@ -661,10 +631,8 @@ mod tests {
             for terms in Gesture::sums(text) {
                 let terms: Vec<(f32, &str)> = terms.collect();
                 for (_, unit) in &terms {
-                    assert!(
-                        names.iter().any(|known| known.as_str() == *unit),
-                        "{name}: {unit}"
-                    );
+                    let is_known = names.iter().any(|known| known.as_str() == *unit);
+                    assert!(is_known, "{name}: {unit}");
                 }
                 assert!(off < on && on < terms.len() as f32);
             }

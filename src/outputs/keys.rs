@@ -124,13 +124,10 @@ impl Keys {
             self.tally.dropped += 1;
             self.is_down[i] = before;
             // The device is gone, not just busy or without a host.
-            if matches!(written, Some(Err(problem)) if problem.raw_os_error() == Some(libc::ENODEV))
-            {
-                tracing::warn!(
-                    "{} is gone; retrying every {} s",
-                    self.path,
-                    PAUSES[1].as_secs()
-                );
+            let problem = written.and_then(Result::err);
+            if problem.is_some_and(|problem| problem.raw_os_error() == Some(libc::ENODEV)) {
+                let (path, pause_s) = (&self.path, PAUSES[1].as_secs());
+                tracing::warn!("{path} is gone; retrying every {pause_s} s");
                 self.device = None;
                 return;
             }
@@ -196,10 +193,9 @@ impl Drop for Keys {
 
 /// Opens a device for non-blocking writes; makes a keyboard of `uinput`.
 fn open_device(path: &str, is_gadget: bool) -> io::Result<File> {
-    let mut device = OpenOptions::new()
-        .write(true)
-        .custom_flags(libc::O_NONBLOCK)
-        .open(path)?;
+    let mut mode = OpenOptions::new();
+    let mode = mode.write(true).custom_flags(libc::O_NONBLOCK);
+    let mut device = mode.open(path)?;
     if device.metadata()?.file_type().is_char_device() && !is_gadget {
         create_uinput(&mut device)?;
     }
@@ -228,10 +224,9 @@ fn create_uinput(device: &mut File) -> io::Result<()> {
         }
     };
     set(UI_SET_EVBIT, EV_KEY)?;
-    let codes = KEYBOARD.chain(KEYS.iter().map(|key| key.1));
-    codes
-        .into_iter()
-        .try_for_each(|code| set(UI_SET_KEYBIT, code))?;
+    for code in KEYBOARD.chain(KEYS.iter().map(|key| key.1)) {
+        set(UI_SET_KEYBIT, code)?;
+    }
     let mut about = [0; DEVICE_BYTES];
     about[..NAME.len()].copy_from_slice(NAME);
     // BUS_VIRTUAL.
@@ -247,6 +242,17 @@ mod tests {
     use mien_stages::base::time::Timestamp;
     use mien_stages::users::TrackingState;
 
+    /// A new state of a gesture.
+    fn switch(index: usize, gesture: &Gesture, is_on: bool) -> Switch<'_> {
+        Switch {
+            index,
+            gesture,
+            user: None,
+            is_on,
+            is_new: true,
+        }
+    }
+
     /// Bytes written for a smile and a brow that press the same key, and for a gesture without a key.
     fn written(name: &str) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
@@ -257,20 +263,11 @@ mod tests {
             press: Press::Hold,
             ..Gesture::named(name)
         };
-        let all = [
-            gesture("smile", "space"),
-            gesture("brows", "space"),
-            gesture("kiss", ""),
-        ];
+        let keys = [("smile", "space"), ("brows", "space"), ("kiss", "")];
+        let all = keys.map(|(name, key)| gesture(name, key));
         let mut keys = Keys::new(path.to_str().unwrap());
         for (index, is_on) in [(0, true), (0, true), (1, true), (2, true), (0, false)] {
-            keys.switch(&Switch {
-                index,
-                gesture: &all[index],
-                user: None,
-                is_on,
-                is_new: true,
-            });
+            keys.switch(&switch(index, &all[index], is_on));
         }
         // The brow is still up.
         assert_eq!(keys.tally.sent, 1);
@@ -281,14 +278,12 @@ mod tests {
     #[test]
     fn a_key_is_down_while_any_gesture_holds_it_and_up_at_the_end() {
         let events = written("events");
-        let words: Vec<(u16, u16, i32)> = events
-            .chunks(EVENT_BYTES)
-            .map(|event| {
-                let at = EVENT_BYTES - 8;
-                let word = |i: usize| u16::from_ne_bytes([event[at + i], event[at + i + 1]]);
-                (word(0), word(2), i32::from(event[at + 4]))
-            })
-            .collect();
+        let words = events.chunks(EVENT_BYTES).map(|event| {
+            let event = &event[EVENT_BYTES - 8..];
+            let word = |i: usize| u16::from_ne_bytes([event[i], event[i + 1]]);
+            (word(0), word(2), i32::from(event[4]))
+        });
+        let words: Vec<(u16, u16, i32)> = words.collect();
         // KEY_SPACE is 57.
         assert_eq!(words, [(1, 57, 1), (0, 0, 0), (1, 57, 0), (0, 0, 0)]);
     }
@@ -313,11 +308,8 @@ mod tests {
         let mut downs = Vec::new();
         for (is_on, is_new) in [(true, true), (true, false), (false, true), (true, true)] {
             keys.switch(&Switch {
-                index: 0,
-                gesture: &gesture,
-                user: None,
-                is_on,
                 is_new,
+                ..switch(0, &gesture, is_on)
             });
             downs.push(keys.is_down.contains(&true));
             keys.send(&Report::default()).unwrap();
@@ -426,13 +418,7 @@ mod tests {
             error.starts_with(&format!("cannot press keys through {path:?}: ")),
             "{error}"
         );
-        keys.switch(&Switch {
-            index: 0,
-            gesture: &gesture,
-            user: None,
-            is_on: true,
-            is_new: true,
-        });
+        keys.switch(&switch(0, &gesture, true));
         keys.send(&Report::default()).unwrap();
         assert!(!keys.tally().connected && keys.tally().dropped == 0);
         std::fs::write(&path, []).unwrap();

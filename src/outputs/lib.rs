@@ -9,6 +9,7 @@
 extern crate alloc;
 
 pub mod csv;
+mod every;
 mod face;
 #[cfg(feature = "std")]
 pub mod features;
@@ -36,18 +37,18 @@ mod view;
 #[cfg(feature = "wires")]
 pub mod web;
 
+use every::Every;
 use face::{OneFace, WireWeights};
 use mien_stages::base::capacity::USERS;
 use mien_stages::base::defaults;
 use mien_stages::base::prelude::*;
-use mien_stages::base::time::Timestamp;
 pub use mien_stages::users::TrackingState;
 pub use report::finite;
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
 pub use view::all_units;
 pub(crate) use view::is_unit;
-pub use view::{LossPolicy, UnitView, View, is_name};
+pub use view::{LossPolicy, UnitView, View, is_name, numbers};
 
 /// A command from a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -239,42 +240,5 @@ impl OutputError {
             Self::NotBuilt(_) => "enabled",
             _ => "",
         }
-    }
-}
-
-/// Schedules a repeated message by capture time.
-#[derive(Default)]
-struct Every {
-    last: Option<Timestamp>,
-}
-
-impl Every {
-    /// Whether `period_s` seconds have passed since it was last due, or time has gone backwards because the source changed.
-    fn due(&mut self, now: Timestamp, period_s: f64) -> bool {
-        let due = self
-            .last
-            .is_none_or(|last| now < last || now.seconds_since(last) >= period_s);
-        if due {
-            self.last = Some(now);
-        }
-        due
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_repeated_is_due_at_once_and_then_in_its_period() {
-        let mut every = Every::default();
-        let due: Vec<u64> = (0..100)
-            .filter(|i| every.due(Timestamp::from_us(i * 33_333), 1.0))
-            .collect();
-        assert_eq!(due, [0, 31, 62, 93]);
-        assert!(
-            every.due(Timestamp::from_us(5), 1.0),
-            "another source starts from 0"
-        );
     }
 }

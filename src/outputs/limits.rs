@@ -72,9 +72,9 @@ impl<T> Listening<T> {
         let bound = bind(address).inspect_err(|error| {
             // The first failure is not logged: after a reload the former socket may still be closing.
             if self.back_off.pauses == 1 {
+                let pause_s = IN_USE[1].as_secs();
                 tracing::warn!(
-                    "cannot listen{what} at {address} ({error}); retrying every {} s",
-                    IN_USE[1].as_secs()
+                    "cannot listen{what} at {address} ({error}); retrying every {pause_s} s"
                 );
             }
         });

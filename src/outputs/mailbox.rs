@@ -39,13 +39,12 @@ impl ThreadedOutput {
         let shared = Arc::new(shared);
         let for_thread = Arc::clone(&shared);
         let thread = limits::start_thread(name, move || work(for_thread, waker))?;
+        let nobody = |_| (false, WireWeights::new(view.channels(units), view.loss));
         Ok(Self {
             name,
             shared,
             thread: Some(thread),
-            users: std::array::from_fn(|_| {
-                (false, WireWeights::new(view.channels(units), view.loss))
-            }),
+            users: std::array::from_fn(nobody),
             view: view.clone(),
         })
     }
@@ -168,14 +167,12 @@ pub(super) struct Snapshot {
 /// The members that every JSON object about a user has in common.
 impl std::fmt::Display for Snapshot {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (state, sure, frozen) = (self.state.name(), Weight(self.confidence), self.frozen);
         write!(
             f,
-            "\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{}",
-            self.state.name(),
-            Weight(self.confidence),
-            self.frozen,
-            self.latency_us
-        )
+            "\"state\":\"{state}\",\"confidence\":{sure},\"frozen\":{frozen}"
+        )?;
+        write!(f, ",\"latency_us\":{}", self.latency_us)
     }
 }
 
@@ -247,11 +244,8 @@ impl Shared {
     /// Queues a command for the pipeline; `false` if there is no room and it is refused.
     pub(super) fn queue_command(&self, command: Command) -> bool {
         let is_queued = self.mailbox().commands.push_back(command).is_ok();
-        count(if is_queued {
-            &self.accepted
-        } else {
-            &self.refused
-        });
+        let (accepted, refused) = (&self.accepted, &self.refused);
+        count(if is_queued { accepted } else { refused });
         is_queued
     }
 

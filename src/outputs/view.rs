@@ -73,23 +73,17 @@ impl View {
             let found = opposite.and_then(|name| units.iter().position(|unit| *unit == name));
             found.unwrap_or(i)
         };
-        (0..units.len())
-            .map(|i| Channel {
-                source: source(i),
-                gain: self.unit_view(units[i]).map_or(1.0, |view| view.gain),
-            })
-            .collect()
+        let channel = |i: usize| Channel {
+            source: source(i),
+            gain: self.unit_view(units[i]).map_or(1.0, |view| view.gain),
+        };
+        (0..units.len()).map(channel).collect()
     }
 
     /// Pose of a report, mirrored if configured: position in metres and quaternion x, y, z, w, sensor frame. `None` without a pose
     /// or if a number is not finite.
     pub(super) fn pose_numbers(&self, report: &Report) -> Option<[f32; 7]> {
-        let pose = self.pose(report.pose()?);
-        // nalgebra keeps quaternions as x, y, z, w.
-        let (position, rotation) = (pose.translation.vector, pose.rotation.coords);
-        let numbers = [
-            position.x, position.y, position.z, rotation.x, rotation.y, rotation.z, rotation.w,
-        ];
+        let numbers = numbers(&self.pose(report.pose()?));
         let all_finite = numbers.iter().all(|number| number.is_finite());
         all_finite.then_some(numbers)
     }
@@ -110,6 +104,12 @@ impl View {
             *sensor_from_head
         }
     }
+}
+
+/// A pose as position in metres and quaternion x, y, z, w.
+pub fn numbers(pose: &Rigid) -> [f32; 7] {
+    let (p, q) = (pose.translation.vector, pose.rotation.coords);
+    [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
 }
 
 /// Whether a text is a valid unit name for every output: in an OSC address, between commas, before a colon.
@@ -137,16 +137,10 @@ pub(crate) fn is_unit(name: &str) -> bool {
 
 /// Reflects a pose in the sensor's plane x = 0, for a symmetric head.
 fn mirrored(pose: &Rigid) -> Rigid {
-    let (position, rotation) = (pose.translation.vector, pose.rotation.coords);
-    Rigid::from_parts(
-        nalgebra::Vector3::new(-position.x, position.y, position.z).into(),
-        Rotation::new_unchecked(nalgebra::Quaternion::new(
-            rotation.w,
-            rotation.x,
-            -rotation.y,
-            -rotation.z,
-        )),
-    )
+    let (p, q) = (pose.translation.vector, pose.rotation.coords);
+    let rotation = nalgebra::Quaternion::new(q.w, q.x, -q.y, -q.z);
+    let position = nalgebra::Translation3::new(-p.x, p.y, p.z);
+    Rigid::from_parts(position, Rotation::new_unchecked(rotation))
 }
 
 #[cfg(test)]

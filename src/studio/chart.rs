@@ -79,9 +79,8 @@ pub fn text_width(size: u32, words: &str) -> u32 {
 /// Smallest and largest of finite values.
 fn extremes(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     let values = values.into_iter().filter(|v| v.is_finite());
-    values
-        .map(|v| (v, v))
-        .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    let pairs = values.map(|v| (v, v));
+    pairs.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
 /// Limits of an axis that shows these values, never equal.

@@ -232,16 +232,16 @@ fn sentence(error: &clap::Error) -> String {
     let text = error.to_string();
     let about = text.split("\n\n").next().unwrap_or_default();
     let about: Vec<&str> = about.split_whitespace().skip(1).collect();
+    let about = about.join(" ");
     let meant = [
         ContextKind::SuggestedSubcommand,
         ContextKind::SuggestedArg,
         ContextKind::SuggestedValue,
     ];
-    let meant = meant.iter().find_map(|&kind| error.get(kind));
-    meant.map_or_else(
-        || about.join(" "),
-        |meant| format!("{}; did you mean {meant}?", about.join(" ")),
-    )
+    match meant.iter().find_map(|&kind| error.get(kind)) {
+        Some(meant) => format!("{about}; did you mean {meant}?"),
+        None => about,
+    }
 }
 
 /// Parses the arguments; `None` after printing requested help.
@@ -324,15 +324,11 @@ fn print_line(line: &str) {
 }
 
 fn run_record(args: &record::Args) -> Result<(), Fault> {
-    let (mut source, _) = source::open(
-        &args.source,
-        args.source != source::AUTO,
-        Default::default(),
-    )
-    .map_err(|failure| service_fault(failure.into()))?;
-    let now = std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .map_or(0.0, |since| since.as_secs_f64());
+    let required = args.source != source::AUTO;
+    let opened = source::open(&args.source, required, Default::default());
+    let (mut source, _) = opened.map_err(|failure| service_fault(failure.into()))?;
+    let now = std::time::UNIX_EPOCH.elapsed();
+    let now = now.map_or(0.0, |since| since.as_secs_f64());
     let stop = stopped::flag_on_signals();
     let done = record::record(&mut *source, &args.out, args.seconds, now, &stop)?;
     print_line(&format!("{} frames in {}", done.frames, args.out.display()));
@@ -344,17 +340,15 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
     stopped::report_what_is_kept(None);
     let all = usize::MAX;
-    let (people, seconds) = if words.landmarks {
+    let (people, seconds) = match words {
         // Five seconds contain every condition.
-        (all, 5.0)
-    } else if words.paper {
-        (1, 20.0)
-    } else if words.heads {
-        (head_scenes::PEOPLE, head_scenes::SECONDS)
-    } else if words.wild {
-        (all, wild::SECONDS)
-    } else {
-        (all, Sessions::default().seconds)
+        Evaluate {
+            landmarks: true, ..
+        } => (all, 5.0),
+        Evaluate { paper: true, .. } => (1, 20.0),
+        Evaluate { heads: true, .. } => (head_scenes::PEOPLE, head_scenes::SECONDS),
+        Evaluate { wild: true, .. } => (all, wild::SECONDS),
+        _ => (all, Sessions::default().seconds),
     };
     let trial = Trial {
         data: &words.data.data,
@@ -373,16 +367,14 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     if words.paper {
         return paper::play(&trial, rows(&words.rows, &paper::ROWS)?, &mut print_line);
     }
-    if words.heads {
-        let rows = rows(&words.rows, &head_scenes::ROWS)?;
-        print!("{}", head_scenes::play(&trial, rows)?);
-    } else if words.wild {
-        match &words.record {
-            Some(out) => wild::record(&trial, out)?,
-            None => print!("{}", wild::play(&trial)?),
+    match &words.record {
+        Some(out) => wild::record(&trial, out)?,
+        None if words.wild => print!("{}", wild::play(&trial)?),
+        None if words.heads => {
+            let rows = rows(&words.rows, &head_scenes::ROWS)?;
+            print!("{}", head_scenes::play(&trial, rows)?);
         }
-    } else {
-        print!("{}", table::play(&trial)?);
+        None => print!("{}", table::play(&trial)?),
     }
     Ok(())
 }
@@ -390,10 +382,10 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
 /// The requested rows, if all of them are among `names`.
 fn rows<'a>(rows: &'a [String], names: &[&str]) -> Result<&'a [String], Fault> {
     match rows.iter().find(|row| !names.contains(&row.as_str())) {
-        Some(unknown) => Err(misused(format!(
-            "--rows {unknown} is not one of {}",
-            names.join(", ")
-        ))),
+        Some(unknown) => {
+            let names = names.join(", ");
+            Err(misused(format!("--rows {unknown} is not one of {names}")))
+        }
         None => Ok(rows),
     }
 }

@@ -19,20 +19,15 @@ pub fn write(mut grammar: Command, share: &Path) -> Result<(), Fault> {
     let put = |at: String, bytes: &[u8]| {
         let path = share.join(at);
         let folder = path.parent().unwrap_or(share);
-        std::fs::create_dir_all(folder).map_err(Fault::cannot(
-            "make",
-            folder,
-            "; give another path with --out",
-        ))?;
+        let refused = Fault::cannot("make", folder, "; give another path with --out");
+        std::fs::create_dir_all(folder).map_err(refused)?;
         write_out(&path, bytes)
     };
+    let fish = format!("fish/vendor_completions.d/{name}.fish");
     for (shell, at) in [
         (Shell::Bash, format!("bash-completion/completions/{name}")),
         (Shell::Zsh, format!("zsh/vendor-completions/_{name}")),
-        (
-            Shell::Fish,
-            format!("fish/vendor_completions.d/{name}.fish"),
-        ),
+        (Shell::Fish, fish),
     ] {
         let mut text = Vec::new();
         clap_complete::generate(shell, &mut grammar, &name, &mut text);

@@ -57,20 +57,13 @@ impl Recorded {
 
 impl Display for Recorded {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (before, after) = if self.stopped {
-            (
-                "stopped: ",
-                "; the recording so far is kept and can be played",
-            )
-        } else {
-            ("", "")
+        let kept = "; the recording so far is kept and can be played";
+        let [before, after] = match self.stopped {
+            true => ["stopped: ", kept],
+            false => [""; 2],
         };
-        let (seconds, mb) = (self.seconds, self.bytes as f64 / 1e6);
-        write!(
-            f,
-            "{before}{seconds:.1} s at {:.1} Hz, {mb:.1} MB{after}",
-            self.rate_hz()
-        )
+        let (seconds, hz, mb) = (self.seconds, self.rate_hz(), self.bytes as f64 / 1e6);
+        write!(f, "{before}{seconds:.1} s at {hz:.1} Hz, {mb:.1} MB{after}")
     }
 }
 
@@ -118,9 +111,8 @@ pub fn record(
 /// Size of the files of a folder, bytes.
 fn size(folder: &Path) -> u64 {
     let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    files
-        .filter_map(|file| Some(file.metadata().ok()?.len()))
-        .sum()
+    let sizes = files.filter_map(|file| Some(file.metadata().ok()?.len()));
+    sizes.sum()
 }
 
 #[cfg(test)]

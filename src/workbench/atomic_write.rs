@@ -38,13 +38,9 @@ fn numbered(path: &Path, number: usize) -> PathBuf {
 
 /// Whether no file exists there, or one with exactly these bytes.
 pub fn is_free(path: &Path, bytes: &[u8]) -> bool {
-    match std::fs::symlink_metadata(path) {
-        Ok(about) => {
-            about.is_file()
-                && bounded_read::read_regular(path, bytes.len()).is_ok_and(|old| old == bytes)
-        }
-        Err(_) => true,
-    }
+    let holds_them = || bounded_read::read_regular(path, bytes.len()).is_ok_and(|old| old == bytes);
+    let about = std::fs::symlink_metadata(path);
+    about.map_or(true, |about| about.is_file() && holds_them())
 }
 
 /// The first of `path`, `NAME-2.EXT`, `NAME-3.EXT`, … that does not exist.
@@ -53,11 +49,8 @@ pub fn unused(path: &Path) -> PathBuf {
 }
 
 fn spare(path: &Path, fits: impl Fn(&Path) -> bool) -> PathBuf {
-    let names = (1..).map(|number| numbered(path, number));
-    names
-        .into_iter()
-        .find(|path| fits(path))
-        .unwrap_or_default()
+    let mut names = (1..).map(|number| numbered(path, number));
+    names.find(|path| fits(path)).unwrap_or_default()
 }
 
 /// Writes a file beside a result, which the caller did not name as `--out`. An existing file of other contents is

@@ -62,22 +62,19 @@ impl<'a> Table<'a> {
 
     /// Columns whose names begin with a prefix: the rest of the name, and the index.
     pub fn beginning_with(&self, prefix: &str) -> Vec<(&'a str, usize)> {
-        let columns = self.columns.iter().zip(0..);
-        columns
-            .filter_map(|(name, at)| Some((name.strip_prefix(prefix)?, at)))
-            .collect()
+        let rest = |(name, at): (&&'a str, _)| Some((name.strip_prefix(prefix)?, at));
+        self.columns.iter().zip(0..).filter_map(rest).collect()
     }
 
     /// The rows below the header.
     pub fn rows(&self) -> impl Iterator<Item = Row<'a>> + use<'a> {
         let numbered = self.lines.clone().zip(2..);
-        numbered
-            .filter(|(text, _)| !text.trim().is_empty())
-            .map(|(text, line)| Row {
-                line,
-                text,
-                cells: cells(text),
-            })
+        let filled = numbered.filter(|(text, _)| !text.trim().is_empty());
+        filled.map(|(text, line)| Row {
+            line,
+            text,
+            cells: cells(text),
+        })
     }
 }
 

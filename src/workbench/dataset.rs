@@ -87,6 +87,10 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GrayImage, Fault> {
 /// Largest distance of points from a picture's corner, pixels.
 const MAX_COORDINATE_PX: f32 = 65_536.0;
 
+fn is_coordinate(v: &f32) -> bool {
+    v.abs() <= MAX_COORDINATE_PX
+}
+
 /// Reads the text of a table.
 pub fn read(path: &Path) -> Result<String, Fault> {
     text_files::read(path).map_err(unreadable(path))
@@ -100,10 +104,9 @@ fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, Fault> {
     let file = column("file")
         .ok_or_else(|| malformed(1, "a column named file", &table.columns.join(",")))?;
     let names = (0..LANDMARKS).flat_map(|i| [format!("x{i}"), format!("y{i}")]);
-    let xy = names.map(|name| {
-        column(&name).ok_or_else(|| malformed(1, "columns x0,y0 to x67,y67", &format!("no {name}")))
-    });
-    let xy: Vec<usize> = xy.collect::<Result<_, _>>()?;
+    let xy = names.map(|name| column(&name).ok_or(format!("no {name}")));
+    let xy = xy.collect::<Result<Vec<usize>, _>>();
+    let xy = xy.map_err(|found| malformed(1, "columns x0,y0 to x67,y67", &found))?;
     let [set, person, expression] = ["set", "person", "expression"].map(column);
     let mut entries = Vec::new();
     for csv::Row { line, cells, .. } in table.rows() {
@@ -143,10 +146,7 @@ fn points_in<'a>(
     }
     let mut points = [[0.0; 2]; LANDMARKS];
     for (slot, cell) in points.as_flattened_mut().iter_mut().zip(cells) {
-        let number = cell
-            .parse()
-            .ok()
-            .filter(|v: &f32| v.abs() <= MAX_COORDINATE_PX);
+        let number = cell.parse().ok().filter(is_coordinate);
         *slot = number.ok_or(cell)?;
     }
     Ok(Some(points))
@@ -159,10 +159,7 @@ fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     let inside = inside.map_or(&*text, |(inside, _)| inside);
     let words = inside.split_ascii_whitespace();
     let numbers: Vec<f32> = words.filter_map(|w| w.parse().ok()).collect();
-    if let Some(odd) = numbers
-        .iter()
-        .find(|v| v.is_nan() || v.abs() > MAX_COORDINATE_PX)
-    {
+    if let Some(odd) = numbers.iter().find(|v| !is_coordinate(v)) {
         return Err(malformed(path, 1, "pixels of a picture", &odd.to_string()));
     }
     if numbers.len() != 2 * LANDMARKS {

@@ -34,18 +34,14 @@ impl Fault {
 
     /// Wraps a system error about a file; `advice` follows it.
     pub fn cannot<E: Display>(what: &str, path: &Path, advice: &str) -> impl Fn(E) -> Self {
-        let published = match data_set_name(path).filter(|_| !path.exists()) {
-            Some(set) => {
-                format!("; docs/data.md says what the data set {set} is and how to get it")
-            }
-            None => String::new(),
-        };
+        let about =
+            |set| format!("; docs/data.md says what the data set {set} is and how to get it");
+        let set = data_set_name(path).filter(|_| !path.exists());
+        let published = set.map(about).unwrap_or_default();
         let path = path.display().to_string();
         move |error| {
-            Self::new(format!(
-                "cannot {what} {path}: {}{advice}{published}",
-                reason(error)
-            ))
+            let why = reason(error);
+            Self::new(format!("cannot {what} {path}: {why}{advice}{published}"))
         }
     }
 
@@ -64,19 +60,10 @@ impl Fault {
 
 /// The published data set (`docs/data.md`) that a path belongs to, by the name of a folder in it.
 fn data_set_name(path: &Path) -> Option<&'static str> {
-    const SETS: [&str; 9] = [
-        "faces_frl189",
-        "faces_ytfaces68",
-        "ict_facekit",
-        "kinect_v1_desk",
-        "kinect_v1_film",
-        "kinect_v1_pcl",
-        "kinect_v2_faces",
-        "nrsfm_bench",
-        "video_talkingface",
-    ];
-    let mut folders = path.iter().filter_map(std::ffi::OsStr::to_str);
-    folders.find_map(|folder| SETS.into_iter().find(|set| *set == folder))
+    const SETS: &str = "faces_frl189 faces_ytfaces68 ict_facekit kinect_v1_desk kinect_v1_film \
+        kinect_v1_pcl kinect_v2_faces nrsfm_bench video_talkingface";
+    let mut sets = SETS.split(' ');
+    sets.find(|set| path.iter().any(|folder| folder == *set))
 }
 
 impl Display for Fault {

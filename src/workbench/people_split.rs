@@ -38,10 +38,8 @@ impl Split {
 
     /// Split of each (set, person), in the order given; equal entries get the same one.
     pub fn from_persons(persons: &[(&str, &str)]) -> Vec<Self> {
-        numbered(persons)
-            .into_iter()
-            .map(Self::from_index)
-            .collect()
+        let indices = numbered(persons).into_iter();
+        indices.map(Self::from_index).collect()
     }
 }
 

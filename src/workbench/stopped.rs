@@ -54,10 +54,8 @@ fn listen(result: Option<PathBuf>) -> std::io::Result<()> {
         let _ = stderr.write_all(line.as_bytes());
         let _ = emulate_default_handler(signal);
     };
-    std::thread::Builder::new()
-        .name("stopped".into())
-        .spawn(wait)?;
-    Ok(())
+    let thread = std::thread::Builder::new().name("stopped".into());
+    thread.spawn(wait).map(drop)
 }
 
 /// A flag that the first Ctrl-C or SIGTERM sets; the second ends the program at once.

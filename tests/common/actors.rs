@@ -16,6 +16,7 @@ pub fn normal(random: &mut fastrand::Rng) -> f64 {
 }
 
 /// A made-up person: neutral value and sides of every measure, in their own eye distances.
+#[derive(Clone)]
 pub struct Person {
     pub w: f32,
     pub rest: [f64; LEARNT_MEASURES],

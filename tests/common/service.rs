@@ -2,10 +2,10 @@
 
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::Duration;
 
-use super::program;
+use super::mien;
 
 /// Long enough for a slow machine; only a broken run waits for it.
 pub const PATIENCE: Duration = Duration::from_secs(300);
@@ -41,8 +41,7 @@ impl Service {
         let socket = UnixDatagram::bind(&notify).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
         std::fs::write(folder.join("mien.toml"), config).unwrap();
-        let child = Command::new(program())
-            .args(["run", "--source", "simulated", "--config"])
+        let child = mien("run --source simulated --config")
             .arg(folder.join("mien.toml"))
             .args(words)
             .env("NOTIFY_SOCKET", &notify)
@@ -53,6 +52,24 @@ impl Service {
             .spawn()
             .unwrap();
         Self { child, socket }
+    }
+
+    /// As [`Self::start`], and waits until it is ready.
+    pub fn ready(folder: &Path, config: &str) -> Self {
+        Self::ready_with(folder, config, &[], Stdio::null(), Stdio::null())
+    }
+
+    /// As [`Self::start_with`], and waits until it is ready.
+    pub fn ready_with(
+        folder: &Path,
+        config: &str,
+        words: &[&str],
+        out: impl Into<Stdio>,
+        said: impl Into<Stdio>,
+    ) -> Self {
+        let service = Self::start_with(folder, config, words, out, said);
+        assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+        service
     }
 
     /// The next message that is not of this kind.
@@ -87,13 +104,6 @@ impl Service {
         self.socket.set_nonblocking(true).unwrap();
         while self.socket.recv(&mut [0; 512]).is_ok() {}
         self.socket.set_nonblocking(false).unwrap();
-        let id = self.child.id().to_string();
-        assert!(
-            Command::new("kill")
-                .args([name, &id])
-                .status()
-                .unwrap()
-                .success()
-        );
+        super::signal(&self.child, name);
     }
 }

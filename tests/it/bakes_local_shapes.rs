@@ -32,15 +32,18 @@ use rayon::prelude::*;
 
 use crate::common::data::{self, Set};
 
-fn baked(set: Set, mesh: &str) -> Option<(Head, Vec<Shape>)> {
+/// A head of a data set, and its 68 vertices.
+fn head_of(set: Set, mesh: &str) -> Option<(Mesh, Vec<u64>)> {
     let folder = data::folder(set)?;
-    let text = std::fs::read_to_string(folder.join(mesh)).unwrap();
-    let landmarks: Vec<u64> = std::fs::read_to_string(folder.join("landmarks68.txt"))
-        .unwrap()
-        .split_whitespace()
-        .map(|w| w.parse().unwrap())
-        .collect();
-    let head = Head::new(obj::parse(&text).unwrap(), &landmarks).unwrap();
+    let text = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    let landmarks = text("landmarks68.txt");
+    let landmarks = landmarks.split_whitespace().map(|w| w.parse().unwrap());
+    Some((obj::parse(&text(mesh)).unwrap(), landmarks.collect()))
+}
+
+fn baked(set: Set, mesh: &str) -> Option<(Head, Vec<Shape>)> {
+    let (mesh, landmarks) = head_of(set, mesh)?;
+    let head = Head::new(mesh, &landmarks).unwrap();
     let shapes = default_head::shapes(&head).unwrap();
     Some((head, shapes))
 }
@@ -62,14 +65,10 @@ fn judged(head: &Head, shapes: &[Shape]) -> usize {
         if gap > 0.0 {
             println!("{name}: lids {gap:.4} apart");
         }
-        assert!(f.outside == 0.0, "{} leaks", shapes[k].name);
-        assert!(f.eye_depth < 1e-3, "{}: {}", shapes[k].name, f.eye_depth);
-        assert!(
-            f.lips_cross < 0.005,
-            "{}: lips {} through",
-            shapes[k].name,
-            f.lips_cross
-        );
+        assert!(f.outside == 0.0, "{name} leaks");
+        assert!(f.eye_depth < 1e-3, "{name}: {}", f.eye_depth);
+        let through = f.lips_cross;
+        assert!(through < 0.005, "{name}: lips {through} through");
         widest = widest.max(gap);
     }
     assert!(widest < 0.03, "lids {widest} apart");
@@ -515,15 +514,9 @@ fn landmarks_are_found_on_a_picture_of_the_mesh() {
         (Set::IctFacekit, "generic_neutral_mesh.obj"),
         (Set::CanonicalFace, "canonical_face_model.obj"),
     ] {
-        let Some(folder) = data::folder(set) else {
+        let Some((mesh, truth)) = head_of(set, name) else {
             return;
         };
-        let mesh = obj::parse(&std::fs::read_to_string(folder.join(name)).unwrap()).unwrap();
-        let text = std::fs::read_to_string(folder.join("landmarks68.txt")).unwrap();
-        let truth: Vec<usize> = text
-            .split_whitespace()
-            .map(|w| w.parse().unwrap())
-            .collect();
         // Turned away from z or with z up, the head is found all the same.
         let turned = |way: fn(&Vec3) -> Vec3| {
             let mut mesh = mesh.clone();
@@ -534,16 +527,15 @@ fn landmarks_are_found_on_a_picture_of_the_mesh() {
         let lying = turned(|p| Vec3::new(p.x, -p.z, p.y));
         for mesh in [mesh, away, lying] {
             let found = locate(&mesh, &FaceModel::shipped()).unwrap();
-            let p = |v: usize| mesh.positions[v];
+            let p = |v: u64| mesh.positions[v as usize];
             let w = (p(truth[39]) - p(truth[42])).norm();
-            let miss = |k: usize| (p(found.vertices[k] as usize) - p(truth[k])).norm() / w;
+            let miss = |k: usize| (p(found.vertices[k]) - p(truth[k])).norm() / w;
             let mean = |some: std::ops::Range<usize>| {
                 let count = some.len() as f64;
                 some.map(miss).sum::<f64>() / count
             };
             println!(
-                "{}: confidence {:.2}; eye distances off: jaw {:.3}, brows {:.3}, nose {:.3}, eyes {:.3}, lips {:.3}, inner lips {:.3}",
-                folder.display(),
+                "{name}: confidence {:.2}; eye distances off: jaw {:.3}, brows {:.3}, nose {:.3}, eyes {:.3}, lips {:.3}, inner lips {:.3}",
                 found.confidence,
                 mean(0..17),
                 mean(17..27),
@@ -552,25 +544,20 @@ fn landmarks_are_found_on_a_picture_of_the_mesh() {
                 mean(48..60),
                 mean(60..68)
             );
+            let sure = |k: usize| found.point_confidence[k];
             let mut by_confidence: Vec<usize> = (0..68).collect();
-            by_confidence
-                .sort_by(|&a, &b| found.point_confidence[a].total_cmp(&found.point_confidence[b]));
-            let quarters: Vec<f64> = by_confidence
-                .chunks(17)
-                .map(|part| part.iter().map(|&k| miss(k)).sum::<f64>() / 17.0)
-                .collect();
+            by_confidence.sort_by(|&a, &b| sure(a).total_cmp(&sure(b)));
+            let quarters = by_confidence.chunks(17);
+            let quarters = quarters.map(|part| part.iter().map(|&k| miss(k)).sum::<f64>() / 17.0);
+            let quarters: Vec<f64> = quarters.collect();
             println!(
                 "eye distances off, from the least sure quarter of the points to the surest: {quarters:.3?}"
             );
             assert!(quarters[0] > quarters[3], "{quarters:?}");
             assert!(mean(27..60) < 0.12 && mean(60..68) < 0.2 && mean(17..27) < 0.12);
             for k in (0..68).filter(|&k| miss(k) > 0.3) {
-                let sure = found.point_confidence[k];
-                assert!(
-                    sure < LOW_CONFIDENCE,
-                    "{k} is {:.2} off with {sure:.2}",
-                    miss(k)
-                );
+                let (sure, off) = (sure(k), miss(k));
+                assert!(sure < LOW_CONFIDENCE, "{k} is {off:.2} off with {sure:.2}");
             }
             Head::new(mesh.clone(), &found.vertices).unwrap();
         }
@@ -604,19 +591,13 @@ fn bits(p: &Vec3) -> [u32; 3] {
 #[test]
 fn a_head_bakes_from_glb_as_it_does_from_obj() {
     // Both heads are modelled in centimetres.
-    for (set, mesh, units) in [
+    for (set, name, units) in [
         (Set::IctFacekit, "generic_neutral_mesh.obj", &[0.01][..]),
         (Set::CanonicalFace, "canonical_face_model.obj", &[1.0, 0.01]),
     ] {
-        let Some(folder) = data::folder(set) else {
+        let Some((source, landmarks)) = head_of(set, name) else {
             return;
         };
-        let source = obj::parse(&std::fs::read_to_string(folder.join(mesh)).unwrap()).unwrap();
-        let text = std::fs::read_to_string(folder.join("landmarks68.txt")).unwrap();
-        let landmarks: Vec<u64> = text
-            .split_whitespace()
-            .map(|w| w.parse().unwrap())
-            .collect();
         let (_, _, shapes) = baked_in_order(&source, &landmarks);
         for &metres in units {
             let file = morphs::build(&source, &[], metres, false, None).emit();
@@ -636,10 +617,8 @@ fn a_head_bakes_from_glb_as_it_does_from_obj() {
                 let there = copies(v as usize).into_iter();
                 there.max_by_key(|&v| size[part[v as usize] as usize])
             };
-            let there: Vec<u64> = landmarks
-                .iter()
-                .map(|&v| u64::from(skin(v).unwrap()))
-                .collect();
+            let there = landmarks.iter().map(|&v| u64::from(skin(v).unwrap()));
+            let there: Vec<u64> = there.collect();
             let (head, in_order, others) = baked_in_order(&mesh, &there);
             assert_eq!(judged(&head, &in_order), 0);
             let mut apart: Vec<(f64, &str)> = Vec::new();
@@ -659,8 +638,7 @@ fn a_head_bakes_from_glb_as_it_does_from_obj() {
             }
             apart.sort_by(|a, b| b.0.total_cmp(&a.0));
             println!(
-                "{}, a unit of {metres}: {} and {} vertices; furthest apart, mm: {:.6?}",
-                folder.display(),
+                "{name}, a unit of {metres}: {} and {} vertices; furthest apart, mm: {:.6?}",
                 source.positions.len(),
                 mesh.positions.len(),
                 &apart[..6]
@@ -673,27 +651,20 @@ fn a_head_bakes_from_glb_as_it_does_from_obj() {
 /// ICT FaceKit's head as another person's: its hundred identities at random, as likely as they are in people.
 fn another_person(seed: u64) -> Option<(Mesh, Vec<u64>)> {
     let folder = data::folder(Set::IctFacekit)?;
-    let text = std::fs::read_to_string(folder.join("generic_neutral_mesh.obj")).unwrap();
-    let landmarks = std::fs::read_to_string(folder.join("landmarks68.txt")).unwrap();
-    let landmarks = landmarks.split_whitespace().map(|w| w.parse().unwrap());
-    let mut mesh = obj::parse(&text).unwrap();
+    let (mut mesh, landmarks) = head_of(Set::IctFacekit, "generic_neutral_mesh.obj")?;
     let mut random = fastrand::Rng::with_seed(seed);
     for k in 0..100 {
         // Twelve even numbers add up to nearly a normal one.
         let weight = (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
         let path = folder.join(format!("id/identity{k:03}.f32"));
         let bytes = std::fs::read(path).unwrap();
-        let numbers = bytes
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|b| f32::from_le_bytes(*b));
-        let numbers: Vec<f64> = numbers.map(f64::from).collect();
+        let numbers = bytes.as_chunks().0.iter();
+        let numbers: Vec<f64> = numbers.map(|b| f32::from_le_bytes(*b).into()).collect();
         for (p, d) in mesh.positions.iter_mut().zip(numbers.as_chunks::<3>().0) {
             *p += Vec3::from(*d) * weight;
         }
     }
-    Some((mesh, landmarks.collect()))
+    Some((mesh, landmarks))
 }
 
 /// More of them are judged by `tests/heads/run`.
@@ -866,50 +837,28 @@ fn glasses_stay_and_lashes_and_brows_go_along() {
 #[ignore = "writes a picture to look at"]
 fn draws_baked_shapes_beside_sculpted_ones() {
     const PIXELS: u32 = 150;
-    const SHAPES: [(&str, &[&str], &[&str]); 11] = [
-        (
-            "smile",
-            &["mouthSmileLeft", "mouthSmileRight"],
-            &["mouthSmile_L", "mouthSmile_R"],
-        ),
-        ("funnel", &["mouthFunnel"], &["mouthFunnel"]),
-        ("pucker", &["mouthPucker"], &["mouthPucker"]),
-        ("puff", &["cheekPuff"], &["cheekPuff_L", "cheekPuff_R"]),
-        (
-            "blink",
-            &["eyeBlinkLeft", "eyeBlinkRight"],
-            &["eyeBlink_L", "eyeBlink_R"],
-        ),
-        (
-            "down",
-            &["eyeLookDownLeft", "eyeLookDownRight"],
-            &["eyeLookDown_L", "eyeLookDown_R"],
-        ),
-        (
-            "up",
-            &["eyeLookUpLeft", "eyeLookUpRight"],
-            &["eyeLookUp_L", "eyeLookUp_R"],
-        ),
-        (
-            "brow in",
-            &["browDownLeft", "browDownRight"],
-            &["browDown_L", "browDown_R"],
-        ),
-        (
-            "brow up",
-            &["browInnerUp"],
-            &["browInnerUp_L", "browInnerUp_R"],
-        ),
-        (
-            "sneer",
-            &["noseSneerLeft", "noseSneerRight"],
-            &["noseSneer_L", "noseSneer_R"],
-        ),
-        (
-            "squint",
-            &["cheekSquintLeft", "cheekSquintRight"],
-            &["cheekSquint_L", "cheekSquint_R"],
-        ),
+    // Baked shapes and the sculpted ones beside them.
+    const SHAPES: [[&str; 2]; 11] = [
+        [
+            "mouthSmileLeft mouthSmileRight",
+            "mouthSmile_L mouthSmile_R",
+        ],
+        ["mouthFunnel", "mouthFunnel"],
+        ["mouthPucker", "mouthPucker"],
+        ["cheekPuff", "cheekPuff_L cheekPuff_R"],
+        ["eyeBlinkLeft eyeBlinkRight", "eyeBlink_L eyeBlink_R"],
+        [
+            "eyeLookDownLeft eyeLookDownRight",
+            "eyeLookDown_L eyeLookDown_R",
+        ],
+        ["eyeLookUpLeft eyeLookUpRight", "eyeLookUp_L eyeLookUp_R"],
+        ["browDownLeft browDownRight", "browDown_L browDown_R"],
+        ["browInnerUp", "browInnerUp_L browInnerUp_R"],
+        ["noseSneerLeft noseSneerRight", "noseSneer_L noseSneer_R"],
+        [
+            "cheekSquintLeft cheekSquintRight",
+            "cheekSquint_L cheekSquint_R",
+        ],
     ];
     let Some((head, shapes)) = baked(Set::IctFacekit, "generic_neutral_mesh.obj") else {
         return;
@@ -927,30 +876,22 @@ fn draws_baked_shapes_beside_sculpted_ones() {
         sum
     };
     let mut sheet = image::RgbImage::new(6 * PIXELS, SHAPES.len() as u32 * PIXELS);
-    for (row, (name, ours, theirs)) in SHAPES.iter().enumerate() {
-        let ours = ours
-            .iter()
-            .map(|n| &shapes.iter().find(|s| s.name == *n).unwrap().displacement);
-        let theirs = theirs
-            .iter()
-            .map(|n| &truth.shapes.iter().find(|s| s.0 == *n).unwrap().1);
-        let (ours, theirs) = (sum(ours.collect()), sum(theirs.collect()));
+    for (row, [names, sculpted]) in SHAPES.iter().enumerate() {
+        let ours = |name| &shapes.iter().find(|s| s.name == name).unwrap().displacement;
+        let theirs = |name| &truth.shapes.iter().find(|s| s.0 == name).unwrap().1;
+        let ours = sum(names.split(' ').map(ours).collect());
+        let theirs = sum(sculpted.split(' ').map(theirs).collect());
         let (mut miss, mut size) = (0.0, 0.0);
         for v in Truth::FACE {
             miss += (ours[v] - theirs[v]).norm_squared();
             size += theirs[v].norm_squared();
         }
-        println!("{name}: {:.3} from the sculpted one", (miss / size).sqrt());
+        println!("{names}: {:.3} from the sculpted one", (miss / size).sqrt());
         for (k, d) in [theirs, ours].iter().enumerate() {
             for (turn, yaw) in [0.0, 0.7, 1.4].into_iter().enumerate() {
                 let picture = outside.draw(&head, d, yaw, PIXELS);
-                let x = (3 * k + turn) as u32 * PIXELS;
-                image::imageops::replace(
-                    &mut sheet,
-                    &picture,
-                    i64::from(x),
-                    row as i64 * i64::from(PIXELS),
-                );
+                let [x, y] = [3 * k + turn, row].map(|at| at as i64 * i64::from(PIXELS));
+                image::imageops::replace(&mut sheet, &picture, x, y);
             }
         }
     }

@@ -3,14 +3,14 @@
 //! It takes half a minute of waiting, so it stands among the first: tests run in the order of their names.
 
 use std::net::UdpSocket;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
 use mien_stages::expression::Units;
 use rosc::{OscMessage, OscType};
 use serialport::{SerialPort, TTYPort};
 
-use crate::common::program;
+use crate::common::mien;
 use crate::talks_to_rigs::{messages, receiver};
 
 /// What a serial port sends until the line of nobody.
@@ -59,9 +59,7 @@ fn send_test_sweeps_every_unit_and_names_it() {
         port.name().unwrap()
     );
     std::fs::write(&path, configuration).unwrap();
-    let child = Command::new(program())
-        .arg("send-test")
-        .arg("--config")
+    let child = mien("send-test --config")
         .arg(&path)
         .stderr(Stdio::piped())
         .stdin(Stdio::null())
@@ -74,21 +72,16 @@ fn send_test_sweeps_every_unit_and_names_it() {
     let log = String::from_utf8(output.stderr).unwrap();
     let (heard, text) = (heard.join().unwrap(), lines.join().unwrap());
     let schema = heard.iter().find(|m| m.addr == "/face/schema").unwrap();
-    let names: Vec<String> = schema.args[1..]
-        .iter()
-        .map(|name| name.clone().string().unwrap())
-        .collect();
+    let names = schema.args[1..].iter();
+    let names: Vec<String> = names.map(|name| name.clone().string().unwrap()).collect();
     assert!(names.len() >= 19 && names.contains(&"jaw".to_owned()));
-    let vectors: Vec<Vec<f32>> = heard
-        .iter()
-        .filter(|m| m.addr == "/face/0/au")
-        .map(|m| {
-            m.args
-                .iter()
-                .map(|arg| arg.clone().float().unwrap())
-                .collect()
-        })
-        .collect();
+    let floats = |args: &[OscType]| -> Vec<f32> {
+        let floats = args.iter().map(|arg| arg.clone().float().unwrap());
+        floats.collect()
+    };
+    let vectors = heard.iter().filter(|m| m.addr == "/face/0/au");
+    let vectors: Vec<Vec<f32>> = vectors.map(|m| floats(&m.args)).collect();
+    let is_rest = |vector: &Vec<f32>| vector.iter().all(|&weight| weight == 0.0);
     let mut at = 0;
     for (i, name) in names.iter().enumerate() {
         let logged = if name == "jaw" {
@@ -100,19 +93,11 @@ fn send_test_sweeps_every_unit_and_names_it() {
         // Up to 1 and down again, all others at rest, one unit after the other.
         let peak = vectors[at..].iter().position(|vector| vector[i] == 1.0);
         at += peak.unwrap_or_else(|| panic!("{name} does not come to 1 in its turn"));
-        let others = vectors[at].iter().enumerate();
-        assert!(
-            others
-                .filter(|&(j, _)| j != i)
-                .all(|(_, &weight)| weight == 0.0)
-        );
-        assert!(
-            vectors[at..]
-                .iter()
-                .any(|vector| vector.iter().all(|&weight| weight == 0.0))
-        );
+        let mut others = vectors[at].iter().enumerate().filter(|&(j, _)| j != i);
+        assert!(others.all(|(_, &weight)| weight == 0.0));
+        assert!(vectors[at..].iter().any(is_rest));
     }
-    assert!(vectors.last().unwrap().iter().all(|&weight| weight == 0.0));
+    assert!(is_rest(vectors.last().unwrap()));
     let full = text
         .lines()
         .filter(|line| line.starts_with("$AU,") && (line.contains(",100") || line.contains(",93")));

@@ -54,15 +54,9 @@ fn signed(expression: &Expression, units: &Units, paper: bool) -> [f64; LEARNT_M
     let mut columns = expression.weights().units().iter();
     std::array::from_fn(|m| {
         let kind = units.rows[m].kind(paper);
-        let mut next = |there: bool| {
-            if there {
-                f64::from(*columns.next().unwrap())
-            } else {
-                0.0
-            }
-        };
-        let up = next(kind.rises());
-        up - next(kind.falls())
+        let mut next = |there: bool| if there { *columns.next().unwrap() } else { 0.0 };
+        let up = f64::from(next(kind.rises()));
+        up - f64::from(next(kind.falls()))
     })
 }
 
@@ -151,11 +145,9 @@ impl Table {
     }
 
     fn mean(&self, after: usize, measure: usize, f: impl Fn(&Score) -> f64) -> f64 {
-        self.scores
-            .iter()
-            .map(|person| f(&person[after][measure]))
-            .sum::<f64>()
-            / PEOPLE as f64
+        let people = self.scores.iter();
+        let each = people.map(|person| f(&person[after][measure]));
+        each.sum::<f64>() / PEOPLE as f64
     }
 
     fn all(&self, after: usize, f: impl Fn(&Score) -> f64 + Copy) -> f64 {
@@ -165,26 +157,18 @@ impl Table {
 
     fn print(&self, title: &str) {
         println!("\n{title}: mean error (weight at rest) after 5, 20, 60 s; r after 60 s");
-        for m in 0..ACTED {
-            print!("  {:15}", Measure::ALL[m].name());
+        let row = |name: &str, of: &dyn Fn(usize, fn(&Score) -> f64) -> f64| {
+            print!("  {name:15}");
             for after in 0..3 {
-                print!(
-                    " {:.3} ({:.2})",
-                    self.mean(after, m, Score::mae),
-                    self.mean(after, m, Score::at_rest)
-                );
+                let (error, at_rest) = (of(after, Score::mae), of(after, Score::at_rest));
+                print!(" {error:.3} ({at_rest:.2})");
             }
-            println!("  r {:.3}", self.mean(2, m, Score::r));
+            println!("  r {:.3}", of(2, Score::r));
+        };
+        for m in 0..ACTED {
+            row(Measure::ALL[m].name(), &|after, f| self.mean(after, m, f));
         }
-        print!("  {:15}", "all");
-        for after in 0..3 {
-            print!(
-                " {:.3} ({:.2})",
-                self.all(after, Score::mae),
-                self.all(after, Score::at_rest)
-            );
-        }
-        println!("  r {:.3}", self.all(2, Score::r));
+        row("all", &|after, f| self.all(after, f));
     }
 }
 
@@ -213,32 +197,16 @@ fn the_default_is_right_within_seconds() {
     ];
     for (measure, bar) in bars {
         let r = quiet.mean(2, measure as usize, Score::r);
-        assert!(
-            r > bar,
-            "{}: r {r} at 0.25 %, expected {bar}",
-            measure.name()
-        );
+        assert!(r > bar, "{}: r {r}, expected {bar}", measure.name());
     }
-    assert!(
-        quiet.all(2, Score::mae) < 0.06,
-        "{}",
-        quiet.all(2, Score::mae)
-    );
-    assert!(
-        quiet.all(0, Score::mae) < 0.12,
-        "after 5 s: {}",
-        quiet.all(0, Score::mae)
-    );
-    assert!(
-        quiet.all(2, Score::at_rest) < 0.03,
-        "{}",
-        quiet.all(2, Score::at_rest)
-    );
-    assert!(
-        noisy.all(2, Score::mae) < 0.1,
-        "{}",
-        noisy.all(2, Score::mae)
-    );
+    for (what, error, most) in [
+        ("after 60 s", quiet.all(2, Score::mae), 0.06),
+        ("after 5 s", quiet.all(0, Score::mae), 0.12),
+        ("at rest", quiet.all(2, Score::at_rest), 0.03),
+        ("with more jitter", noisy.all(2, Score::mae), 0.1),
+    ] {
+        assert!(error < most, "{what}: {error}");
+    }
 }
 
 #[test]

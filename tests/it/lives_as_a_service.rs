@@ -4,13 +4,13 @@
 
 use std::io::{BufRead, BufReader, PipeReader, PipeWriter, Read, Write};
 use std::net::UdpSocket;
-use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 
 use crate::common::service::{PATIENCE, Service};
+use crate::common::{make_pipe, signal};
 
 #[test]
 fn ready_alive_reloaded_and_stopped_cleanly() {
@@ -21,28 +21,18 @@ fn ready_alive_reloaded_and_stopped_cleanly() {
     assert_eq!(service.next_but(&[]), "READY=1");
     assert_eq!(service.next_but(&["STATUS="]), "WATCHDOG=1");
     assert!(service.next_but(&["WATCHDOG="]).starts_with("STATUS="));
-    service.signal("-HUP");
-    assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "RELOADING=1");
-    assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "READY=1");
-    service.signal("-TERM");
-    assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "STOPPING=1");
-    assert_eq!(service.child.wait().unwrap().code(), Some(0));
+    service.reload(folder.path(), &config);
+    assert_eq!(service.stop(), Some(0));
 }
 
 #[test]
 fn a_refused_configuration_leaves_the_run_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
-    let mut service = Service::start(folder.path(), "[status]\npath = \"\"\n");
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
-    std::fs::write(folder.path().join("mien.toml"), "[status]\nnonsense = 1\n").unwrap();
-    service.signal("-HUP");
-    assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "RELOADING=1");
-    assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "READY=1");
+    let mut service = Service::ready(folder.path(), "[status]\npath = \"\"\n");
+    service.reload(folder.path(), "[status]\nnonsense = 1\n");
     // It still lives.
     assert_eq!(service.next_but(&["STATUS="]), "WATCHDOG=1");
-    service.signal("-TERM");
-    assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "STOPPING=1");
-    assert_eq!(service.child.wait().unwrap().code(), Some(0));
+    assert_eq!(service.stop(), Some(0));
 }
 
 /// Somewhere OSC goes.
@@ -80,14 +70,8 @@ fn outputs_that_cannot_open_leave_the_old_ones_for_this_reload_and_every_later_o
     let (socket, target) = receiver();
     let good = format!("[osc]\ntarget = {target:?}\n[status]\npath = \"\"\n");
     let said = folder.path().join("said");
-    let mut service = Service::start_with(
-        folder.path(),
-        &good,
-        &[],
-        Stdio::null(),
-        std::fs::File::create(&said).unwrap(),
-    );
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let log = std::fs::File::create(&said).unwrap();
+    let mut service = Service::ready_with(folder.path(), &good, &[], Stdio::null(), log);
     hear_frames(&socket, 3);
     let (_other, taken) = receiver();
     let port_taken = good.replace(
@@ -110,19 +94,12 @@ fn outputs_that_cannot_open_leave_the_old_ones_for_this_reload_and_every_later_o
     assert!(stays == 5 && said.contains("\"AU5L\""), "{said}");
 }
 
-/// A named pipe with nobody at its other end.
-fn make_pipe(path: &Path) {
-    let _before = std::fs::remove_file(path);
-    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
-}
-
 #[test]
 fn a_configuration_that_has_become_a_pipe_is_not_waited_for() {
     let folder = tempfile::tempdir().unwrap();
     let (socket, target) = receiver();
     let config = format!("[osc]\ntarget = {target:?}\n[status]\npath = \"\"\n");
-    let mut service = Service::start(folder.path(), &config);
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let mut service = Service::ready(folder.path(), &config);
     make_pipe(&folder.path().join("mien.toml"));
     service.signal("-HUP");
     assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "RELOADING=1");
@@ -145,8 +122,7 @@ fn a_table_whose_pipe_nobody_opens_ends_with_the_signal() {
         service
     };
     let mut service = started();
-    let id = service.child.id().to_string();
-    assert!(Command::new("kill").arg(&id).status().unwrap().success());
+    signal(&service.child, "-TERM");
     assert_eq!(service.child.wait().unwrap().code(), Some(0));
 
     // Who comes late gets it whole.
@@ -163,14 +139,8 @@ fn a_table_whose_pipe_nobody_opens_ends_with_the_signal() {
 fn a_key_that_needs_a_restart_says_so_once() {
     let folder = tempfile::tempdir().unwrap();
     let said = folder.path().join("said");
-    let mut service = Service::start_with(
-        folder.path(),
-        "",
-        &[],
-        Stdio::null(),
-        std::fs::File::create(&said).unwrap(),
-    );
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let log = std::fs::File::create(&said).unwrap();
+    let mut service = Service::ready_with(folder.path(), "", &[], Stdio::null(), log);
     for tilt_deg in ["1.0", "1.0", "2.0"] {
         let config = format!("[sensor]\ntilt_deg = {tilt_deg}\n[users]\nmost = 2\n");
         service.reload(folder.path(), &config);
@@ -178,10 +148,8 @@ fn a_key_that_needs_a_restart_says_so_once() {
     service.reload(folder.path(), "[log]\nlevel = \"debug\"\n");
     assert_eq!(service.stop(), Some(0));
     let said = std::fs::read_to_string(said).unwrap();
-    let lines: Vec<&str> = said
-        .lines()
-        .filter(|line| line.contains("restart"))
-        .collect();
+    let lines = said.lines().filter(|line| line.contains("restart"));
+    let lines: Vec<&str> = lines.collect();
     // Once for each change, the way back too.
     assert_eq!(lines.len(), 4, "{said}");
     assert!(
@@ -199,8 +167,7 @@ fn a_command_port_that_is_taken_is_waited_for() {
     let config = format!(
         "[osc]\ntarget = {target:?}\ncommands = true\nlisten = {listen:?}\n[status]\npath = {status:?}\n"
     );
-    let mut service = Service::start(folder.path(), &config);
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let mut service = Service::ready(folder.path(), &config);
     hear_frames(&socket, 3);
     drop(other);
     // "/face/cmd/schema" with no arguments.
@@ -252,16 +219,14 @@ fn a_log_and_a_table_that_nobody_reads_stop_neither_the_frames_nor_the_end() {
     let config = format!("[osc]\ntarget = {target:?}\n[serial]\nport = \"/dev/nowhere\"\n");
     let (_reader, pipe) = full_pipe();
     let out = pipe.try_clone().unwrap();
-    let mut service = Service::start_with(folder.path(), &config, &[], out, pipe);
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let mut service = Service::ready_with(folder.path(), &config, &[], out, pipe);
     hear_frames(&socket, 100);
     assert_eq!(service.stop(), Some(0));
 
     // A recording's table is waited for, as long as there is no signal.
     let (_reader, pipe) = std::io::pipe().unwrap();
     let words = ["--fast", "--csv", "-"];
-    let mut service = Service::start_with(folder.path(), &config, &words, pipe, Stdio::null());
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let mut service = Service::ready_with(folder.path(), &config, &words, pipe, Stdio::null());
     let silence = Some(Duration::from_secs(2));
     service.socket.set_read_timeout(silence).unwrap();
     while service.socket.recv(&mut [0; 512]).is_ok() {}
@@ -278,8 +243,7 @@ fn weights_are_shown_on_a_terminal_only_and_one_that_is_not_read_stops_nothing()
     terminal.set_timeout(PATIENCE).unwrap();
     let name = port.name().unwrap();
     let open = || std::fs::File::options().write(true).open(&name).unwrap();
-    let mut service = Service::start_with(folder.path(), &config, &["--fast"], open(), open());
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let mut service = Service::ready_with(folder.path(), &config, &["--fast"], open(), open());
     // Three times what it keeps for its reader.
     hear_frames(&socket, 300);
     let mut text = Vec::new();
@@ -310,8 +274,7 @@ fn commands_fill_no_log() {
     );
     let said = folder.path().join("said");
     let log = std::fs::File::create(&said).unwrap();
-    let mut service = Service::start_with(folder.path(), &config, &[], Stdio::null(), log);
-    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let mut service = Service::ready_with(folder.path(), &config, &[], Stdio::null(), log);
     let forget = b"/face/cmd/forget\0\0\0\0,i\0\0\0\0\0\0";
     // Each sender has its own allowance.
     for sender in 1..=8 {
@@ -323,10 +286,7 @@ fn commands_fill_no_log() {
     }
     assert_eq!(service.stop(), Some(0));
     let said = std::fs::read_to_string(said).unwrap();
-    let lines = said
-        .lines()
-        .filter(|line| line.contains("receiver asked to forget person 1"))
-        .count();
+    let lines = said.matches("receiver asked to forget person 1").count();
     // Eight lines of a kind at once, then one a minute.
     assert!((1..=8).contains(&lines), "{lines} lines:\n{said}");
 }

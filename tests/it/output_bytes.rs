@@ -52,6 +52,11 @@ fn report<'a>(ms: u64, user: usize, state: TrackingState, weights: &'a [f32]) ->
     }
 }
 
+/// The report of a tracked face.
+fn tracked(ms: u64, user: usize, weights: &[f32]) -> Report<'_> {
+    report(ms, user, TrackingState::Tracking, weights)
+}
+
 fn nobody(ms: u64) -> Report<'static> {
     Report {
         frame: ms / 33,
@@ -67,31 +72,25 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
     {
         let mut csv = Csv::new(&mut bytes, &MEASURES, &UNITS, &[]).unwrap();
         let weights = [1.25, f32::NAN, -0.1];
+        let [x0, y0, x1, y1] = [7, 120, 140, 300];
+        let head_box = PixelRect { x0, y0, x1, y1 };
         let full = Report {
             sensor_from_face: Some(&pose),
-            head_box: Some(PixelRect {
-                x0: 7,
-                y0: 120,
-                x1: 140,
-                y1: 300,
-            }),
+            head_box: Some(head_box),
             landmarks: Some(&landmarks),
             measures: &[0.1, 0.032_5],
             ..report(33, 2, TrackingState::Warming, &weights)
         };
         csv.send(&full).unwrap();
         // Whatever is handed in, a head without a face has a place and nothing else.
-        csv.send(&Report {
-            state: TrackingState::Posed,
-            ..full
-        })
-        .unwrap();
-        csv.send(&Report {
-            state: TrackingState::Lost,
-            confidence: 0.0,
-            ..full
-        })
-        .unwrap();
+        for (state, confidence) in [(TrackingState::Posed, 0.8), (TrackingState::Lost, 0.0)] {
+            let without = Report {
+                state,
+                confidence,
+                ..full
+            };
+            csv.send(&without).unwrap();
+        }
         csv.send(&nobody(99)).unwrap();
     }
     let text = String::from_utf8(bytes).unwrap();
@@ -105,31 +104,20 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
              m_lip_gap,m_eye_distance,w_AU25,w_AU12L,w_AU12R,head_x0,head_y0,head_x1,head_y1"
         )
     );
-    let points: String = (0..68)
-        .map(|i| {
-            // What rounds to zero has no sign: -0.00005 does, -0.00006 does not.
-            let y = if i < 6 {
-                "0.0000".into()
-            } else {
-                format!("{:.4}", -0.00001 * i as f32)
-            };
-            format!(",{i}.5000,{y}")
-        })
-        .collect();
-    assert_eq!(
-        lines[1],
-        format!(
-            "1,33000,2,warming,0.8000,0.100000,-0.250000,0.750000,0.000000,0.247404,0.000000,0.968912{points}{},\
-             0.100000,0.032500,1.250000,,0.000000,7,120,140,300",
-            ",0.7500".repeat(68)
-        )
-    );
+    let points = (0..68).map(|i| match i {
+        // What rounds to zero has no sign: -0.00005 does, -0.00006 does not.
+        0..6 => format!(",{i}.5000,0.0000"),
+        _ => format!(",{i}.5000,{:.4}", -0.00001 * i as f32),
+    });
+    let (points, confidences) = (points.collect::<String>(), ",0.7500".repeat(68));
+    let head = "0.8000,0.100000,-0.250000,0.750000,0.000000,0.247404,0.000000,0.968912";
+    let face = "0.100000,0.032500,1.250000,,0.000000,7,120,140,300";
+    let warming = format!("1,33000,2,warming,{head}{points}{confidences},{face}");
+    assert_eq!(lines[1], warming);
+    let nothing = ",".repeat(3 * 68 + 5);
     assert_eq!(
         lines[2],
-        format!(
-            "1,33000,2,posed,0.8000,0.100000,-0.250000,0.750000,0.000000,0.247404,0.000000,0.968912{},7,120,140,300",
-            ",".repeat(3 * 68 + 5)
-        )
+        format!("1,33000,2,posed,{head}{nothing},7,120,140,300")
     );
     let nothing = ",".repeat(7 + 3 * 68 + 5 + 4);
     assert_eq!(lines[3], format!("1,33000,2,lost,0.0000{nothing}"));
@@ -172,6 +160,12 @@ fn receiver(style: Style) -> (UdpSocket, osc::Settings) {
     )
 }
 
+/// As [`receiver`], of another schema: the target only.
+fn target() -> (UdpSocket, Vec<String>) {
+    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
+    (socket, targets)
+}
+
 /// All messages that have arrived, datagram by datagram; checks what holds for every datagram.
 fn received(socket: &UdpSocket) -> Vec<Vec<OscMessage>> {
     let mut datagrams = Vec::new();
@@ -201,6 +195,17 @@ fn find<'a>(datagrams: &'a [Vec<OscMessage>], address: &str) -> Vec<&'a [OscType
         .collect()
 }
 
+/// The first numbers of all messages to this address.
+fn first_floats(datagrams: &[Vec<OscMessage>], address: &str) -> Vec<f32> {
+    let arguments = find(datagrams, address).into_iter();
+    let first = arguments.map(|args| match args[0] {
+        Float(number) => number,
+        Int(number) => number as f32,
+        _ => panic!("{address} begins with a number"),
+    });
+    first.collect()
+}
+
 use OscType::{Float, Int, String as Text};
 
 #[test]
@@ -211,7 +216,7 @@ fn osc_tells_everything_of_a_face() {
     let weights = [0.5, f32::NAN, 1.5];
     osc.send(&Report {
         sensor_from_face: Some(&pose),
-        ..report(33, 1, TrackingState::Tracking, &weights)
+        ..tracked(33, 1, &weights)
     })
     .unwrap();
     let datagrams = received(&socket);
@@ -246,39 +251,22 @@ fn osc_repeats_counts_fades_and_closes() {
     let mut osc = Osc::new(settings, &UNITS).unwrap();
     // Two seconds of a face, then two of nobody, at 30 frames a second.
     for i in 0..60 {
-        osc.send(&report(
-            i * 100 / 3,
-            0,
-            TrackingState::Tracking,
-            &[0.4, 0.0, 0.0],
-        ))
-        .unwrap();
+        osc.send(&tracked(i * 100 / 3, 0, &[0.4, 0.0, 0.0]))
+            .unwrap();
     }
     for i in 60..120 {
         osc.send(&nobody(i * 100 / 3)).unwrap();
     }
     drop(osc);
     let datagrams = received(&socket);
-    let numbers: Vec<i32> = find(&datagrams, "/face/0/frame")
-        .iter()
-        .map(|args| args[0].clone().int().unwrap())
-        .collect();
-    assert_eq!(numbers, (0..121).collect::<Vec<_>>());
+    let numbers = first_floats(&datagrams, "/face/0/frame");
+    assert!(numbers.into_iter().eq((0..121_u8).map(f32::from)));
     assert_eq!(find(&datagrams, "/face/schema").len(), 1);
     assert_eq!(find(&datagrams, "/face/alive").len(), 4);
-    let present: Vec<i32> = find(&datagrams, "/face/0/present")
-        .iter()
-        .map(|args| args[0].clone().int().unwrap())
-        .collect();
-    assert_eq!(
-        present,
-        [1, 1, 0, 0, 0],
-        "each second, on change and at the end"
-    );
-    let weights: Vec<f32> = find(&datagrams, "/face/0/au")
-        .iter()
-        .map(|args| args[0].clone().float().unwrap())
-        .collect();
+    let present = first_floats(&datagrams, "/face/0/present");
+    // Each second, on change and at the end.
+    assert_eq!(present, [1.0, 1.0, 0.0, 0.0, 0.0]);
+    let weights = first_floats(&datagrams, "/face/0/au");
     assert!(
         weights.windows(2).all(|pair| pair[1] <= pair[0]),
         "only falls: {weights:?}"
@@ -287,17 +275,13 @@ fn osc_repeats_counts_fades_and_closes() {
     assert!(weights[..65].iter().all(|&weight| weight == 0.4));
     assert!((weights[71] - 0.2).abs() < 0.02, "{}", weights[71]);
     assert_eq!(weights.last(), Some(&0.0));
-    assert!(
-        find(&datagrams, "/face/0/au/AU25").is_empty(),
-        "style vector"
-    );
+    let scalars = find(&datagrams, "/face/0/au/AU25");
+    assert!(scalars.is_empty(), "style vector");
     let last = datagrams.last().unwrap();
     assert_eq!(last[0].args[2], Int(0));
     assert_eq!(last[1].args, [Float(0.0), Float(0.0), Float(0.0)]);
-    assert_eq!(
-        (last[2].addr.as_str(), &last[2].args[..]),
-        ("/face/0/present", &[Int(0)][..])
-    );
+    assert_eq!(last[2].addr, "/face/0/present");
+    assert_eq!(last[2].args, [Int(0)]);
 }
 
 #[test]
@@ -311,36 +295,24 @@ fn osc_splits_what_is_too_long_for_a_datagram_between_messages() {
     let datagrams = received(&socket);
     assert!(datagrams.len() > 3, "{} datagrams", datagrams.len());
     for name in names {
-        assert_eq!(
-            find(&datagrams, &format!("/face/3/au/{name}")),
-            [[Float(0.25)]]
-        );
+        let found = find(&datagrams, &format!("/face/3/au/{name}"));
+        assert_eq!(found, [[Float(0.25)]]);
     }
 }
 
 #[test]
 fn osc_without_a_receiver_goes_on() {
-    let port = UdpSocket::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port();
-    for target in [
-        format!("127.0.0.1:{port}"),
-        "240.0.0.1:9".into(),
-        "no-such-host.invalid:9".into(),
-    ] {
-        let mut osc = Osc::new(
-            osc::Settings {
-                targets: vec![target],
-                ..osc::Settings::default()
-            },
-            &UNITS,
-        )
-        .unwrap();
+    let (socket, settings) = receiver(Style::Both);
+    drop(socket);
+    let others = ["240.0.0.1:9", "no-such-host.invalid:9"].map(|other| vec![other.to_owned()]);
+    for targets in others.into_iter().chain([settings.targets]) {
+        let settings = osc::Settings {
+            targets,
+            ..osc::Settings::default()
+        };
+        let mut osc = Osc::new(settings, &UNITS).unwrap();
         for ms in 0..50 {
-            osc.send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
-                .unwrap();
+            osc.send(&tracked(ms, 0, &[0.1; 3])).unwrap();
         }
         assert_eq!(osc.tally().sent + osc.tally().dropped, 52);
     }
@@ -356,16 +328,13 @@ fn osc_settings_that_cannot_work_are_told() {
         };
         Osc::new(settings, &UNITS).err().unwrap().to_string()
     };
-    assert!(
-        refused("nowhere", "/face").starts_with("OSC target is \"nowhere\", expected host:port")
-    );
+    let nowhere = refused("nowhere", "/face");
+    assert!(nowhere.starts_with("OSC target is \"nowhere\", expected host:port"));
     assert!(refused(":9130", "/face").starts_with("OSC target is "));
     assert!(refused("localhost:99999", "/face").starts_with("OSC target is "));
     for prefix in ["face", "/face/", "/f#", "/a b", ""] {
-        assert!(
-            refused("127.0.0.1:9", prefix).starts_with("OSC prefix is "),
-            "{prefix}"
-        );
+        let refused = refused("127.0.0.1:9", prefix);
+        assert!(refused.starts_with("OSC prefix is "), "{prefix}");
     }
     let long = "x".repeat(2000);
     let names = Osc::new(osc::Settings::default(), &[&long]).err().unwrap();
@@ -374,58 +343,39 @@ fn osc_settings_that_cannot_work_are_told() {
 
 #[test]
 fn vmc_moves_an_avatar() {
-    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
+    let (socket, targets) = target();
     let units = ["AU26", "AU12L", "AU12R", "AU43L", "AU43R", "AU99"];
-    let mut vmc = Vmc::new(
-        vmc::Settings {
-            targets,
-            ..vmc::Settings::default()
-        },
-        &units,
-    )
-    .unwrap();
+    let settings = vmc::Settings {
+        targets,
+        ..vmc::Settings::default()
+    };
+    let mut vmc = Vmc::new(settings, &units).unwrap();
     // The nose turns to the left of the picture: to the subject's right, Unity's +x.
     let pose = pose();
     let weights = [0.25, 1.0, 0.0, 0.5, 0.5, 1.0];
     let face = Report {
         sensor_from_face: Some(&pose),
-        ..report(1500, 0, TrackingState::Tracking, &weights)
+        ..tracked(1500, 0, &weights)
     };
     vmc.send(&face).unwrap();
     // A second person is not on this wire.
-    vmc.send(&report(1500, 1, TrackingState::Tracking, &[0.9; 6]))
-        .unwrap();
+    vmc.send(&tracked(1500, 1, &[0.9; 6])).unwrap();
     let datagrams = received(&socket);
     assert_eq!(datagrams.len(), 1);
-    let addresses: Vec<&str> = datagrams[0]
-        .iter()
-        .map(|message| message.addr.as_str())
-        .collect();
-    let vals = ["/VMC/Ext/Blend/Val"; 11];
-    let frame = [
-        "/VMC/Ext/OK",
-        "/VMC/Ext/T",
-        "/VMC/Ext/Root/Pos",
-        "/VMC/Ext/Bone/Pos",
-    ];
-    assert_eq!(
-        addresses,
-        [&frame[..], &vals, &["/VMC/Ext/Blend/Apply"]].concat()
-    );
+    let addresses = datagrams[0].iter().map(|message| message.addr.as_str());
+    let addresses: Vec<&str> = addresses.collect();
+    let vals = " /VMC/Ext/Blend/Val".repeat(11);
+    let frame = "/VMC/Ext/OK /VMC/Ext/T /VMC/Ext/Root/Pos /VMC/Ext/Bone/Pos";
+    let expected = format!("{frame}{vals} /VMC/Ext/Blend/Apply");
+    assert_eq!(addresses.join(" "), expected);
     assert_eq!(find(&datagrams, "/VMC/Ext/T"), [[Float(1.5)]]);
     let turn = [0.0, 0.25f32.sin(), 0.0, 0.25f32.cos()];
-    let head: Vec<f32> = find(&datagrams, "/VMC/Ext/Bone/Pos")[0][1..]
-        .iter()
-        .map(|arg| arg.clone().float().unwrap())
-        .collect();
+    let head = find(&datagrams, "/VMC/Ext/Bone/Pos")[0][1..].iter();
+    let head: Vec<f32> = head.map(|arg| arg.clone().float().unwrap()).collect();
     assert_eq!(head[..3], [0.0; 3]);
-    assert!(
-        head[3..]
-            .iter()
-            .zip(turn)
-            .all(|(found, expected)| (found - expected).abs() < 1e-6),
-        "{head:?}"
-    );
+    let mut turns = head[3..].iter().zip(turn);
+    let is_same = turns.all(|(found, expected)| (found - expected).abs() < 1e-6);
+    assert!(is_same, "{head:?}");
     let shape = |name: &str, value| [Text(name.into()), Float(value)];
     assert_eq!(
         find(&datagrams, "/VMC/Ext/Blend/Val"),
@@ -446,35 +396,27 @@ fn vmc_moves_an_avatar() {
     );
     drop(vmc);
     let datagrams = received(&socket);
-    assert!(
-        find(&datagrams, "/VMC/Ext/Blend/Val")
-            .iter()
-            .all(|args| args[1] == Float(0.0))
-    );
+    let mut shapes = find(&datagrams, "/VMC/Ext/Blend/Val").into_iter();
+    assert!(shapes.all(|args| args[1] == Float(0.0)));
 }
 
 #[test]
 fn vmc_with_everything_measured_applies_once_and_last() {
-    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
-    let role = vmc::Role::Assistant;
-    let names: Vec<String> = (0..70)
-        .flat_map(|i| ["", "L", "R"].map(|side| format!("AU{i}{side}")))
-        .collect();
+    let (socket, targets) = target();
+    let names = (0..70).flat_map(|i| ["", "L", "R"].map(|side| format!("AU{i}{side}")));
+    let names: Vec<String> = names.collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let mut vmc = Vmc::new(
-        vmc::Settings {
-            targets,
-            role,
-            derived: false,
-            ..vmc::Settings::default()
-        },
-        &names,
-    )
-    .unwrap();
+    let settings = vmc::Settings {
+        targets,
+        role: vmc::Role::Assistant,
+        derived: false,
+        ..vmc::Settings::default()
+    };
+    let mut vmc = Vmc::new(settings, &names).unwrap();
     let pose = pose();
     let face = Report {
         sensor_from_face: Some(&pose),
-        ..report(0, 0, TrackingState::Tracking, &[1.0; 210])
+        ..tracked(0, 0, &[1.0; 210])
     };
     vmc.send(&face).unwrap();
     let datagrams = received(&socket);
@@ -483,57 +425,26 @@ fn vmc_with_everything_measured_applies_once_and_last() {
     // Four of ARKit's 52 are no unit of FACS.
     assert_eq!(shapes.len(), 48);
     assert!(shapes.iter().all(|args| args[1] == Float(1.0)));
-    assert_eq!(
-        find(&datagrams, "/VMC/Ext/Tra/Pos")[0][..4],
-        [Text("Head".into()), Float(-0.1), Float(0.25), Float(-0.75)]
-    );
+    let place = [Text("Head".into()), Float(-0.1), Float(0.25), Float(-0.75)];
+    assert_eq!(find(&datagrams, "/VMC/Ext/Tra/Pos")[0][..4], place);
     assert_eq!(find(&datagrams, "/VMC/Ext/Blend/Apply").len(), 1);
     assert_eq!(datagrams[1].last().unwrap().addr, "/VMC/Ext/Blend/Apply");
 }
 
 #[test]
 fn vrchat_hears_what_has_changed() {
-    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
+    let (socket, targets) = target();
     let units = ["AU26", "AU12L", "AU43L", "AU5L"];
-    let mut vrchat = VrChat::new(
-        vrchat::Settings {
-            targets,
-            ..vrchat::Settings::default()
-        },
-        &units,
-    )
-    .unwrap();
+    let settings = vrchat::Settings {
+        targets,
+        ..vrchat::Settings::default()
+    };
+    let mut vrchat = VrChat::new(settings, &units).unwrap();
+    vrchat.send(&tracked(0, 0, &[0.5, 0.0, 0.0, 0.0])).unwrap();
+    vrchat.send(&tracked(33, 0, &[0.5, 0.0, 1.0, 0.0])).unwrap();
+    vrchat.send(&tracked(66, 0, &[0.5, 0.0, 1.0, 0.0])).unwrap();
     vrchat
-        .send(&report(
-            0,
-            0,
-            TrackingState::Tracking,
-            &[0.5, 0.0, 0.0, 0.0],
-        ))
-        .unwrap();
-    vrchat
-        .send(&report(
-            33,
-            0,
-            TrackingState::Tracking,
-            &[0.5, 0.0, 1.0, 0.0],
-        ))
-        .unwrap();
-    vrchat
-        .send(&report(
-            66,
-            0,
-            TrackingState::Tracking,
-            &[0.5, 0.0, 1.0, 0.0],
-        ))
-        .unwrap();
-    vrchat
-        .send(&report(
-            1066,
-            0,
-            TrackingState::Tracking,
-            &[0.5, 0.0, 1.0, 0.0],
-        ))
+        .send(&tracked(1066, 0, &[0.5, 0.0, 1.0, 0.0]))
         .unwrap();
     drop(vrchat);
     let datagrams = received(&socket);
@@ -541,48 +452,34 @@ fn vrchat_hears_what_has_changed() {
     // Three switches, four parameters and eleven others; the closed eye in six of them; nothing; all again; all at rest.
     assert_eq!(sizes, [18, 6, 18, 18]);
     let name = |name: &str| format!("/avatar/parameters/FT/v2/{name}");
-    let lid = find(&datagrams, &name("EyeLidLeft"));
-    assert_eq!(
-        lid,
-        [[Float(0.75)], [Float(0.0)], [Float(0.0)], [Float(0.75)]]
-    );
-    assert_eq!(
-        find(&datagrams, &name("JawOpen")),
-        [[Float(0.5)], [Float(0.5)], [Float(0.0)]]
-    );
+    let lid = first_floats(&datagrams, &name("EyeLidLeft"));
+    assert_eq!(lid, [0.75, 0.0, 0.0, 0.75]);
+    let jaw = first_floats(&datagrams, &name("JawOpen"));
+    assert_eq!(jaw, [0.5, 0.5, 0.0]);
     let active = find(&datagrams, &name("LipTrackingActive"));
-    assert_eq!(
-        active,
-        [
-            [OscType::Bool(true)],
-            [OscType::Bool(true)],
-            [OscType::Bool(false)]
-        ]
-    );
+    assert_eq!(active, [true, true, false].map(|is| [OscType::Bool(is)]));
 }
 
 #[test]
 fn faceosc_sends_distances_on_the_face() {
-    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
-    let mut faceosc = FaceOsc::new(faceosc::Settings {
+    let (socket, targets) = target();
+    let settings = faceosc::Settings {
         targets,
         ..faceosc::Settings::default()
-    })
-    .unwrap();
+    };
+    let mut faceosc = FaceOsc::new(settings).unwrap();
     let mut face = landmarks();
     let pose = pose();
     // A mouth of 50.4 mm is 14 wide, wherever the head is turned.
-    (face.head[48], face.head[54]) = (
-        Point::new(-0.0252, 0.06, 0.0),
-        Point::new(0.0252, 0.06, 0.0),
-    );
+    let corner = |x| Point::new(x, 0.06, 0.0);
+    (face.head[48], face.head[54]) = (corner(-0.0252), corner(0.0252));
     // Eyes 36 mm apart seem 36 mm × cos(yaw) apart; they are 20 pixels apart in the picture.
     (face.head[39], face.head[42]) = (Point::new(-0.018, 0.0, 0.0), Point::new(0.018, 0.0, 0.0));
     (face.pixels[39], face.pixels[42]) = ([300.0, 200.0], [320.0, 200.0]);
     let whole = Report {
         sensor_from_face: Some(&pose),
         landmarks: Some(&face),
-        ..report(0, 0, TrackingState::Tracking, &[0.0; 3])
+        ..tracked(0, 0, &[0.0; 3])
     };
     faceosc.send(&whole).unwrap();
     // Held, then not found.
@@ -603,6 +500,13 @@ fn serial_settings(path: &str) -> serial::Settings {
         port: path.to_owned(),
         ..serial::Settings::default()
     }
+}
+
+/// An open serial output.
+fn opened(settings: &serial::Settings, units: &[&str]) -> Serial {
+    let serial = Serial::new(settings, units).unwrap();
+    wait_for("open", || serial.tally().connected);
+    serial
 }
 
 /// A pseudo-terminal: the end to read from, the other end, and its path. Once the other end is closed everywhere, what it
@@ -640,22 +544,15 @@ fn read_for(patience: Duration, port: &mut TTYPort, enough: impl Fn(&str) -> boo
 
 /// The sentences of whole lines; each must check.
 fn sentences(text: &str) -> Vec<&str> {
-    let lines = text
-        .split_inclusive("\r\n")
-        .filter(|line| line.ends_with("\r\n"));
-    lines
-        .map(|line| {
-            let (sentence, checksum) = line
-                .trim_end()
-                .strip_prefix('$')
-                .unwrap()
-                .split_once('*')
-                .unwrap();
-            let sum = sentence.bytes().fold(0, |sum, byte| sum ^ byte);
-            assert_eq!(checksum, format!("{sum:02X}"), "{line}");
-            sentence
-        })
-        .collect()
+    let lines = text.split_inclusive("\r\n");
+    let whole = lines.filter_map(|line| line.strip_suffix("\r\n"));
+    let sentences = whole.map(|line| {
+        let (sentence, checksum) = line.strip_prefix('$').unwrap().split_once('*').unwrap();
+        let sum = sentence.bytes().fold(0, |sum, byte| sum ^ byte);
+        assert_eq!(checksum, format!("{sum:02X}"), "{line}");
+        sentence
+    });
+    sentences.collect()
 }
 
 fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
@@ -669,27 +566,19 @@ fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
 #[test]
 fn serial_lines_are_the_references() {
     let (mut reader, _port, path) = terminal();
-    let mut serial = Serial::new(
-        &serial::Settings {
-            pose: true,
-            ..serial_settings(&path)
-        },
-        &UNITS,
-    )
-    .unwrap();
-    wait_for("open", || serial.tally().connected);
+    let settings = serial::Settings {
+        pose: true,
+        ..serial_settings(&path)
+    };
+    let mut serial = opened(&settings, &UNITS);
     let pose = pose();
     let weights = [0.0, 0.5, 1.7];
     let first = Report {
         confidence: 0.784,
-        ..report(33, 0, TrackingState::Tracking, &weights)
+        sensor_from_face: Some(&pose),
+        ..tracked(33, 0, &weights)
     };
-    serial
-        .send(&Report {
-            sensor_from_face: Some(&pose),
-            ..first
-        })
-        .unwrap();
+    serial.send(&first).unwrap();
     let mut text = read_until(&mut reader, |text| {
         text.contains("$AUP") && text.ends_with('\n')
     });
@@ -714,24 +603,16 @@ fn serial_lines_are_the_references() {
 
 #[test]
 fn serial_styles_plot_and_cobs_are_the_references() {
-    for (style, expected) in [
-        (
-            serial::Style::Plot,
-            &b"AU25:0,AU12L:50,AU12R:100\r\nAU25:0,AU12L:0,AU12R:0\r\n"[..],
-        ),
-        // The names first.
-        (
-            serial::Style::Cobs,
-            b"\x17\x10\x01\x03\x04AU25\x05AU12L\x05AU12R",
-        ),
-    ] {
+    let plot = &b"AU25:0,AU12L:50,AU12R:100\r\nAU25:0,AU12L:0,AU12R:0\r\n"[..];
+    // The names first.
+    let cobs = b"\x17\x10\x01\x03\x04AU25\x05AU12L\x05AU12R";
+    for (style, expected) in [(serial::Style::Plot, plot), (serial::Style::Cobs, cobs)] {
         let (mut reader, _port, path) = terminal();
         let settings = serial::Settings {
             style,
             ..serial_settings(&path)
         };
-        let mut serial = Serial::new(&settings, &UNITS).unwrap();
-        wait_for("open", || serial.tally().connected);
+        let mut serial = opened(&settings, &UNITS);
         let mut bytes = Vec::new();
         let mut read = |enough: usize| {
             wait_for("bytes", || {
@@ -741,9 +622,7 @@ fn serial_styles_plot_and_cobs_are_the_references() {
                 bytes.len() >= enough
             });
         };
-        serial
-            .send(&report(0, 0, TrackingState::Tracking, &[0.0, 0.5, 1.0]))
-            .unwrap();
+        serial.send(&tracked(0, 0, &[0.0, 0.5, 1.0])).unwrap();
         read(27);
         drop(serial);
         read(expected.len());
@@ -754,8 +633,7 @@ fn serial_styles_plot_and_cobs_are_the_references() {
 #[test]
 fn serial_follows_one_face_until_it_is_lost() {
     let (mut reader, _port, path) = terminal();
-    let mut serial = Serial::new(&serial_settings(&path), &UNITS).unwrap();
-    wait_for("open", || serial.tally().connected);
+    let mut serial = opened(&serial_settings(&path), &UNITS);
     let mut said = |patience, report: &Report| {
         serial.send(report).unwrap();
         let text = read_for(patience, &mut reader, |text| {
@@ -766,14 +644,13 @@ fn serial_follows_one_face_until_it_is_lost() {
         let line = lines.iter().rfind(|line| line.starts_with("AU,"))?;
         Some(line.split(',').skip(3).collect::<Vec<_>>().join(" "))
     };
-    let tracking = TrackingState::Tracking;
-    let first = said(PATIENCE, &report(0, 0, tracking, &[0.1; 3]));
+    let first = said(PATIENCE, &tracked(0, 0, &[0.1; 3]));
     assert_eq!(first.unwrap(), "2 79 10 10 10");
-    let another = said(SILENCE, &report(0, 1, tracking, &[0.2; 3]));
+    let another = said(SILENCE, &tracked(0, 1, &[0.2; 3]));
     assert_eq!(another, None, "another face is not on the line");
     let lost = said(PATIENCE, &report(33, 0, TrackingState::Lost, &[]));
     assert_eq!(lost.unwrap(), "4 0 10 10 10");
-    let next = said(PATIENCE, &report(33, 1, tracking, &[0.2; 3]));
+    let next = said(PATIENCE, &tracked(33, 1, &[0.2; 3]));
     assert_eq!(next.unwrap(), "2 79 20 20 20");
     let former = said(SILENCE, &report(66, 0, TrackingState::Lost, &[]));
     assert_eq!(former, None);
@@ -789,15 +666,11 @@ fn serial_port_that_is_absent_or_unplugged_is_found_again() {
         assert!(!serial.tally().connected);
         let start = Instant::now();
         for ms in 0..100 {
-            serial
-                .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
-                .unwrap();
+            serial.send(&tracked(ms, 0, &[0.1; 3])).unwrap();
         }
         // If each waited for the next look, half a second after the last, they would take five times as long.
-        assert!(
-            start.elapsed() < Duration::from_secs(10),
-            "an absent port holds nothing up"
-        );
+        let took = start.elapsed();
+        assert!(took < Duration::from_secs(10), "an absent port holds up");
         let (mut reader, _, port) = terminal();
         std::os::unix::fs::symlink(port, &path).unwrap();
         wait_for("opened", || serial.tally().connected);
@@ -806,18 +679,13 @@ fn serial_port_that_is_absent_or_unplugged_is_found_again() {
         });
         let lines = sentences(&text);
         assert_eq!(lines[0], "AUH,1,1,AU25,AU12L,AU12R", "plugged {plugged}");
-        assert!(
-            lines[1].contains(",99,2,79,10,10,10"),
-            "the newest frame waited: {}",
-            lines[1]
-        );
+        // The newest frame waited.
+        assert!(lines[1].contains(",99,2,79,10,10,10"), "{}", lines[1]);
         assert!(serial.tally().dropped >= 99);
         std::fs::remove_file(&path).unwrap();
         drop(reader);
         wait_for("lost", || {
-            serial
-                .send(&report(200, 0, TrackingState::Tracking, &[0.1; 3]))
-                .unwrap();
+            serial.send(&tracked(200, 0, &[0.1; 3])).unwrap();
             !serial.tally().connected
         });
     }
@@ -830,22 +698,17 @@ fn serial_port_that_takes_nothing_holds_nothing_up() {
         baud: 921_600,
         ..serial_settings(&path)
     };
-    let mut serial = Serial::new(&settings, &["AU25"; 60]).unwrap();
-    wait_for("open", || serial.tally().connected);
+    let mut serial = opened(&settings, &["AU25"; 60]);
     // Nobody reads; a pseudo-terminal takes some tens of kB, then no more.
     let mut in_calls = Duration::ZERO;
     for ms in 0..600 {
         let start = Instant::now();
-        serial
-            .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
-            .unwrap();
+        serial.send(&tracked(ms, 0, &[0.1; 3])).unwrap();
         in_calls += start.elapsed();
         std::thread::sleep(Duration::from_millis(3));
     }
-    println!(
-        "600 calls took {in_calls:?}, {} frames replaced",
-        serial.tally().dropped
-    );
+    let replaced = serial.tally().dropped;
+    println!("600 calls took {in_calls:?}, {replaced} frames replaced");
     // If each waited for the port, if only until writing to it is given up after 20 ms, they would take twice as long.
     assert!(in_calls < Duration::from_secs(6));
     assert!(serial.tally().dropped > 100);
@@ -862,15 +725,12 @@ fn serial_keeps_to_the_baud_rate() {
         baud: 9600,
         ..serial_settings(&path)
     };
-    let mut serial = Serial::new(&settings, &UNITS).unwrap();
-    wait_for("open", || serial.tally().connected);
+    let mut serial = opened(&settings, &UNITS);
     let start = Instant::now();
     let mut bytes = 0;
     while bytes < 900 && start.elapsed() < PATIENCE {
         let ms = start.elapsed().as_millis() as u64;
-        serial
-            .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
-            .unwrap();
+        serial.send(&tracked(ms, 0, &[0.1; 3])).unwrap();
         let mut some = [0; 256];
         bytes += reader.read(&mut some).unwrap_or(0);
     }

@@ -5,7 +5,9 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
+
+use crate::common::studio;
 
 use mien_baking::bake::mesh::{Mesh, Vec3};
 use mien_baking::bake::order::Ordered;
@@ -25,13 +27,13 @@ impl Drop for Served {
 }
 
 impl Served {
-    fn start(words: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
-            .args(["place", "--port", "0"])
-            .args(words)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+    /// Places points on a mesh with its landmarks beside it.
+    fn start(mesh: &Path, words: &[&str]) -> Self {
+        let mut command = studio("place --port 0 --mesh");
+        command.arg(mesh).arg("--landmarks");
+        let command = command.arg(mesh.with_extension("txt")).args(words);
+        let command = command.stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
         let mut line = String::new();
         let mut out = BufReader::new(child.stdout.take().unwrap());
         out.read_line(&mut line).unwrap();
@@ -48,10 +50,8 @@ impl Served {
         stream.read_to_end(&mut answer).unwrap();
         let end = answer.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
         let head = String::from_utf8(answer[..end].to_vec()).unwrap();
-        (
-            head.lines().next().unwrap().to_owned(),
-            answer[end + 4..].to_vec(),
-        )
+        let status = head.lines().next().unwrap().to_owned();
+        (status, answer[end + 4..].to_vec())
     }
 
     fn get(&self, target: &str) -> Vec<u8> {
@@ -92,13 +92,7 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
     for ending in ["obj", "glb"] {
         let mesh = folder.path().join(format!("head-{ending}.{ending}"));
         default_head::write_to(&mesh, false).unwrap();
-        let given = mesh.with_extension("txt");
-        let served = Served::start(&[
-            "--mesh",
-            mesh.to_str().unwrap(),
-            "--landmarks",
-            given.to_str().unwrap(),
-        ]);
+        let served = Served::start(&mesh, &[]);
         let page = String::from_utf8(served.get("/")).unwrap();
         assert!(page.contains("place.js") && served.get("/place.js").len() > 1000);
         assert!(served.get("/head.js").len() > 1000 && served.get("/glb.js").len() > 1000);
@@ -120,17 +114,12 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
         assert_eq!(moved["ok"], true);
         let (after, corner) = (numbers(&moved["points"]), place(&moved, 54));
         let others = (0..68).filter(|k| ![48, 54].contains(k));
-        assert!(
-            others.into_iter().all(|k| after[k] == points[k]),
-            "only the pair moves"
-        );
+        let stay = others.into_iter().all(|k| after[k] == points[k]);
+        assert!(stay, "only the pair moves");
         let off = (corner - aim).xy().norm();
         assert!(off < 0.04 * eyes, "{off} of {eyes}");
         let twin = (place(&moved, 48) - Vec3::new(-corner.x, corner.y, corner.z)).norm();
-        assert!(
-            twin < 0.02 * eyes,
-            "{twin}: the other corner is its mirror image"
-        );
+        assert!(twin < 0.02 * eyes, "{twin} from its mirror image");
 
         // A step outwards and upwards from there is to another vertex, on that side, near by, and of the pair only.
         for towards in [Vec3::x(), Vec3::y(), -Vec3::x(), -Vec3::y()] {
@@ -153,10 +142,8 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
         assert_eq!(served.post("/bake?", &after)["ok"], true);
         let shaped = displacement(&served.get(smile));
         let change = before.iter().zip(&shaped).map(|(a, b)| (a - b).abs());
-        assert!(
-            f64::from(change.fold(0.0, f32::max)) > 0.01 * eyes,
-            "the smile is another"
-        );
+        let change = f64::from(change.fold(0.0, f32::max));
+        assert!(change > 0.01 * eyes, "the smile is another");
 
         let out = mesh.with_extension("landmarks.txt");
         assert!(!out.exists(), "nothing is written before Save");
@@ -168,16 +155,12 @@ fn a_point_is_dragged_baked_and_saved_as_bake_reads_it() {
             let (head, imported) = ImportedGltf::read(Glb::parse(&bytes).unwrap()).unwrap();
             (head, imported.landmarks(&read))
         } else {
-            (
-                obj::parse(&String::from_utf8(bytes).unwrap()).unwrap(),
-                read,
-            )
+            let text = String::from_utf8(bytes).unwrap();
+            (obj::parse(&text).unwrap(), read)
         };
         for (k, &v) in read.iter().enumerate() {
-            assert!(
-                (head.positions[v as usize] - place(&moved, k)).norm() < 1e-6,
-                "{k}"
-            );
+            let off = head.positions[v as usize] - place(&moved, k);
+            assert!(off.norm() < 1e-6, "{k}");
         }
     }
 }
@@ -189,48 +172,30 @@ fn nobody_from_elsewhere_saves_and_bad_words_are_answered() {
     default_head::write_to(&mesh, false).unwrap();
     let given = mesh.with_extension("txt");
     let out = folder.path().join("mine.txt");
-    let served = Served::start(&[
-        "--mesh",
-        mesh.to_str().unwrap(),
-        "--landmarks",
-        given.to_str().unwrap(),
-        "--out",
-        out.to_str().unwrap(),
-    ]);
+    let served = Served::start(&mesh, &["--out", out.to_str().unwrap()]);
     let own = format!("Host: {}\r\n", served.1);
     let text = std::fs::read_to_string(&given).unwrap();
     let points: Vec<&str> = text.lines().collect();
-    let save = format!("/save?points={}", points.join(","));
-    for (headers, status) in [
-        ("Host: evil.example\r\nX-Mien: 1\r\n".to_owned(), "421"),
-        (
-            format!("{own}X-Mien: 1\r\nOrigin: http://evil.example\r\n"),
-            "403",
-        ),
-        (
-            format!("{own}X-Mien: 1\r\nSec-Fetch-Site: cross-site\r\n"),
-            "403",
-        ),
-        (own.clone(), "403"),
+    let all = points.join(",");
+    let save = format!("/save?points={all}");
+    for (host, more, status) in [
+        ("Host: evil.example\r\n", "X-Mien: 1\r\n", "421"),
+        (&own, "X-Mien: 1\r\nOrigin: http://evil.example\r\n", "403"),
+        (&own, "X-Mien: 1\r\nSec-Fetch-Site: cross-site\r\n", "403"),
+        (&own, "", "403"),
     ] {
-        let (found, _) = served.ask("POST", &save, &headers);
-        assert!(found.contains(status), "{headers}: {found}");
+        let (found, _) = served.ask("POST", &save, &format!("{host}{more}"));
+        assert!(found.contains(status), "{host}{more}: {found}");
     }
     assert!(!out.exists());
     for bad in [
         "/save?points=1,2,3",
         "/save?points=",
         "/save?points=99999999999,0",
-        &format!(
-            "/move?point=68&ray=0,0,1,0,0,-1&points={}",
-            points.join(",")
-        ),
-        &format!(
-            "/move?point=1&ray=0,0,NaN,0,0,-1&points={}",
-            points.join(",")
-        ),
-        &format!("/move?point=1&ray=0,0,1,0,0,0&points={}", points.join(",")),
-        &format!("/other?points={}", points.join(",")),
+        &format!("/move?point=68&ray=0,0,1,0,0,-1&points={all}"),
+        &format!("/move?point=1&ray=0,0,NaN,0,0,-1&points={all}"),
+        &format!("/move?point=1&ray=0,0,1,0,0,0&points={all}"),
+        &format!("/other?points={all}"),
     ] {
         let (_, body) = served.ask("POST", bad, &format!("{own}X-Mien: 1\r\n"));
         let answer: Value = serde_json::from_slice(&body).unwrap();
@@ -240,10 +205,8 @@ fn nobody_from_elsewhere_saves_and_bad_words_are_answered() {
     // All points on one vertex are no face; that is said, and the page goes on.
     let answer = served.post("/bake?", &[points[0].parse().unwrap(); 68]);
     let said = answer["said"].as_str().unwrap();
-    assert!(
-        answer["ok"] == false && said.contains("eye corners"),
-        "{said}"
-    );
+    assert_eq!(answer["ok"], false, "{said}");
+    assert!(said.contains("eye corners"), "{said}");
     let (found, _) = served.ask("POST", &save, &format!("{own}X-Mien: 1\r\n"));
     assert!(found.contains("200") && out.exists());
 }
@@ -265,20 +228,12 @@ fn what_cannot_be_opened_is_said_in_one_sentence() {
         ),
         (vec![], "not provided: --mesh"),
     ] {
-        let output = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
-            .args(["place", "--port", "0"])
-            .args(&words)
-            .output()
-            .unwrap();
+        let output = studio("place --port 0").args(&words).output().unwrap();
         let said = String::from_utf8(output.stderr).unwrap();
-        assert!(
-            !output.status.success() && said.contains(expected),
-            "{said}"
-        );
-        assert!(
-            !said.contains("panicked") && said.lines().count() <= 2,
-            "{said}"
-        );
+        assert!(!output.status.success(), "{said}");
+        assert!(said.contains(expected), "{said}");
+        assert!(!said.contains("panicked"), "{said}");
+        assert!(said.lines().count() <= 2, "{said}");
     }
 }
 
@@ -315,25 +270,17 @@ fn a_point_lies_where_the_ray_meets_the_skin_and_its_twin_across_the_middle() {
     let vertex = |x: i32, y: i32| ((y + 4) * 9 + x + 4) as u64;
     let points: Vec<u64> = (0..68).collect();
     // Landmark 16 is the left end of the jaw, 0 the right one.
-    let moved = surface.moved(&points, 16, &look(2.2, 3.9), true);
-    assert_eq!((moved[16], moved[0]), (vertex(2, 4), vertex(-2, 4)));
-    let alone = surface.moved(&points, 16, &look(2.2, 3.9), false);
+    let moved = |k, x, y, mirrored| surface.moved(&points, k, &look(x, y), mirrored);
+    let both = moved(16, 2.2, 3.9, true);
+    assert_eq!((both[16], both[0]), (vertex(2, 4), vertex(-2, 4)));
+    let alone = moved(16, 2.2, 3.9, false);
     assert_eq!((alone[16], alone[0]), (vertex(2, 4), points[0]));
     // The chin stays in the middle when mirrored; and a vertex that another point has is left to it.
-    assert_eq!(
-        surface.moved(&points, 8, &look(1.2, 4.0), true)[8],
-        vertex(0, 4)
-    );
-    assert_eq!(
-        surface.moved(&points, 8, &look(1.2, 4.0), false)[8],
-        vertex(1, 4)
-    );
+    assert_eq!(moved(8, 1.2, 4.0, true)[8], vertex(0, 4));
+    assert_eq!(moved(8, 1.2, 4.0, false)[8], vertex(1, 4));
     // Row -4 is other points' but for its end, which is its own.
-    let there = surface.moved(&points, 8, &look(1.9, -4.0), false)[8];
+    let there = moved(8, 1.9, -4.0, false)[8];
     assert_eq!(there, points[8], "no two points on one vertex");
     // Past the rim the nearest vertex to the line of sight takes it.
-    assert_eq!(
-        surface.moved(&points, 16, &look(6.0, 4.1), false)[16],
-        vertex(4, 4)
-    );
+    assert_eq!(moved(16, 6.0, 4.1, false)[16], vertex(4, 4));
 }

@@ -55,20 +55,13 @@ fn depth_and_picture_come_at_their_own_size_and_calibration() {
     assert!(source.next_frame(&mut frame).unwrap());
     assert_eq!((frame.index, frame.at.as_us()), (0, 0));
     assert!((camera.depth_m(frame.depth[100 * WIDTH + 100]) - 0.8).abs() < 0.001);
-    for hole in [
-        100 * WIDTH + 8,
-        8 * WIDTH + 100,
-        100 * WIDTH + 512,
-        424 * WIDTH + 100,
-    ] {
-        assert_eq!(frame.depth[hole], NO_DEPTH);
+    for (row, col) in [(100, 8), (8, 100), (100, 512), (424, 100)] {
+        assert_eq!(frame.depth[row * WIDTH + col], NO_DEPTH);
     }
     // Two by two pixels to one: column 200 was 400 and 401.
     assert!(frame.has_colour && frame.has_image());
-    assert_eq!(
-        frame.luma[100 * WIDTH + 200],
-        (400 * 50 * 255 / 65535) as u8
-    );
+    let expected = (400 * 50 * 255 / 65535) as u8;
+    assert_eq!(frame.luma[100 * WIDTH + 200], expected);
     assert_eq!(frame.luma[470 * WIDTH + 200], frame.luma[359 * WIDTH + 200]);
     let p = Point::new(0.1, -0.05, 0.8);
     let [col, row] = camera.depth_pixel(&p);
@@ -92,12 +85,9 @@ fn depth_larger_than_a_frame_is_picked_and_not_smeared() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     // What is picked stands before a wall.
-    let depth = |col, row| {
-        if col % 2 == 1 && row % 2 == 1 {
-            800
-        } else {
-            1600
-        }
+    let depth = |col, row| match [col % 2, row % 2] {
+        [1, 1] => 800,
+        _ => 1600,
     };
     pgm(&at("d.pgm"), [1280, 960], depth);
     fs::write(at("depth.txt"), "0 d.pgm\n").unwrap();
@@ -107,10 +97,8 @@ fn depth_larger_than_a_frame_is_picked_and_not_smeared() {
     let mut frame = Frame::default();
     assert!(source.next_frame(&mut frame).unwrap());
     let camera = source.camera();
-    assert_eq!(
-        (camera.depth_size(), camera.depth_focal_px()),
-        ([640, 480], 500.0)
-    );
+    assert_eq!(camera.depth_size(), [640, 480]);
+    assert_eq!(camera.depth_focal_px(), 500.0);
     let apart = |raw: &u16| (camera.depth_m(*raw) - 0.8).abs();
     assert!(frame.depth.iter().all(|raw| apart(raw) < 0.001));
     let middle = camera.point(320.0, 240.0, 0.8);
@@ -122,49 +110,46 @@ fn a_broken_one_gets_a_sentence() {
     let with = |name: &str, text: &str| {
         let folder = folder();
         fs::write(folder.path().join(name), text).unwrap();
-        source::recording(folder.path())
-            .err()
-            .map(|problem| problem.to_string())
+        source::recording(folder.path()).err().unwrap().to_string()
     };
-    let camera = |from: &str, to: &str| with("camera.json", &CAMERA.replace(from, to)).unwrap();
-    for (said, expected) in [
+    let is_said = |said: String, expected: &str| {
+        assert!(said.contains(expected) && !said.contains('\n'), "{said}");
+    };
+    is_said(with("depth.txt", "# nothing\n"), "lists no picture");
+    for (from, to, expected) in [
+        ("\"fx\": 365.0, ", "", "missing field `fx` at line 2"),
+        ("metres_per_unit", "units", "unknown field `units`"),
         (
-            with("depth.txt", "# nothing\n").unwrap(),
-            "lists no picture",
-        ),
-        (
-            camera("\"fx\": 365.0, ", ""),
-            "missing field `fx` at line 2",
-        ),
-        (camera("metres_per_unit", "units"), "unknown field `units`"),
-        (
-            camera("424", "42"),
+            "424",
+            "42",
             "depth: width and height are [512, 42], expected",
         ),
         (
-            camera("365.0", "0.365"),
+            "365.0",
+            "0.365",
             "depth: fx and fy are [0.365, 366.0], expected",
         ),
         (
-            camera("0.0002", "5000"),
+            "0.0002",
+            "5000",
             "depth: metres_per_unit is 5000, expected 0.001",
         ),
-        (camera("-0.03", "-30"), "are these millimetres?"),
+        ("-0.03", "-30", "are these millimetres?"),
         (
-            camera("0, 1, 0, 0", "0, 2, 0, 0"),
+            "0, 1, 0, 0",
+            "0, 2, 0, 0",
             "colour_from_depth is not a rotation",
         ),
-        (camera("\"depth\":", "\"depth\""), "at line 2 column"),
+        ("\"depth\":", "\"depth\"", "at line 2 column"),
     ] {
-        assert!(said.contains(expected) && !said.contains('\n'), "{said}");
+        is_said(with("camera.json", &CAMERA.replace(from, to)), expected);
     }
     let folder = folder();
     fs::remove_file(folder.path().join("camera.json")).unwrap();
     let said = source::recording(folder.path()).err().unwrap().to_string();
-    assert!(
-        said.contains("camera.json") && said.contains("docs/recordings.md"),
-        "{said}"
-    );
+    for expected in ["camera.json", "docs/recordings.md"] {
+        assert!(said.contains(expected), "{said}");
+    }
 }
 
 #[test]
@@ -175,15 +160,8 @@ fn a_damaged_frame_is_skipped_and_counted() {
     fs::write(at("text.pgm"), "no picture").unwrap();
     let whole = fs::read(at("d0.pgm")).unwrap();
     fs::write(at("cut.pgm"), &whole[..whole.len() / 2]).unwrap();
-    let names = [
-        "small.pgm",
-        "text.pgm",
-        "cut.pgm",
-        "none.pgm",
-        "../d0.pgm",
-        "d0.pgm",
-    ];
-    let lines = names.iter().enumerate();
+    let names = "small.pgm text.pgm cut.pgm none.pgm ../d0.pgm d0.pgm";
+    let lines = names.split(' ').enumerate();
     let lines: Vec<String> = lines.map(|(k, name)| format!("{k} {name}")).collect();
     fs::write(at("depth.txt"), lines.join("\n")).unwrap();
     let mut source = source::recording(folder.path()).unwrap();
@@ -200,21 +178,12 @@ fn a_kinect_v2_is_followed_at_its_own_size() {
     };
     let folder = tempfile::tempdir().unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/real/depth_camera.py");
-    let words = [
-        "--person", "p00", "--first", "30", "--hold", "10", "--order", "2,1,2",
-    ];
-    let ending = if cfg!(feature = "studio") {
-        "png"
-    } else {
-        "pgm"
-    };
+    let words = "--person p00 --first 30 --hold 10 --order 2,1,2 --ending";
+    let is_studio = cfg!(feature = "studio");
     let mut python = Command::new("python3");
-    python
-        .arg(script)
-        .arg(data.path())
-        .arg(folder.path())
-        .args(words)
-        .args(["--ending", ending]);
+    python.arg(script).arg(data.path()).arg(folder.path());
+    python.args(words.split(' '));
+    python.arg(if is_studio { "png" } else { "pgm" });
     if !python.output().is_ok_and(|done| done.status.success()) {
         return common::data::leave_out("python3 with numpy and OpenCV");
     }
@@ -231,10 +200,8 @@ fn a_kinect_v2_is_followed_at_its_own_size() {
         faces += 1;
         // The outer eye corners of a head at 0.95 m are 35 pixels apart, at the place of the crop.
         let [right, left] = [36, 45].map(|k| points.pixels[k]);
-        assert!(
-            (30.0..42.0).contains(&(left[0] - right[0])),
-            "{right:?} {left:?}"
-        );
+        let apart = left[0] - right[0];
+        assert!((30.0..42.0).contains(&apart), "{right:?} {left:?}");
         assert!((180.0..340.0).contains(&right[0]) && (120.0..240.0).contains(&right[1]));
     }
     assert_eq!(source.state().skipped, 0);

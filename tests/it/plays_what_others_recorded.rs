@@ -4,8 +4,7 @@
 #![cfg(unix)]
 
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 use std::sync::OnceLock;
 
 use mien_appliance::pipeline::Pipeline;
@@ -20,7 +19,7 @@ use mien_stages::segment::PixelRect;
 use mien_stages::users::TrackingState::{self, Absent, Held, Lost, Posed, Tracking, Warming};
 use tempfile::TempDir;
 
-use crate::common::program;
+use crate::common::{make_pipe, mien};
 
 /// Frames of the recording that all tests play parts of.
 const FRAMES: usize = 75;
@@ -28,6 +27,8 @@ const FRAMES: usize = 75;
 const SEARCH: usize = 3;
 /// As the program has it: frames in a row until a head without a face is a user.
 const POSED_FRAMES: usize = 2;
+/// Time of the last frame.
+const LAST_MS: u64 = 1000 * (FRAMES as u64 - 1) / 30;
 
 /// A recording, and where its head is in truth.
 struct Session {
@@ -96,7 +97,7 @@ fn lines(keep: impl Fn(usize) -> Option<bool>) -> Vec<String> {
 }
 
 /// A frame as it was played.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 struct Played {
     /// Number of the depth file.
     number: usize,
@@ -111,12 +112,8 @@ struct Played {
 
 fn play(folder: &Path) -> (Vec<Played>, u64) {
     let mut recording = Recording::open(folder).unwrap();
-    let mut pipeline = Pipeline::new(
-        &Settings::default().stages,
-        &recording.camera,
-        &FaceModel::shipped(),
-    )
-    .unwrap();
+    let (settings, model) = (Settings::default(), FaceModel::shipped());
+    let mut pipeline = Pipeline::new(&settings.stages, &recording.camera, &model).unwrap();
     let mut frame = Frame::default();
     let mut played = Vec::new();
     while recording.next_frame(&mut frame) {
@@ -143,12 +140,11 @@ fn states(played: &[Played]) -> Vec<TrackingState> {
     played.iter().map(|one| one.state).collect()
 }
 
-/// Medians of how far poses are from the truth, degrees and millimetres, the offset of the whole run taken out.
-fn errors(played: &[Played], frame: impl Fn(&Played) -> usize) -> [f32; 2] {
-    let pairs: Vec<(Rigid, Rigid)> = played
-        .iter()
-        .filter_map(|one| Some((one.pose?, session().truth[frame(one)])))
-        .collect();
+/// Checks the medians of how far poses are from the truth, the offset of the whole run taken out.
+fn is_accurate(what: &str, played: &[Played], frame: impl Fn(&Played) -> usize) {
+    let pairs = played.iter();
+    let pairs = pairs.filter_map(|one| Some((one.pose?, session().truth[frame(one)])));
+    let pairs: Vec<(Rigid, Rigid)> = pairs.collect();
     let turns = pairs.iter().map(|(pose, truth)| {
         let turn = truth.rotation.inverse() * pose.rotation;
         turn.scaled_axis()
@@ -165,34 +161,23 @@ fn errors(played: &[Played], frame: impl Fn(&Played) -> usize) -> [f32; 2] {
         apart.sort_by(f32::total_cmp);
         apart[apart.len() / 2]
     };
-    [spread(&turns).to_degrees(), spread(&places) * 1e3]
+    let (turn_deg, place_mm) = (spread(&turns).to_degrees(), spread(&places) * 1e3);
+    let errors = format!("{what}: {turn_deg:.2}°, {place_mm:.1} mm");
+    println!("{errors}");
+    assert!(turn_deg < 1.5 && place_mm < 4.0, "{errors}");
 }
 
 /// Follows depth alone: a user after two frames, posed from then on, nothing of a face, pose right, box around the head.
 fn is_posed(played: &[Played]) {
-    let from = SEARCH + POSED_FRAMES;
-    assert!(
-        played[..from]
-            .iter()
-            .all(|one| matches!(one.state, Absent | Posed)),
-        "{:?}",
-        states(played)
-    );
-    assert!(
-        played[from..]
-            .iter()
-            .all(|one| one.state == Posed && one.user == Some(0)),
-        "{:?}",
-        states(played)
-    );
+    let (states, from) = (states(played), SEARCH + POSED_FRAMES);
+    let (mut first, mut others) = (states[..from].iter(), states[from..].iter());
+    let is_first = |state: &TrackingState| matches!(state, Absent | Posed);
+    assert!(first.all(is_first), "{states:?}");
+    assert!(others.all(|state| *state == Posed), "{states:?}");
     assert!(played.iter().all(|one| !one.face));
-    let [turn_deg, place_mm] = errors(played, |one| one.number);
-    println!("depth alone: {turn_deg:.2}°, {place_mm:.1} mm");
-    assert!(
-        turn_deg < 1.5 && place_mm < 4.0,
-        "{turn_deg}° {place_mm} mm"
-    );
+    is_accurate("depth alone", played, |one| one.number);
     for one in &played[from..] {
+        assert_eq!(one.user, Some(0), "frame {}", one.number);
         // The face's origin, by the nominal depth camera.
         let at = session().truth[one.number].translation.vector;
         let [x, y] = [at.x, at.y].map(|off| 575.8 * off / at.z);
@@ -216,18 +201,11 @@ fn depth_alone_is_followed() {
 
 #[test]
 fn colour_pictures_that_are_named_but_not_there_are_none() {
-    let named: Vec<String> = lines(|_| Some(true));
-    let gone: Vec<String> = named
-        .into_iter()
-        .map(|line| {
-            if line.starts_with("r-") {
-                format!("{line}<-nowhere")
-            } else {
-                line
-            }
-        })
-        .collect();
-    let (played, skipped) = play(recording(&gone).path());
+    let mut lines = lines(|_| Some(true));
+    for line in lines.iter_mut().filter(|line| line.starts_with("r-")) {
+        line.push_str("<-nowhere");
+    }
+    let (played, skipped) = play(recording(&lines).path());
     assert_eq!((played.len(), skipped), (FRAMES, 0));
     is_posed(&played);
 }
@@ -235,11 +213,8 @@ fn colour_pictures_that_are_named_but_not_there_are_none() {
 #[test]
 fn the_table_of_a_run_has_pose_and_box_and_no_face() {
     let folder = recording(&lines(|_| Some(false)));
-    let output = Command::new(program())
-        .args(["run", "--fast", "--csv", "-", "--source"])
-        .arg(folder.path())
-        .output()
-        .expect("mien starts");
+    let mut run = mien("run --fast --csv - --source");
+    let output = run.arg(folder.path()).output().expect("mien starts");
     let text = String::from_utf8(output.stdout).unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
@@ -248,11 +223,8 @@ fn the_table_of_a_run_has_pose_and_box_and_no_face() {
     let rows: Vec<Vec<&str>> = rows.collect();
     assert_eq!(rows.len(), FRAMES);
     let posed: Vec<_> = rows.iter().filter(|row| row[3] == "posed").collect();
-    assert!(
-        posed.len() >= FRAMES - SEARCH - POSED_FRAMES,
-        "{}",
-        posed.len()
-    );
+    let count = posed.len();
+    assert!(count >= FRAMES - SEARCH - POSED_FRAMES, "{count}");
     for row in posed {
         for (name, cell) in header.iter().zip(row) {
             let is_of_head = matches!(
@@ -273,29 +245,19 @@ fn a_lost_colour_picture_holds_the_face() {
     let (played, skipped) = play(folder.path());
     assert_eq!((played.len(), skipped), (FRAMES, 0));
     for (one, of_full) in played.iter().zip(&full) {
-        // One picture is no loss: the points move with the head.
-        assert_eq!(one.state, of_full.state, "frame {}", one.number);
-        assert_eq!(
-            one.face, of_full.face,
-            "frame {}: points and weights are kept",
-            one.number
-        );
+        // One picture is no loss: the points move with the head, and points and weights are kept.
+        let kept = |of: &Played| (of.state, of.face);
+        assert_eq!(kept(one), kept(of_full), "frame {}", one.number);
     }
     // The pose goes on: where colour is missing it is as good as elsewhere.
-    let alone: Vec<Played> = played
-        .iter()
-        .filter(|one| missing.contains(&one.number))
-        .cloned()
-        .collect();
-    for one in alone {
-        let of_full = full[one.number].pose.unwrap();
-        let off = of_full.inverse() * one.pose.unwrap();
-        assert!(
-            off.rotation.angle().to_degrees() < 0.5,
-            "frame {}",
-            one.number
+    for number in missing {
+        let [pose, of_full] = [&played, &full].map(|of| of[number].pose.unwrap());
+        let off = of_full.inverse() * pose;
+        let (turn_deg, m) = (
+            off.rotation.angle().to_degrees(),
+            off.translation.vector.norm(),
         );
-        assert!(off.translation.vector.norm() < 2e-3, "frame {}", one.number);
+        assert!(turn_deg < 0.5 && m < 2e-3, "frame {number}: {off}");
     }
 }
 
@@ -317,51 +279,30 @@ fn colour_now_and_then_gives_the_face_back() {
             55..58 => &[Warming, Tracking, Held],
             _ => &[Warming, Tracking],
         };
-        assert!(
-            expected.contains(&one.state),
-            "frame {}: {:?}",
-            one.number,
-            one.state
-        );
+        assert!(expected.contains(&one.state), "{one:?}");
         assert_eq!(one.user, Some(0), "frame {}", one.number);
-        assert!(
-            one.pose.is_some() && one.head.is_some(),
-            "frame {}",
-            one.number
-        );
-        if one.state == Posed {
-            assert!(!one.face, "frame {}", one.number);
-        }
+        assert!(one.pose.is_some() && one.head.is_some(), "{one:?}");
+        assert!(one.state != Posed || !one.face, "{one:?}");
     }
 }
 
 #[test]
 fn gaps_cost_a_search_and_no_user() {
     // A third of a second, then one second.
-    let gaps = |number: usize| (20..30).contains(&number) || (40..70).contains(&number);
-    let folder = recording(&lines(|number| (!gaps(number)).then_some(true)));
+    let is_there = |number: &usize| !(20..30).contains(number) && !(40..70).contains(number);
+    let folder = recording(&lines(|number| is_there(&number).then_some(true)));
     let (played, skipped) = play(folder.path());
     assert_eq!((played.len(), skipped), (FRAMES - 40, 0));
-    let after =
-        |start: usize| (start..start + SEARCH).map(move |number| number - gaps_before(number));
-    fn gaps_before(number: usize) -> usize {
-        (0..number)
-            .filter(|number| (20..30).contains(number) || (40..70).contains(number))
-            .count()
+    // After a gap is searched; the frames that are there are numbered without the others.
+    let searched = [0, 30, 70].map(|start| {
+        let first = (0..start).filter(is_there).count();
+        first..first + SEARCH
+    });
+    let is_searched = |one: &&Played| searched.iter().any(|all| all.contains(&one.number));
+    for one in played.iter().filter(|one| !is_searched(one)) {
+        assert!(one.face && one.user == Some(0), "{one:?}");
     }
-    let searched: Vec<usize> = after(0).chain(after(30)).chain(after(70)).collect();
-    for one in played.iter().filter(|one| !searched.contains(&one.number)) {
-        assert!(
-            one.face && one.user == Some(0),
-            "frame {}: {:?}",
-            one.number,
-            one.state
-        );
-    }
-    assert_eq!(
-        played.last().map(|one| one.ms),
-        Some(1000 * (FRAMES as u64 - 1) / 30)
-    );
+    assert_eq!(played.last().unwrap().ms, LAST_MS);
 }
 
 #[test]
@@ -372,24 +313,12 @@ fn fifteen_frames_a_second_are_followed() {
         assert_eq!((played.len(), skipped), (FRAMES.div_ceil(2), 0));
         let from = SEARCH + if with_colour { 0 } else { POSED_FRAMES };
         for one in &played[from..] {
-            assert_eq!(
-                one.face, with_colour,
-                "frame {}: {:?}",
-                one.number, one.state
-            );
-            assert!(one.pose.is_some(), "frame {}: {:?}", one.number, one.state);
+            assert_eq!(one.face, with_colour, "{one:?}");
+            assert!(one.pose.is_some(), "{one:?}");
         }
-        let [turn_deg, place_mm] = errors(&played, |one| 2 * one.number);
-        println!("15 a second, colour {with_colour}: {turn_deg:.2}°, {place_mm:.1} mm");
-        assert!(
-            turn_deg < 1.5 && place_mm < 4.0,
-            "{turn_deg}° {place_mm} mm"
-        );
+        let what = format!("15 a second, colour {with_colour}");
+        is_accurate(&what, &played, |one| 2 * one.number);
     }
-}
-
-fn pipe(path: PathBuf) {
-    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
 }
 
 #[test]
@@ -399,21 +328,17 @@ fn a_pipe_is_not_waited_for() {
     let [depth, _] = &names[4];
     let [_, colour] = &names[7];
     for name in [depth, colour] {
-        fs::remove_file(folder.path().join(name)).unwrap();
-        pipe(folder.path().join(name));
+        make_pipe(&folder.path().join(name));
     }
     let (played, skipped) = play(folder.path());
     let numbers: Vec<usize> = played.iter().map(|one| one.number).collect();
     assert_eq!(numbers, [0, 1, 2, 3, 5, 6, 8, 9, 10, 11]);
     assert_eq!(skipped, 2);
     for name in ["device.json", "INDEX.txt"] {
-        fs::remove_file(folder.path().join(name)).unwrap();
-        pipe(folder.path().join(name));
+        make_pipe(&folder.path().join(name));
         let said = Recording::open(folder.path()).err().unwrap().to_string();
-        assert!(
-            said.contains(name) && said.contains("not a regular file"),
-            "{said}"
-        );
+        let expected = [name, "not a regular file"];
+        assert!(expected.iter().all(|part| said.contains(part)), "{said}");
         assert!(!said.contains('\n'));
     }
 }
@@ -449,41 +374,26 @@ fn a_stamp_far_ahead_costs_its_own_frame() {
         // Without its depth a frame is none, without its colour the face goes on with its head.
         let frames = FRAMES - usize::from(side == 0);
         assert_eq!((played.len(), skipped), (frames, (FRAMES - frames) as u64));
-        assert_eq!(
-            played.last().map(|one| one.ms),
-            Some(1000 * (FRAMES as u64 - 1) / 30)
-        );
+        assert_eq!(played.last().unwrap().ms, LAST_MS);
         let states = states(&played[SEARCH..]);
-        assert_eq!(
-            states.iter().filter(|state| **state == Held).count(),
-            0,
-            "{states:?}"
-        );
-        assert!(
-            !states.contains(&Lost) && !states.contains(&Absent),
-            "{states:?}"
-        );
+        for state in [Held, Lost, Absent] {
+            assert!(!states.contains(&state), "{states:?}");
+        }
     }
 }
 
 #[test]
 fn a_shuffled_index_plays_the_same() {
-    let (plain, _) = play(session().folder.path());
+    let (mut expected, _) = play(session().folder.path());
     let mut lines = lines(|_| Some(true));
     fastrand::Rng::with_seed(3).shuffle(&mut lines);
     let (played, skipped) = play(recording(&lines).path());
     assert_eq!(skipped, 0);
     // Numbers are those of the index; all else is as it was.
-    let of_index: Vec<&String> = lines.iter().filter(|line| line.starts_with("d-")).collect();
-    let expected: Vec<Played> = plain
-        .into_iter()
-        .map(|one| Played {
-            number: of_index
-                .iter()
-                .position(|line| **line == session().names[one.number][0])
-                .unwrap(),
-            ..one
-        })
-        .collect();
+    let of_index = lines.iter().filter(|line| line.starts_with("d-"));
+    for one in &mut expected {
+        let name = &session().names[one.number][0];
+        one.number = of_index.clone().position(|line| line == name).unwrap();
+    }
     assert_eq!(played, expected);
 }

@@ -2,16 +2,12 @@
 
 use std::process::{Command, Output};
 
-use crate::common::program;
+use crate::common::{mien, program};
 
-fn run(words: &[&str]) -> Output {
-    let output = Command::new(program())
-        .arg("run")
-        .args(words)
-        .output()
-        .expect("mien starts");
+fn run(words: &str) -> Output {
+    let output = mien(&format!("run {words}")).output().expect("mien starts");
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{words:?}: {said}");
+    assert!(output.status.success(), "{words}: {said}");
     output
 }
 
@@ -21,15 +17,7 @@ fn text(bytes: &[u8]) -> &str {
 
 #[test]
 fn a_table_on_standard_output_is_alone_there() {
-    let output = run(&[
-        "--source",
-        "simulated",
-        "--fast",
-        "--frames",
-        "3",
-        "--csv",
-        "-",
-    ]);
+    let output = run("--source simulated --fast --frames 3 --csv -");
     let lines: Vec<&str> = text(&output.stdout).lines().collect();
     assert_eq!(lines.len(), 4);
     assert!(lines[0].starts_with("frame,time_us,user,state,confidence,tx_m"));
@@ -41,7 +29,7 @@ fn a_table_on_standard_output_is_alone_there() {
 
 #[test]
 fn without_a_kinect_one_line_says_so_and_the_simulated_sensor_plays() {
-    let output = run(&["--fast", "--frames", "40"]);
+    let output = run("--fast --frames 40");
     let said = text(&output.stderr);
     let about: Vec<&str> = said.lines().filter(|line| line.contains("inect")).collect();
     if about.is_empty() {
@@ -61,11 +49,9 @@ fn a_table_on_a_full_disk_ends_with_its_last_row_whole() {
     let table = folder.path().join("table.csv");
     // A file may not grow beyond 20 kB, as on a disk that is full by then.
     let limited = "trap '' XFSZ; ulimit -f 40; exec \"$0\" run --source simulated --fast --frames 300 --csv \"$1\"";
-    let output = Command::new("sh")
-        .args(["-c", limited, &program()])
-        .arg(&table)
-        .output()
-        .expect("mien starts");
+    let mut shell = Command::new("sh");
+    let shell = shell.args(["-c", limited, &program()]).arg(&table);
+    let output = shell.output().expect("mien starts");
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("cannot write the CSV"), "{said}");
@@ -86,22 +72,13 @@ fn a_table_on_a_full_disk_ends_with_its_last_row_whole() {
 fn a_recording_plays_like_what_was_recorded_every_time_and_a_cut_file_costs_its_frame() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let at = |name: &str| folder.path().join(name).to_str().expect("UTF-8").to_owned();
-    let recorded = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
-        .args(["record", "--source", "simulated", "--seconds", "1", "--out"])
-        .arg(at("session"))
-        .output()
-        .expect("mien-studio starts");
+    let words = "record --source simulated --seconds 1 --out";
+    let recorded = crate::common::studio(words).arg(at("session")).output();
+    let recorded = recorded.expect("mien-studio starts");
     assert!(recorded.status.success(), "{}", text(&recorded.stderr));
     let table = |source: &str, name: &str| {
-        let output = run(&[
-            "--source",
-            source,
-            "--fast",
-            "--frames",
-            "30",
-            "--csv",
-            &at(name),
-        ]);
+        let csv = at(name);
+        let output = run(&format!("--source {source} --fast --frames 30 --csv {csv}"));
         let table = std::fs::read_to_string(at(name)).expect("a table");
         (table, text(&output.stderr).to_owned())
     };
@@ -119,11 +96,8 @@ fn a_recording_plays_like_what_was_recorded_every_time_and_a_cut_file_costs_its_
     let bytes = std::fs::read(&cut).expect("readable");
     std::fs::write(&cut, &bytes[..1000]).expect("writable");
     let (damaged, said) = table(&at("session"), "damaged.csv");
-    let about: Vec<&str> = said
-        .lines()
-        .filter(|line| line.contains("frame 10"))
-        .collect();
-    assert_eq!(about.len(), 1, "{said}");
+    let about = said.lines().filter(|line| line.contains("frame 10"));
+    assert_eq!(about.count(), 1, "{said}");
     assert!(!damaged.lines().any(|line| line.starts_with("10,")));
     assert_eq!(damaged.lines().count(), 30);
 }
@@ -131,11 +105,9 @@ fn a_recording_plays_like_what_was_recorded_every_time_and_a_cut_file_costs_its_
 /// What a shell's words print on a terminal of 70 columns; `None` where there is no `script` to make one.
 fn on_a_terminal(words: &str) -> Option<String> {
     let words = format!("stty cols 70; {words}");
-    let output = Command::new("script")
-        .args(["-qec", &words, "/dev/null"])
-        .stdin(std::process::Stdio::null())
-        .output();
-    match output {
+    let mut script = Command::new("script");
+    let script = script.args(["-qec", &words, "/dev/null"]);
+    match script.stdin(std::process::Stdio::null()).output() {
         Ok(output) => Some(String::from_utf8_lossy(&output.stdout).into_owned()),
         Err(problem) => {
             println!("skipped: no terminal ({problem})");
@@ -171,11 +143,8 @@ fn a_terminal_shows_where_it_sends_one_line_that_never_wraps_and_a_summary() {
             .any(|line| line.contains("| 1 ") && line.contains("| 2 ")),
         "{said}"
     );
-    let summary = lines
-        .iter()
-        .rev()
-        .find(|line| !line.is_empty())
-        .expect("a last line");
+    let summary = lines.iter().rfind(|line| !line.is_empty());
+    let summary = summary.expect("a last line");
     assert!(
         summary.starts_with("40 frames in ") && summary.contains("2 people"),
         "{said}"

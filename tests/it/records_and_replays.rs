@@ -4,10 +4,11 @@ use std::fs;
 use std::path::Path;
 
 use mien_appliance::source;
-use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::frame::{KinectFrame, Original};
 use mien_sensors::kinect::recording::{Recorder, Recording};
 use mien_sensors::kinect::registration::Registration;
 use mien_stages::base::capacity::PIXELS;
+use mien_stages::base::time::Timestamp;
 
 use crate::common;
 #[cfg(feature = "studio")]
@@ -27,6 +28,16 @@ fn record(directory: &Path, count: u64) -> Vec<String> {
     index.lines().map(str::to_owned).collect()
 }
 
+/// Number, time and ticks of a frame.
+fn times(frame: &KinectFrame) -> (u64, Timestamp, [u32; 2]) {
+    let Original {
+        ticks,
+        colour_ticks,
+        ..
+    } = frame.original;
+    (frame.index, frame.at, [ticks, colour_ticks])
+}
+
 /// Numbers and times (µs) of the frames that play, and how many were skipped. Each must be the one recorded, or that without
 /// colour.
 fn replay(directory: &Path) -> (Vec<(u64, u64)>, u64) {
@@ -39,25 +50,8 @@ fn replay(directory: &Path) -> (Vec<(u64, u64)>, u64) {
             original.frame.drop_colour();
             original.original.drop_colour();
         }
-        assert!(
-            frame.depth == original.depth,
-            "depth of frame {}",
-            frame.index
-        );
-        assert!(frame.luma == original.luma, "luma of frame {}", frame.index);
-        assert!(
-            frame.original.bayer == original.original.bayer,
-            "mosaic of frame {}",
-            frame.index
-        );
-        assert_eq!(
-            (frame.at, frame.original.ticks, frame.original.colour_ticks),
-            (
-                original.at,
-                original.original.ticks,
-                original.original.colour_ticks
-            )
-        );
+        common::assert_same_pictures(&frame, &original);
+        assert_eq!(times(&frame), times(&original));
         played.push((frame.index, frame.at.as_us()));
     }
     (played, source.state().skipped)
@@ -91,23 +85,14 @@ fn a_simulated_run_and_its_replay_agree_bit_for_bit() {
     let mut frame = KinectFrame::default();
     for original in &originals {
         assert!(replay.next_frame(&mut frame).unwrap());
-        assert!(
-            frame.depth == original.depth
-                && frame.luma == original.luma
-                && frame.original.bayer == original.original.bayer
-        );
-        assert_eq!(
-            (frame.index, frame.at, frame.original.ticks),
-            (original.index, original.at, original.original.ticks)
-        );
+        common::assert_same_pictures(&frame, original);
+        assert_eq!(times(&frame), times(original));
     }
     assert!(!replay.next_frame(&mut frame).unwrap());
     let refused = source::simulated(Some("opera")).err().unwrap().to_string();
-    assert!(
-        refused.starts_with("expected one of the scenes acted, ")
-            && refused.ends_with(", found opera"),
-        "{refused}"
-    );
+    let expected = "expected one of the scenes acted, ";
+    assert!(refused.starts_with(expected), "{refused}");
+    assert!(refused.ends_with(", found opera"), "{refused}");
 }
 
 #[test]
@@ -122,11 +107,8 @@ fn the_files_are_those_of_fakenect() {
     let colour = fs::read(directory.path().join(&names[0])).unwrap();
     assert_eq!(colour.len(), 15 + 3 * PIXELS);
     assert_eq!(&colour[..15], b"P6 640 480 255\n");
-    assert_eq!(
-        colour[15 + 1],
-        frame.original.bayer[0],
-        "the first pixel of the mosaic is green"
-    );
+    // The first pixel of the mosaic is green.
+    assert_eq!(colour[15 + 1], frame.original.bayer[0]);
 }
 
 #[test]
@@ -194,37 +176,23 @@ fn the_index_may_be_damaged_too() {
         panic!("six files")
     };
     let escape = "d-../../etc/passwd-2032704.pgm";
-    index(&[
-        r0,
-        d0,
-        "\u{fffd}binary",
-        "",
-        escape,
-        "a-1.0-5.dump",
-        r1,
-        r2,
-        d2,
-    ]);
+    let damage = ["\u{fffd}binary", "", escape, "a-1.0-5.dump"];
+    index(&[&[r0, d0], &damage[..], &[r1, r2, d2]].concat());
     // The name in the middle counts as a frame; what follows it has number 2, as recorded.
     assert_eq!(replay(directory.path()), (vec![(0, 0), (2, 66_666)], 1));
     // A time is counted from the first depth picture, also if its file is gone.
     fs::remove_file(directory.path().join(d0)).unwrap();
     index(&[r0, d0, r1, d1, r2, d2]);
-    assert_eq!(
-        replay(directory.path()),
-        (vec![(1, 33_333), (2, 66_666)], 1)
-    );
+    let expected = vec![(1, 33_333), (2, 66_666)];
+    assert_eq!(replay(directory.path()), (expected, 1));
 }
 
 #[test]
 fn a_depth_picture_without_colour_nearby_is_a_frame_without_colour() {
     let directory = tempfile::tempdir().unwrap();
     let names = record(directory.path(), 3);
-    fs::write(
-        directory.path().join("INDEX.txt"),
-        [&names[..2], &names[3..]].concat().join("\n"),
-    )
-    .unwrap();
+    let index = [&names[..2], &names[3..]].concat().join("\n");
+    fs::write(directory.path().join("INDEX.txt"), index).unwrap();
     // The neighbours' colour is 0.85 and 1.15 frame periods away.
     let expected = vec![(0, 0), (1, 33_333), (2, 66_666)];
     assert_eq!(replay(directory.path()), (expected, 0));
@@ -234,10 +202,8 @@ fn a_depth_picture_without_colour_nearby_is_a_frame_without_colour() {
         assert!(recording.next_frame(&mut frame));
         assert_eq!(frame.has_colour, has_colour);
         let black = |picture: &[u8]| picture.iter().all(|&value| value == 0);
-        assert_eq!(
-            black(&frame.luma[..]) && black(&frame.original.bayer[..]),
-            !has_colour
-        );
+        let is_black = black(&frame.luma[..]) && black(&frame.original.bayer[..]);
+        assert_eq!(is_black, !has_colour);
     }
     // Recorded again it is the same recording.
     let again = tempfile::tempdir().unwrap();
@@ -248,10 +214,8 @@ fn a_depth_picture_without_colour_nearby_is_a_frame_without_colour() {
     }
     let index = |folder: &Path| fs::read_to_string(folder.join("INDEX.txt")).unwrap();
     let kinds = |folder: &Path| -> Vec<u8> {
-        index(folder)
-            .lines()
-            .map(|line| line.as_bytes()[0])
-            .collect()
+        let index = index(folder);
+        index.lines().map(|line| line.as_bytes()[0]).collect()
     };
     assert_eq!(kinds(again.path()), b"rddrd");
     assert_eq!(kinds(again.path()), kinds(directory.path()));
@@ -265,15 +229,10 @@ fn the_calibration_comes_back() {
     registration.const_shift = 201;
     let mut recorder = Recorder::create(directory.path(), &registration, 0.0).unwrap();
     recorder.write(&common::noise_frame(0, SEED)).unwrap();
-    assert_eq!(
-        Recording::open(directory.path()).unwrap().registration,
-        registration
-    );
+    let read = || Recording::open(directory.path()).unwrap().registration;
+    assert_eq!(read(), registration);
     fs::remove_file(directory.path().join("device.json")).unwrap();
-    assert_eq!(
-        Recording::open(directory.path()).unwrap().registration,
-        Registration::default()
-    );
+    assert_eq!(read(), Registration::default());
 }
 
 #[test]
@@ -290,11 +249,8 @@ fn what_cannot_be_opened_says_so_in_one_sentence() {
     fs::remove_file(at.join("INDEX.txt")).unwrap();
 
     record(at, 1);
-    fs::write(
-        at.join("device.json"),
-        "{\n  \"reg_info\": {\"ax\": \"many\"}\n}",
-    )
-    .unwrap();
+    let device = "{\n  \"reg_info\": {\"ax\": \"many\"}\n}";
+    fs::write(at.join("device.json"), device).unwrap();
     assert_eq!(
         message(),
         format!(
@@ -302,14 +258,10 @@ fn what_cannot_be_opened_says_so_in_one_sentence() {
              remove the file to use the nominal calibration"
         )
     );
-    let again = Recorder::create(at, &Registration::default(), 0.0)
-        .err()
-        .unwrap();
-    assert!(
-        again.to_string().contains("already contains a recording"),
-        "{again}"
-    );
-    assert!(!again.to_string().contains('\n'));
+    let again = Recorder::create(at, &Registration::default(), 0.0);
+    let said = again.err().unwrap().to_string();
+    assert!(said.contains("already contains a recording"), "{said}");
+    assert!(!said.contains('\n'));
 }
 
 #[cfg(feature = "studio")]
@@ -325,12 +277,8 @@ fn real_frames_become_a_recording() {
     let mut frame = KinectFrame::default();
     let mut medians = Vec::new();
     while recording.next_frame(&mut frame) {
-        let mut depth: Vec<f32> = frame
-            .depth
-            .iter()
-            .map(|&raw| camera.depth_m(raw))
-            .filter(|&z| z > 0.0)
-            .collect();
+        let depth = frame.depth.iter().map(|&raw| camera.depth_m(raw));
+        let mut depth: Vec<f32> = depth.filter(|&z| z > 0.0).collect();
         depth.sort_by(f32::total_cmp);
         assert!(depth.len() > PIXELS / 2);
         medians.push(depth[depth.len() / 2]);

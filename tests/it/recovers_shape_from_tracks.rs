@@ -173,10 +173,11 @@ fn seen_by_a_turning_camera(
 
 #[test]
 fn what_is_stopped_says_what_is_kept() {
+    use crate::common::{signal, studio};
     use std::fmt::Write;
     use std::io::BufRead;
     use std::os::unix::process::ExitStatusExt;
-    use std::process::{Command, Stdio};
+    use std::process::Stdio;
     let folder = tempfile::tempdir().unwrap();
     // Far more than is recovered before the signal comes.
     let mut text = String::new();
@@ -188,8 +189,7 @@ fn what_is_stopped_says_what_is_kept() {
     let tracks = folder.path().join("tracks.csv");
     std::fs::write(&tracks, text).unwrap();
     let out = folder.path().join("shapes.csv");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
-        .args(["nrsfm", "--rank", "20", "--tracks"])
+    let mut child = studio("nrsfm --rank 20 --tracks")
         .arg(&tracks)
         .arg("--out")
         .arg(&out)
@@ -201,14 +201,7 @@ fn what_is_stopped_says_what_is_kept() {
     let mut stdout = std::io::BufReader::new(child.stdout.take().unwrap());
     stdout.read_line(&mut first).unwrap();
     assert!(first.starts_with("tracks: 2000 frames"), "{first}");
-    let interrupt = ["-INT".into(), child.id().to_string()];
-    assert!(
-        Command::new("kill")
-            .args(interrupt)
-            .status()
-            .unwrap()
-            .success()
-    );
+    signal(&child, "-INT");
     let ended = child.wait_with_output().unwrap();
     let said = String::from_utf8(ended.stderr).unwrap();
     assert_eq!(ended.status.signal(), Some(2), "{said}");

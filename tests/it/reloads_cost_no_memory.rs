@@ -73,13 +73,8 @@ fn reload_with_every_key(scene: &str, reloads: usize) {
     let settled = |key: &str| {
         let _ = std::fs::remove_file(&status);
         let words = ["-q", "--source", scene];
-        let run = Service::start_with(
-            folder.path(),
-            &config(key),
-            &words,
-            Stdio::null(),
-            Stdio::null(),
-        );
+        let (out, said, config) = (Stdio::null(), Stdio::null(), config(key));
+        let run = Service::start_with(folder.path(), &config, &words, out, said);
         while figure(folder.path(), "frames") < 200.0 {
             std::thread::sleep(Duration::from_millis(200));
         }

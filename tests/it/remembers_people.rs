@@ -1,7 +1,5 @@
 //! Promise: a restart forgets nobody: who was there gets their ranges back from a file, which is believed only whole.
 
-use std::path::Path;
-use std::process::Command;
 use std::time::{Duration, SystemTime};
 
 use mien_appliance::pipeline::Pipeline;
@@ -14,7 +12,7 @@ use mien_stages::face_model::FaceModel;
 use mien_stages::users::memory::Gone;
 use mien_stages::users::saved::{People, read, write};
 
-use crate::common::program;
+use crate::common::mien;
 
 /// The built-in person before the simulated sensor, for so many frames.
 fn play(pipeline: &mut Pipeline, frames: usize) {
@@ -32,15 +30,14 @@ fn pipeline() -> Pipeline {
     Pipeline::new(&Settings::default().stages, source.camera(), &model).expect("built in")
 }
 
-fn written(people: &[Gone], pipeline: &Pipeline, at: SystemTime) -> String {
-    let mut text = String::new();
-    write(
-        people.iter().cloned(),
-        (pipeline.last_frame_time(), at),
-        &mut text,
-    )
-    .expect("a String takes everything");
-    text
+/// The file of a run that somebody has played for two seconds, and when it was written.
+fn written() -> (String, SystemTime) {
+    let mut pipeline = pipeline();
+    play(&mut pipeline, 60);
+    let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+    let (mut text, now) = (String::new(), pipeline.last_frame_time());
+    write(pipeline.people(now), (now, at), &mut text).expect("a String takes everything");
+    (text, at)
 }
 
 #[test]
@@ -66,19 +63,14 @@ fn who_was_there_is_known_after_a_restart() {
     play(&mut fresh, 30);
     let up = |range: &mien_stages::expression::Range| range.high - range.rest;
     let (mut own, mut strange) = (0.0, 0.0);
-    for m in [
-        Measure::LipGap,
-        Measure::JawDrop,
-        Measure::MouthWidth,
-        Measure::BrowL,
-    ] {
-        let learned = up(&learned.ranges[m as usize]);
-        own += (up(&after.expression(0).ranges()[m as usize]) / learned)
-            .ln()
-            .abs();
-        strange += (up(&fresh.expression(0).ranges()[m as usize]) / learned)
-            .ln()
-            .abs();
+    use Measure::{BrowL, JawDrop, LipGap, MouthWidth};
+    for m in [LipGap, JawDrop, MouthWidth, BrowL].map(|m| m as usize) {
+        let off = |pipeline: &Pipeline| {
+            let ratio = up(&pipeline.expression(0).ranges()[m]) / up(&learned.ranges[m]);
+            ratio.ln().abs()
+        };
+        own += off(&after);
+        strange += off(&fresh);
     }
     println!("sides are off by {own:.3} with the file, by {strange:.3} without");
     assert!(own < 0.4 * strange, "{own} {strange}");
@@ -86,16 +78,7 @@ fn who_was_there_is_known_after_a_restart() {
 
 #[test]
 fn a_file_reads_back_and_ages() {
-    let mut pipeline = pipeline();
-    play(&mut pipeline, 60);
-    let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
-    let text = written(
-        &pipeline
-            .people(pipeline.last_frame_time())
-            .collect::<Vec<_>>(),
-        &pipeline,
-        at,
-    );
+    let (text, at) = written();
     let later = read(&text, at + Duration::from_secs(90)).expect("just written");
     assert_eq!(later.len(), 1);
     assert!((later[0].before_s - 90.0).abs() <= 1.0);
@@ -112,16 +95,7 @@ fn a_file_reads_back_and_ages() {
 
 #[test]
 fn a_damaged_file_is_refused_and_set_aside() {
-    let mut pipeline = pipeline();
-    play(&mut pipeline, 60);
-    let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
-    let text = written(
-        &pipeline
-            .people(pipeline.last_frame_time())
-            .collect::<Vec<_>>(),
-        &pipeline,
-        at,
-    );
+    let (text, at) = written();
     for byte in 0..text.len() - 1 {
         let mut bytes = text.clone().into_bytes();
         bytes[byte] ^= 1;
@@ -144,29 +118,13 @@ fn a_simulation_saves_nobody() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let people = folder.path().join("people.ranges");
     let config = folder.path().join("mien.toml");
-    let quote = |path: &Path| format!("{:?}", path.display().to_string());
     let text = format!(
-        "[state]\npersist = true\npath = {}\n[osc]\nenabled = false\n[status]\npath = \"\"\n",
-        quote(&people)
+        "[state]\npersist = true\npath = {people:?}\n[osc]\nenabled = false\n[status]\npath = \"\"\n"
     );
     std::fs::write(&config, text).expect("writable");
-    let run = Command::new(program())
-        .args([
-            "run",
-            "--source",
-            "simulated",
-            "--fast",
-            "--frames",
-            "60",
-            "--config",
-        ])
-        .arg(&config)
-        .output()
-        .expect("runs");
-    assert!(
-        run.status.success(),
-        "{}",
-        String::from_utf8_lossy(&run.stderr)
-    );
+    let mut run = mien("run --source simulated --fast --frames 60 --config");
+    let run = run.arg(&config).output().expect("runs");
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{said}");
     assert!(!people.exists());
 }

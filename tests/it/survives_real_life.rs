@@ -106,12 +106,7 @@ impl Scene {
             let mut truth = self.acting.at(self.acted_s);
             self.acted_s += FRAME_S;
             let t = frame as f64 * FRAME_S;
-            let mut appears = Person {
-                w: person.w,
-                rest: person.rest,
-                up: person.up,
-                down: person.down,
-            };
+            let mut appears = person.clone();
             let mut landmarks = Landmarks::certain([Point::origin(); LANDMARKS]);
             change(t, &mut truth, &mut appears, &mut landmarks);
             landmarks.head = appears.face(&truth);
@@ -202,11 +197,8 @@ fn glasses(_: f64, _: &mut Activation, person: &mut Person, _: &mut Landmarks) {
 
 /// The left half is covered: its points are anywhere, and the tracker doubts them.
 fn half_covered(t: f64, _: &mut Activation, person: &mut Person, landmarks: &mut Landmarks) {
-    let left = (9..17)
-        .chain(22..27)
-        .chain(42..48)
-        .chain([34, 35, 53, 54, 55, 63, 64, 65]);
-    for i in left {
+    let left = (9..17).chain(22..27).chain(42..48);
+    for i in left.chain([34, 35, 53, 54, 55, 63, 64, 65]) {
         landmarks.point_confidence[i] = 0.1;
     }
     let sway = (3.0 * t).sin();
@@ -353,9 +345,8 @@ const HEADING: &str = "| case | default: one-way | two-way | ready | jump | pape
 /// The numbers of a line of the table, without its name.
 fn numbers(line: &str) -> Vec<f64> {
     let cells = line.split('|').skip(2);
-    cells
-        .filter_map(|cell| cell.trim().trim_end_matches(" s").parse().ok())
-        .collect()
+    let numbers = cells.map(|cell| cell.trim().trim_end_matches(" s").parse());
+    numbers.filter_map(Result::ok).collect()
 }
 
 /// Compares lines with those of the same name in the golden file, or replaces them there.
@@ -458,11 +449,8 @@ fn a_year_of_samples() {
             110..130 => -one.down[m],
             _ => 0.0,
         };
-        let changed = if second > YEAR_S - 3600.0 {
-            0.5 * one.up[m]
-        } else {
-            0.0
-        };
+        let is_changed = second > YEAR_S - 3600.0;
+        let changed = if is_changed { 0.5 * one.up[m] } else { 0.0 };
         let g = one.rest[m] + changed + away + 0.006 * actors::normal(&mut random);
         ours.observe(g, 0.95, STEP_S);
         papers.observe(g, 0.95, STEP_S);

@@ -1,9 +1,9 @@
 //! Gestures from the configuration to receivers, and nothing left on however a run ends.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
-use crate::common::program;
+use crate::common::mien;
 use crate::common::whole_run::has_wires;
 
 const GESTURES: &str = r#"
@@ -24,9 +24,8 @@ speaking = true
 fn run(folder: &Path, before: &str, words: &[&str]) -> Output {
     let config = folder.join("mien.toml");
     std::fs::write(&config, format!("{before}\n{GESTURES}")).unwrap();
-    let run = ["run", "--source", "simulated:acted", "--fast", "--csv", "-"];
-    let mut command = Command::new(program());
-    command.args(run).args(words).arg("--config").arg(&config);
+    let mut command = mien("run --source simulated:acted --fast --csv -");
+    command.args(words).arg("--config").arg(&config);
     command.output().unwrap()
 }
 
@@ -47,6 +46,7 @@ fn a_key_that_this_build_cannot_press_is_refused() {
 #[cfg(feature = "wires")]
 mod pressed {
     use super::*;
+    use crate::common::{make_pipe, signal};
     use crate::talks_to_rigs::{messages, receiver};
     use rosc::OscType;
     use std::io::Read;
@@ -89,57 +89,39 @@ mod pressed {
             all.extend(messages(&socket));
             (run.join().unwrap(), all)
         });
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{said}");
         let csv = String::from_utf8(output.stdout).unwrap();
         let header = csv.lines().next().unwrap();
         assert!(header.ends_with(",head_y1,g_smile,g_jaw"), "{header}");
-        let column = header
-            .split(',')
-            .position(|name| name == "g_smile")
-            .unwrap();
-        let smiles = csv
-            .lines()
-            .skip(1)
-            .map(|row| row.split(',').nth(column).unwrap());
-        let smiles: Vec<bool> = smiles.map(|smile| smile == "1").collect();
+        let mut names = header.split(',');
+        let column = names.position(|name| name == "g_smile").unwrap();
+        let smiles = |row: &str| row.split(',').nth(column) == Some("1");
+        let smiles: Vec<bool> = csv.lines().skip(1).map(smiles).collect();
         let begins = smiles.windows(2).filter(|pair| !pair[0] && pair[1]).count();
         assert!(begins > 0, "nobody smiles");
         // As often a key, and up again at the end.
         let pressed = presses(&std::fs::read(&path).unwrap());
         assert_eq!(pressed.len(), 2 * begins);
         assert!(pressed.chunks(2).all(|press| press == [true, false]));
-        let smile = all
-            .iter()
-            .filter(|message| message.addr == "/mien/gesture/smile");
+        let of = |address: &'static str| all.iter().filter(move |one| one.addr == address);
+        let smile = of("/mien/gesture/smile");
         let values: Vec<&OscType> = smile.map(|message| &message.args[0]).collect();
         assert!(values.contains(&&OscType::Int(1)));
         assert_eq!(values.last(), Some(&&OscType::Int(0)), "off at the end");
-        assert!(
-            all.iter()
-                .any(|message| message.addr == "/mien/gesture/jaw/0")
-        );
+        assert!(of("/mien/gesture/jaw/0").next().is_some());
     }
 
     fn start(folder: &Path, config: &str) -> Child {
         let path = folder.join("mien.toml");
         std::fs::write(&path, config).unwrap();
-        Command::new(program())
-            .args(["run", "--source", "simulated:acted", "--fast", "--config"])
+        mien("run --source simulated:acted --fast --config")
             .arg(path)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()
             .unwrap()
-    }
-
-    fn signal(run: &Child, name: &str) {
-        let id = run.id().to_string();
-        Command::new("kill").args([name, &id]).status().unwrap();
     }
 
     /// A key that is down most of the time.
@@ -163,13 +145,7 @@ press = "hold"
             let folder = tempfile::tempdir().unwrap();
             // A pipe: what is at its other end learns of the process's end, as the kernel does of a keyboard's.
             let path = folder.path().join("events");
-            assert!(
-                Command::new("mkfifo")
-                    .arg(&path)
-                    .status()
-                    .unwrap()
-                    .success()
-            );
+            make_pipe(&path);
             let events = Arc::new(Mutex::new(Vec::new()));
             let reader = {
                 let (path, events) = (path.clone(), Arc::clone(&events));

@@ -8,7 +8,7 @@ use mien_outputs::osc::vmc::{self, Vmc};
 use mien_outputs::osc::vrchat::{self, VrChat};
 use mien_outputs::osc::{self, Osc, Style};
 use mien_outputs::serial::{self, Encoder, Serial};
-use mien_outputs::{self, Output, Report, TrackingState, UnitView, View};
+use mien_outputs::{Command, Output, OutputError, Report, TrackingState, UnitView, View};
 use mien_stages::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
 use mien_stages::base::time::Timestamp;
 use rosc::{OscMessage, OscPacket, OscType};
@@ -29,10 +29,14 @@ fn report(ms: u64, weights: &[f32]) -> Report<'_> {
 
 pub(crate) fn receiver(address: &str) -> UdpSocket {
     let socket = UdpSocket::bind(address).unwrap();
+    let timeout = Some(Duration::from_millis(300));
+    socket.set_read_timeout(timeout).unwrap();
     socket
-        .set_read_timeout(Some(Duration::from_millis(300)))
-        .unwrap();
-    socket
+}
+
+/// A socket as a target.
+fn target(socket: &UdpSocket) -> String {
+    socket.local_addr().unwrap().to_string()
 }
 
 /// An address where nobody listens.
@@ -57,9 +61,28 @@ pub(crate) fn messages(socket: &UdpSocket) -> Vec<OscMessage> {
 
 fn floats(all: &[OscMessage], address: &str) -> Vec<f32> {
     let found = all.iter().filter(|message| message.addr == address);
-    found
-        .flat_map(|message| message.args.iter().filter_map(|arg| arg.clone().float()))
-        .collect()
+    let arguments = found.flat_map(|message| &message.args);
+    arguments.filter_map(|one| one.clone().float()).collect()
+}
+
+/// The datagram of a command with these numbers.
+fn command(name: &str, numbers: &[i32]) -> Vec<u8> {
+    let message = OscMessage {
+        addr: format!("/face/cmd/{name}"),
+        args: numbers.iter().map(|&number| OscType::Int(number)).collect(),
+    };
+    rosc::encoder::encode(&OscPacket::Message(message)).unwrap()
+}
+
+/// An output that takes commands at an address.
+fn commanded(targets: &[&UdpSocket], listen: &str) -> Result<Osc, OutputError> {
+    let settings = osc::Settings {
+        targets: targets.iter().map(|socket| target(socket)).collect(),
+        commands: true,
+        listen: listen.into(),
+        ..osc::Settings::default()
+    };
+    Osc::new(settings, &UNITS)
 }
 
 fn view(mirror: bool) -> View {
@@ -78,7 +101,8 @@ fn view(mirror: bool) -> View {
 #[test]
 fn hosts_groups_and_networks_all_hear_the_same_and_absent_ones_hold_nobody_up() {
     let host = receiver("127.0.0.1:0");
-    let sixth = UdpSocket::bind("[::1]:0").ok();
+    let sixth = UdpSocket::bind("[::1]:0").is_ok();
+    let sixth = sixth.then(|| receiver("[::1]:0"));
     let broadcast = receiver("0.0.0.0:0");
     let group = receiver("0.0.0.0:0");
     let joined = group.join_multicast_v4(&Ipv4Addr::new(239, 255, 91, 30), &Ipv4Addr::UNSPECIFIED);
@@ -86,15 +110,11 @@ fn hosts_groups_and_networks_all_hear_the_same_and_absent_ones_hold_nobody_up() 
     let mut targets = vec![
         "240.0.0.1:9".to_owned(),
         "nobody.invalid:9".to_owned(),
-        format!("127.0.0.1:{}", port(&host)),
+        target(&host),
         format!("127.255.255.255:{}", port(&broadcast)),
         format!("239.255.91.30:{}", port(&group)),
     ];
-    targets.extend(
-        sixth
-            .as_ref()
-            .map(|socket| format!("[::1]:{}", port(socket))),
-    );
+    targets.extend(sixth.as_ref().map(target));
     let settings = osc::Settings {
         targets,
         ..osc::Settings::default()
@@ -113,9 +133,6 @@ fn hosts_groups_and_networks_all_hear_the_same_and_absent_ones_hold_nobody_up() 
         _ => println!("skipped: this machine has no way to a multicast group"),
     }
     if let Some(sixth) = sixth {
-        sixth
-            .set_read_timeout(Some(Duration::from_millis(300)))
-            .unwrap();
         assert_eq!(messages(&sixth), expected, "IPv6");
     }
 }
@@ -123,11 +140,9 @@ fn hosts_groups_and_networks_all_hear_the_same_and_absent_ones_hold_nobody_up() 
 #[test]
 fn names_gains_and_the_mirror_are_the_output_s() {
     let socket = receiver("127.0.0.1:0");
-    let targets = vec![socket.local_addr().unwrap().to_string()];
-    let pose = Rigid::from_parts(
-        Vector::new(0.1, 0.2, 0.7).into(),
-        rotation_from_yaw_pitch_roll(0.5, 0.0, 0.0),
-    );
+    let targets = vec![target(&socket)];
+    let turn = rotation_from_yaw_pitch_roll(0.5, 0.0, 0.0);
+    let pose = Rigid::from_parts(Vector::new(0.1, 0.2, 0.7).into(), turn);
     let face = Report {
         sensor_from_face: Some(&pose),
         ..report(0, &[0.3, 0.8, 0.2, 0.0])
@@ -163,9 +178,8 @@ fn names_gains_and_the_mirror_are_the_output_s() {
         Vmc::new(settings, &UNITS).unwrap().send(&face).unwrap();
         let heard = messages(&socket);
         let values = heard.iter().filter(|m| m.addr == "/VMC/Ext/Blend/Val");
-        let names: Vec<String> = values
-            .map(|message| message.args[0].clone().string().unwrap())
-            .collect();
+        let names = values.map(|message| message.args[0].clone().string().unwrap());
+        let names: Vec<String> = names.collect();
         // Once with the face, once neutral.
         assert_eq!(names, [&expected[..], &expected].concat());
     }
@@ -175,12 +189,13 @@ fn names_gains_and_the_mirror_are_the_output_s() {
 fn switches_are_the_bits_of_a_value() {
     let socket = receiver("127.0.0.1:0");
     let settings = vrchat::Settings {
-        targets: vec![socket.local_addr().unwrap().to_string()],
+        targets: vec![target(&socket)],
         values: vrchat::Values::Binary,
         bits: 3,
         ..vrchat::Settings::default()
     };
     let mut vrchat = VrChat::new(settings, &["AU30L", "AU30R", "AU26"]).unwrap();
+    // The switches that change, on (+) or off (-).
     let mut heard = |ms: u64, weights: [f32; 3]| {
         vrchat.send(&report(ms, &weights)).unwrap();
         let all = messages(&socket);
@@ -188,29 +203,15 @@ fn switches_are_the_bits_of_a_value() {
             let name = message.addr.strip_prefix("/avatar/parameters/FT/v2/")?;
             let on = message.args[0].clone().bool()?;
             let shown = ["JawOpen", "JawX"].iter().any(|of| name.starts_with(of));
-            shown.then(|| (name.to_owned(), on))
+            shown.then(|| format!("{}{name}", if on { '+' } else { '-' }))
         });
-        switches.collect::<Vec<_>>()
-    };
-    let named = |all: &[(&str, bool)]| -> Vec<(String, bool)> {
-        all.iter()
-            .map(|&(name, on)| (name.to_owned(), on))
-            .collect()
+        switches.collect::<Vec<_>>().join(" ")
     };
     // |−0.75| × 7 = 5.25: 1 and 4. 0.9 × 7 = 6.3: 2 and 4.
-    let first = [
-        ("JawOpen1", false),
-        ("JawOpen2", true),
-        ("JawOpen4", true),
-        ("JawX1", true),
-        ("JawX2", false),
-        ("JawX4", true),
-        ("JawXNegative", true),
-    ];
-    assert_eq!(heard(0, [0.75, 0.0, 0.9]), named(&first));
-    assert_eq!(heard(33, [0.75, 0.0, 0.9]), []);
-    let changed = [("JawOpen1", true), ("JawXNegative", false)];
-    assert_eq!(heard(66, [0.0, 0.75, 1.0]), named(&changed));
+    let first = "-JawOpen1 +JawOpen2 +JawOpen4 +JawX1 -JawX2 +JawX4 +JawXNegative";
+    assert_eq!(heard(0, [0.75, 0.0, 0.9]), first);
+    assert_eq!(heard(33, [0.75, 0.0, 0.9]), "");
+    assert_eq!(heard(66, [0.0, 0.75, 1.0]), "+JawOpen1 -JawXNegative");
 }
 
 /// Longer than any machine needs.
@@ -226,13 +227,6 @@ fn wait_for(mut condition: impl FnMut() -> bool) {
 
 #[test]
 fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
-    let command = |address: &str, args: Vec<OscType>| {
-        rosc::encoder::encode(&OscPacket::Message(OscMessage {
-            addr: address.into(),
-            args,
-        }))
-        .unwrap()
-    };
     let closed = osc::Settings {
         commands: false,
         ..osc::Settings::default()
@@ -241,44 +235,32 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
     assert_eq!(closed.next_command(), None);
 
     let (socket, to) = (receiver("127.0.0.1:0"), free());
-    let settings = osc::Settings {
-        targets: vec![socket.local_addr().unwrap().to_string()],
-        commands: true,
-        listen: to.to_string(),
-        ..osc::Settings::default()
-    };
-    let mut osc = Osc::new(settings, &UNITS).unwrap();
+    let mut osc = commanded(&[&socket], &to.to_string()).unwrap();
     let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
     let send = |bytes: &[u8]| sender.send_to(bytes, to).unwrap();
-    send(&command(
-        "/face/cmd/freeze",
-        vec![OscType::Int(0), OscType::Int(1)],
-    ));
+    send(&command("freeze", &[0, 1]));
     send(b"nonsense");
-    send(&command("/face/cmd/forget", vec![OscType::Int(9)]));
-    send(&command("/face/cmd/schema", vec![]));
-    send(&command("/face/cmd/neutral", vec![OscType::Int(0)]));
-    assert_eq!(
-        osc.next_command(),
-        Some(mien_outputs::Command::Freeze(0, true))
-    );
-    assert_eq!(osc.next_command(), Some(mien_outputs::Command::Neutral(0)));
+    send(&command("forget", &[9]));
+    send(&command("schema", &[]));
+    send(&command("neutral", &[0]));
+    assert_eq!(osc.next_command(), Some(Command::Freeze(0, true)));
+    assert_eq!(osc.next_command(), Some(Command::Neutral(0)));
     assert_eq!(osc.next_command(), None);
     assert_eq!(osc.tally().commands, [3, 2]);
     assert_eq!(messages(&socket)[0].addr, "/face/schema");
     // A flood takes no more of a frame than a few datagrams, its sender is held to a rate, and others are heard.
     for _ in 0..200 {
-        send(&command("/face/cmd/forget", vec![OscType::Int(0)]));
+        send(&command("forget", &[0]));
     }
     let other = UdpSocket::bind("127.0.0.2:0").unwrap();
-    let neutral = command("/face/cmd/neutral", vec![OscType::Int(3)]);
+    let neutral = command("neutral", &[3]);
     other.send_to(&neutral, to).unwrap();
     let (mut obeyed, mut heard) = (0, false);
     while !heard {
         let mut round = 0;
         while let Some(command) = osc.next_command() {
             round += 1;
-            heard |= command == mien_outputs::Command::Neutral(3);
+            heard |= command == Command::Neutral(3);
         }
         assert!(round <= 16, "{round} in one round");
         obeyed += round;
@@ -288,44 +270,25 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
     assert_eq!(taken + refused, 5 + 201, "what is not obeyed is counted");
 
     // A second one waits until the address is free; what is no address is refused.
-    let second = |listen: &str| osc::Settings {
-        commands: true,
-        listen: listen.into(),
-        ..osc::Settings::default()
-    };
-    let mut waits = Osc::new(second(&to.to_string()), &UNITS).unwrap();
+    let mut waits = commanded(&[&socket], &to.to_string()).unwrap();
     assert_eq!(waits.next_command(), None);
     drop(osc);
     wait_for(|| {
         send(&neutral);
-        waits.next_command() == Some(mien_outputs::Command::Neutral(3))
+        waits.next_command() == Some(Command::Neutral(3))
     });
-    let refused = Osc::new(second("here"), &UNITS).err().unwrap().to_string();
-    assert!(
-        refused.starts_with("cannot listen for OSC commands at"),
-        "{refused}"
-    );
+    let refused = commanded(&[&socket], "here").err().unwrap().to_string();
+    let expected = "cannot listen for OSC commands at";
+    assert!(refused.starts_with(expected), "{refused}");
 }
 
 #[test]
 fn who_asks_is_answered_and_nobody_else() {
     let (here, there) = (receiver("127.0.0.1:0"), receiver("127.0.0.2:0"));
-    let target = |socket: &UdpSocket| socket.local_addr().unwrap().to_string();
     let to = free();
-    let settings = osc::Settings {
-        targets: vec![target(&here), target(&there)],
-        commands: true,
-        listen: to.to_string(),
-        ..osc::Settings::default()
-    };
-    let mut osc = Osc::new(settings, &UNITS).unwrap();
-    let schema = rosc::encoder::encode(&OscPacket::Message(OscMessage {
-        addr: "/face/cmd/schema".into(),
-        args: vec![],
-    }))
-    .unwrap();
+    let mut osc = commanded(&[&here, &there], &to.to_string()).unwrap();
     let mut ask = |asker: &UdpSocket| {
-        asker.send_to(&schema, to).unwrap();
+        asker.send_to(&command("schema", &[]), to).unwrap();
         wait_for(|| {
             let before = osc.tally().commands[0];
             osc.next_command();
@@ -359,11 +322,9 @@ fn a_slow_line_leaves_out_the_least_telling_units() {
     assert_eq!(sent(115_200, &[], 10.0).unwrap(), units);
     // 456 bytes a second: ten lines of 45 bytes, of which 30 are not weights.
     assert_eq!(sent(4800, &[], 10.0).unwrap(), ["AU26", "AU25", "AU43L"]);
-    assert_eq!(
-        sent(115_200, &["AU9L", "AU26"], 10.0).unwrap(),
-        ["AU9L", "AU26"]
-    );
-    assert_eq!(sent(1200, &["AU9L", "AU26"], 30.0).unwrap(), ["AU9L"]);
+    let two = ["AU9L", "AU26"];
+    assert_eq!(sent(115_200, &two, 10.0).unwrap(), two);
+    assert_eq!(sent(1200, &two, 30.0).unwrap(), ["AU9L"]);
     let refused = sent(115_200, &["AU99"], 10.0).unwrap_err().to_string();
     assert!(refused.contains("\"AU99\""), "{refused}");
 }

@@ -163,11 +163,8 @@ fn follows_strangers_through_every_expression() {
     }
     for run in &all {
         let (_, offset_free, _) = run.rotation();
-        assert!(
-            run.share() >= 0.98,
-            "tracked in {} of the frames",
-            run.share()
-        );
+        let share = run.share();
+        assert!(share >= 0.98, "tracked in {share} of the frames");
         assert!(offset_free < 1.0, "{offset_free} deg");
     }
     // How a stranger's head is turned by definition, and how it is by its shape, differ by a fixed few degrees of pitch.
@@ -179,52 +176,30 @@ fn follows_strangers_through_every_expression() {
 fn the_methods_compared() {
     let Some(ict) = ict() else { return };
     Run::heading("acted, 4 s, a stranger");
-    let off = Settings {
-        smoothing: Smoothing::Off,
+    let smoothed = |smoothing, of| Settings { smoothing, ..of };
+    let off = smoothed(Smoothing::Off, Settings::default());
+    let standard = Settings {
+        learn_shape: false,
+        ..off
+    };
+    let paper = Settings {
+        method: Method::Paper,
         ..Settings::default()
     };
     let variants = [
         ("default", Settings::default()),
         ("default, unfiltered", off),
-        (
-            "standard shape, unfiltered",
-            Settings {
-                learn_shape: false,
-                ..off
-            },
-        ),
-        (
-            "paper",
-            Settings {
-                method: Method::Paper,
-                ..Settings::default()
-            },
-        ),
-        (
-            "paper, unfiltered",
-            Settings {
-                method: Method::Paper,
-                ..off
-            },
-        ),
-        (
-            "paper, window 5",
-            Settings {
-                method: Method::Paper,
-                smoothing: Smoothing::Window(5),
-                ..off
-            },
-        ),
+        ("standard shape, unfiltered", standard),
+        ("paper", paper),
+        ("paper, unfiltered", smoothed(Smoothing::Off, paper)),
+        ("paper, window 5", smoothed(Smoothing::Window(5), paper)),
     ];
     for (name, settings) in variants {
         let seed = 3;
         let run = play(&ict, seed, Scene::Acted, 120, settings);
         run.line(&format!("{name} {seed}"));
-        let allowed = if settings.method == Method::Paper {
-            6.0
-        } else {
-            2.5
-        };
+        let is_paper = settings.method == Method::Paper;
+        let allowed = if is_paper { 6.0 } else { 2.5 };
         assert!(run.share() > 0.9 && run.rotation().0 < allowed, "{name}");
     }
 }
@@ -258,11 +233,8 @@ fn the_first_frame_over_pose_and_distance() {
                     least_iou = least_iou.min(iou);
                     match found {
                         Some(found) => {
-                            let error = found
-                                .sensor_from_head
-                                .rotation
-                                .angle_to(&truth.rotation)
-                                .to_degrees();
+                            let turned = &found.sensor_from_head.rotation;
+                            let error = turned.angle_to(&truth.rotation).to_degrees();
                             worst = worst.max(error);
                             print!(" {error:.1}/{iou:.2}");
                         }
@@ -323,10 +295,8 @@ fn an_empty_room_gives_nobody_and_who_leaves_is_found_again() {
     for k in 0..30 {
         assert!(simulator.draw(at(k), &mut frame).is_none());
         let found = segmenter.segment(&frame, simulator.camera());
-        assert!(
-            found.and_then(|c| tracker.track(c, at(k))).is_none(),
-            "frame {k}"
-        );
+        let found = found.and_then(|c| tracker.track(c, at(k)));
+        assert!(found.is_none(), "frame {k}");
     }
     let mut simulator = Simulator::new(stranger(&ict, 0), Scene::Leaving, 1);
     let (mut nobody, mut ghosts, mut back) = (0, 0, None);

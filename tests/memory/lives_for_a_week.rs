@@ -18,7 +18,7 @@ use mien_appliance::settings::Settings;
 use mien_appliance::source;
 use mien_outputs::csv::Rows;
 use mien_outputs::osc::{self, Datagrams, Osc, Targets, faceosc, vmc, vrchat};
-use mien_outputs::serial::{self, Encoder};
+use mien_outputs::serial::{self, Encoder, Style};
 use mien_outputs::{Output, Report, TrackingState};
 use mien_sensors::kinect::device::{DeviceError, Model};
 use mien_sensors::kinect::frame::KinectFrame;
@@ -84,7 +84,10 @@ struct Wires {
 }
 
 impl Wires {
-    fn new(measures: &[&str], units: &[&str]) -> Self {
+    fn new(expression: &Expression) -> Self {
+        let units = expression.unit_names().iter();
+        let units: &[&str] = &units.map(|name| name.as_str()).collect::<Vec<_>>();
+        let measures = Measure::ALL.map(|measure| measure.name());
         let written = Arc::<Written>::default();
         let to = || -> Targets { Box::new([Box::new(Looks(Arc::clone(&written)))]) };
         let native = osc::Settings {
@@ -92,6 +95,7 @@ impl Wires {
             ..osc::Settings::default()
         };
         let (vrchat, vmc) = (vrchat::Settings::default(), vmc::Settings::default());
+        let faceosc = faceosc::Settings::default();
         let line = |style| {
             let settings = serial::Settings {
                 style,
@@ -105,19 +109,10 @@ impl Wires {
                 Box::new(Osc::with_targets(to(), native, units).unwrap()),
                 Box::new(vmc::Vmc::with_targets(to(), vmc, units)),
                 Box::new(vrchat::VrChat::with_targets(to(), vrchat, units).unwrap()),
-                Box::new(faceosc::FaceOsc::with_targets(
-                    to(),
-                    faceosc::Settings::default(),
-                )),
+                Box::new(faceosc::FaceOsc::with_targets(to(), faceosc)),
             ],
-            lines: [
-                serial::Style::Text,
-                serial::Style::Plot,
-                serial::Style::Cobs,
-            ]
-            .map(line)
-            .into(),
-            table: Rows::new(measures, units, &[]),
+            lines: [Style::Text, Style::Plot, Style::Cobs].map(line).into(),
+            table: Rows::new(&measures, units, &[]),
             written,
         }
     }
@@ -278,10 +273,7 @@ fn a_week_of_visitors() {
         },
         error: [0.0; 2],
     });
-    let names = seats[0].expression.unit_names().to_vec();
-    let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
-    let measures: Vec<&str> = Measure::ALL.iter().map(|measure| measure.name()).collect();
-    let mut wires = Wires::new(&measures, &names);
+    let mut wires = Wires::new(&seats[0].expression);
     let mut memory = Memory::default();
     let mut text = String::with_capacity(1 << 17);
     let mut random = fastrand::Rng::with_seed(8);
@@ -300,13 +292,7 @@ fn a_week_of_visitors() {
         let at = Timestamp::from_us(frame * 100_000 / 3);
         // Visitors between eight and twenty o'clock.
         for (number, seat) in seats.iter_mut().enumerate() {
-            if seat
-                .visitor
-                .as_ref()
-                .is_some_and(|visitor| frame >= visitor.until)
-            {
-                seat.visitor = None;
-            }
+            seat.visitor.take_if(|visitor| frame >= visitor.until);
             let came = match number {
                 RESIDENT if of_day == 9 * HOUR => Some((1, 8 * HOUR)),
                 REFERENCE if of_day == 12 * HOUR => Some((2, 2 * MINUTE)),
@@ -382,10 +368,9 @@ fn a_week_of_visitors() {
             let scored = [RESIDENT, REFERENCE].contains(&number);
             let hour = frame.is_multiple_of(HOUR) && number == RESIDENT;
             if scored && seat.error[1] > 500.0 && (gone || hour) {
-                let scores = if number == RESIDENT {
-                    &mut resident
-                } else {
-                    &mut reference
+                let scores = match number {
+                    RESIDENT => &mut resident,
+                    _ => &mut reference,
                 };
                 scores.push((day, seat.error[0] / seat.error[1]));
                 seat.error = [0.0; 2];
@@ -515,19 +500,14 @@ fn a_sensor_that_fails() {
         Ok(Paced::new(Faulty::new(device, rates, attempt), SPEED))
     };
     let mut live = LiveKinect::with_source(open, mien_sensors::kinect::driver::Settings::default());
-    let units = Expression::new(Learning::default(), Units::shipped().by_measure());
-    let names = units.unit_names().to_vec();
-    let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
-    let measures: Vec<&str> = Measure::ALL.iter().map(|measure| measure.name()).collect();
-    let mut wires = Wires::new(&measures, &names);
+    let units = Units::shipped().by_measure();
+    let mut wires = Wires::new(&Expression::new(Learning::default(), units));
     let mut frame = KinectFrame::default();
     let (mut followed, mut faces, mut slots, mut last) = (0, 0u64, [0u64; SEATS], None);
     let mut held = Vec::with_capacity(16);
     while followed < frames {
-        assert!(
-            started.elapsed() < Duration::from_secs(3600),
-            "no more frames come"
-        );
+        let took = started.elapsed();
+        assert!(took < Duration::from_secs(3600), "no more frames come");
         if !live.next_frame(&mut frame, Duration::from_millis(500)) {
             continue;
         }

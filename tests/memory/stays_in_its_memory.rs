@@ -1,6 +1,6 @@
 //! Promise: what a run takes is taken before the first frame, fits its budgets, and stays the same whoever comes and goes.
 
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
 use mien_appliance::pipeline::Pipeline;
@@ -14,7 +14,7 @@ use mien_stages::face_model::FaceModel;
 use mien_stages::landmarks::Scratch;
 use mien_stages::segment::Segmenter;
 
-use crate::common::program;
+use crate::common::mien;
 use crate::common::whole_run::{everything_on, has_wires, read_port, record};
 use crate::{MEMORY, alone};
 
@@ -111,8 +111,7 @@ fn the_resident_set_and_the_threads_of_a_run_stay_in_their_budgets() {
         let session = folder.path().join("session");
         record(&session, scene, 150);
         let port = read_port();
-        let child = Command::new(program())
-            .args(["run", "--fast", "--csv"])
+        let child = mien("run --fast --csv")
             .arg(folder.path().join("out.csv"))
             .arg("--source")
             .arg(&session)

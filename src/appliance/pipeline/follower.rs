@@ -8,7 +8,7 @@ use mien_stages::base::capacity::{REGIONS, UNITS};
 use mien_stages::base::frames::SensorFromFace;
 use mien_stages::base::geometry::{Point, Vector};
 use mien_stages::base::time::Timestamp;
-use mien_stages::camera::Camera;
+
 use mien_stages::expression::{Expression, UnitRange};
 use mien_stages::landmarks::{LandmarkStage, Landmarks};
 use mien_stages::pose::{Evidence, HeadPose, PoseTracker, guess};
@@ -145,13 +145,8 @@ impl Follower {
         self.person.head_box = None;
         let at = context.frame.at;
         let (expected_pose, scale) = self.pose.expected(at, middle)?;
-        if !gather_at_pose(
-            &context.frame.depth,
-            context.camera,
-            &expected_pose,
-            scale,
-            cloud,
-        ) {
+        let (depth, camera) = (&context.frame.depth, context.camera);
+        if !gather_at_pose(depth, camera, &expected_pose, scale, cloud) {
             return None;
         }
         let pose = self.pose.follow(cloud, at);
@@ -165,10 +160,9 @@ impl Follower {
         context: &mut FrameContext<'_>,
         cloud: &HeadCloud,
     ) -> bool {
-        let pose;
-        (pose, context.search_budget) =
-            self.pose
-                .find(cloud, context.frame.at, context.search_budget);
+        let (at, budget) = (context.frame.at, context.search_budget);
+        let (pose, left) = self.pose.find(cloud, at, budget);
+        context.search_budget = left;
         (context.stage_done)(Stage::Pose);
         let Some(pose) = pose else {
             self.person.head_box = Some(cloud.rect);
@@ -250,9 +244,7 @@ impl Follower {
             return is_head;
         }
         let sensor_from_face = self.pose.sensor_from_face(&pose.sensor_from_head);
-        if let Some(landmarks) =
-            self.turned_away(&sensor_from_face, context.camera, context.frame.at)
-        {
+        if let Some(landmarks) = self.turned_away(&sensor_from_face, context) {
             self.accept_landmarks(context, landmarks, sensor_from_face, cloud);
             return true;
         }
@@ -294,14 +286,12 @@ impl Follower {
         let guesses = guess::guesses(&cloud.points, self.guesses);
         self.guesses += 1;
         let (luma, camera) = (&context.frame.luma, context.camera);
-        let search_face = |guess| {
-            self.landmarks
-                .search_face(context.scratch, luma, camera, &guess)
-        };
+        let (stage, scratch) = (&mut self.landmarks, &mut *context.scratch);
+        let search_face = |guess| stage.search_face(scratch, luma, camera, &guess);
         let found = guesses.into_iter().flatten().filter_map(search_face);
         if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
-            self.pose
-                .update(Evidence::Elsewhere(head, context.frame.at));
+            let evidence = Evidence::Elsewhere(head, context.frame.at);
+            self.pose.update(evidence);
         }
     }
 
@@ -348,21 +338,16 @@ impl Follower {
 
     /// The last landmarks moved with a known head that turns away, at low confidence. `None` if the head faces the sensor, turns
     /// too far, or was not tracked just before.
-    fn turned_away(
-        &self,
-        pose: &SensorFromFace,
-        camera: &Camera,
-        at: Timestamp,
-    ) -> Option<Landmarks> {
+    fn turned_away(&self, pose: &SensorFromFace, context: &FrameContext) -> Option<Landmarks> {
         let last = self.person.landmarks.as_ref()?;
-        let known = self.person.face_frames >= KNOWN_FRAMES
-            && at.seconds_since(self.person.last_seen) < AWAY_GAP_S;
+        let unseen_s = context.frame.at.seconds_since(self.person.last_seen);
+        let known = self.person.face_frames >= KNOWN_FRAMES && unseen_s < AWAY_GAP_S;
         let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
         if !known || !AWAY_FACING.contains(&facing) {
             return None;
         }
         let mut landmarks = last.clone();
-        landmarks.reproject(pose, camera);
+        landmarks.reproject(pose, context.camera);
         landmarks.confidence = landmarks.confidence.min(AWAY_CONFIDENCE);
         for confidence in &mut landmarks.point_confidence {
             *confidence = confidence.min(AWAY_CONFIDENCE);
@@ -463,6 +448,7 @@ mod tests {
     use mien_stages::base::frames::SensorFromHead;
     use mien_stages::base::geometry::Rigid;
     use mien_stages::base::geometry::Rotation;
+    use mien_stages::camera::Camera;
     use mien_stages::expression::Units;
     use mien_stages::face_model::FaceModel;
     use mien_stages::landmarks::Scratch;
@@ -521,6 +507,20 @@ mod tests {
         (seen, done)
     }
 
+    /// How far a head faces the sensor: the cosine of the angle to the line of sight.
+    fn facing(pose: &Rigid) -> f32 {
+        (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize())
+    }
+
+    /// The frame with an image without a face.
+    fn without_face(frame: &Frame) -> Frame {
+        let mut hidden = frame.clone();
+        for (k, luma) in hidden.luma.iter_mut().enumerate() {
+            *luma = (k % 251) as u8;
+        }
+        hidden
+    }
+
     #[test]
     fn landmarks_correct_a_rotated_depth_pose() {
         // Too small to restart the pose search.
@@ -543,24 +543,23 @@ mod tests {
         assert!(mean < 0.06, "{mean} rad of 0.10 are left");
     }
 
-    fn search_face(follower: &mut Follower, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
-        let mut context = FrameContext {
-            frame,
-            camera,
-            scratch: &mut Scratch::default(),
-            search_budget: 0,
-            stage_done: &mut |_| {},
-        };
-        follower.search_face(&mut context, cloud);
-    }
-
     #[test]
     fn a_face_without_a_depth_pose_is_found_in_the_image() {
         let mut follower = follower();
         let mut random = fastrand::Rng::with_seed(5);
         let (mut looked, mut off) = (0, Vec::new());
         frames(24, |frame, camera, cloud, truth| {
-            search_face(&mut follower, frame, camera, cloud);
+            let search_face = |follower: &mut Follower, frame| {
+                let mut context = FrameContext {
+                    frame,
+                    camera,
+                    scratch: &mut Scratch::default(),
+                    search_budget: 0,
+                    stage_done: &mut |_| {},
+                };
+                follower.search_face(&mut context, cloud);
+            };
+            search_face(&mut follower, frame);
             looked += 1;
             if follower.pose.is_searching()
                 && let Some((found, _)) = follower.pose.expected(frame.at, None)
@@ -572,7 +571,7 @@ mod tests {
             follower.pose.reset();
             let mut covered = frame.clone();
             covered.luma.fill_with(|| random.u8(..));
-            search_face(&mut follower, &covered, camera, cloud);
+            search_face(&mut follower, &covered);
             assert!(!follower.pose.is_searching(), "no face in noise");
         });
         assert!(looked > 20 && off.len() >= 4, "{} of {looked}", off.len());
@@ -634,19 +633,14 @@ mod tests {
             if follower.person.face_frames < KNOWN_FRAMES {
                 return;
             }
-            // An image without a face.
-            let mut hidden = frame.clone();
-            for (k, luma) in hidden.luma.iter_mut().enumerate() {
-                *luma = (k % 251) as u8;
-            }
+            let hidden = without_face(frame);
             covered += 1;
             let unsure = HeadPose {
                 coverage: SURE_COVERAGE - 0.01,
                 ..pose(truth)
             };
-            let faces = (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
             let before = follower.person.face_frames;
-            if faces >= AWAY_FACING.end {
+            if facing(&truth) >= AWAY_FACING.end {
                 if covered == 1 {
                     assert!(!run_face_stages(&mut follower, (&hidden, camera), cloud, &unsure).0);
                 }
@@ -709,20 +703,14 @@ mod tests {
         for (frames_before, followed) in [(29, false), (30, true)] {
             let mut looked = false;
             frames(6, |frame, camera, cloud, truth| {
-                let faces =
-                    (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
-                if looked || faces < AWAY_FACING.end {
+                if looked || facing(&truth) < AWAY_FACING.end {
                     return;
                 }
                 looked = true;
-                let mut hidden = frame.clone();
-                for (k, luma) in hidden.luma.iter_mut().enumerate() {
-                    *luma = (k % 251) as u8;
-                }
+                let hidden = (&without_face(frame), camera);
                 let mut follower = follower();
                 follower.person.face_frames = frames_before;
-                let found =
-                    run_face_stages(&mut follower, (&hidden, camera), cloud, &pose(truth)).0;
+                let found = run_face_stages(&mut follower, hidden, cloud, &pose(truth)).0;
                 assert_eq!(found, followed, "{frames_before} frames");
             });
             assert!(looked);

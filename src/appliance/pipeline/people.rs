@@ -122,17 +122,12 @@ impl People {
         let follower = |_| {
             let (expression, presence) = expression_and_presence(settings, &units);
             let landmarks = LandmarkStage::new(settings.landmarks, model)?;
-            Ok(Follower::new(
-                pose.for_another_head(),
-                landmarks,
-                expression,
-                presence,
-            ))
+            let pose = pose.for_another_head();
+            Ok(Follower::new(pose, landmarks, expression, presence))
         };
+        let followers = (0..=CANDIDATE).map(follower);
         let mut people = Self {
-            followers: (0..=CANDIDATE)
-                .map(follower)
-                .collect::<Result<_, PipelineError>>()?,
+            followers: followers.collect::<Result<_, PipelineError>>()?,
             memory: Memory::default(),
             choice: Choice::new(settings.users.single),
             settings: settings.users.clone(),
@@ -197,30 +192,21 @@ impl People {
             if !user.is_taken() {
                 continue;
             }
-            let found = found[slot].unwrap_or_else(|| {
-                theirs[slot]
-                    .is_some_and(|head| user.follow_in_cloud(context, &segmenter.heads()[head]))
-            });
+            let mut follow = |head| user.follow_in_cloud(context, &segmenter.heads()[head]);
+            let found = found[slot].unwrap_or_else(|| theirs[slot].is_some_and(&mut follow));
             if !found {
                 let before = user.person.state;
                 user.miss(at);
-                if user.person.state == TrackingState::Absent && before != TrackingState::Absent {
-                    self.left[slot] = true;
-                }
+                let is_absent = user.person.state == TrackingState::Absent;
+                self.left[slot] |= is_absent && before != TrackingState::Absent;
             }
         }
-        let users = &self.followers[..USERS];
+        let people = self.followers[..USERS].iter().map(|user| &user.person);
+        let seen = people.filter(|person| person.head_box.is_some());
+        let seen = seen.filter_map(|person| Some(person.position?.centre()));
         let taken = |head: &usize| {
-            theirs.contains(&Some(*head))
-                || users.iter().any(|user| {
-                    let position = user
-                        .person
-                        .position
-                        .filter(|_| user.person.head_box.is_some());
-                    position.is_some_and(|position| {
-                        (centres[*head] - position.centre()).norm() < SAME_HEAD_M
-                    })
-                })
+            let is_near = |centre: Point| (centres[*head] - centre).norm() < SAME_HEAD_M;
+            theirs.contains(&Some(*head)) || seen.clone().any(is_near)
         };
         let heads = 0..centres.len();
         let free: heapless::Vec<usize, HEADS> = heads.filter(|head| !taken(head)).collect();
@@ -317,9 +303,9 @@ impl People {
                     let index = self.rejected_index(&heads[head].centre);
                     index.map_or(0, |index| self.rejected[index].retry_from)
                 };
-                let free = free.iter().copied();
-                free.filter(|&head| retry_from(head) <= self.frame_count)
-                    .min_by_key(|&head| retry_from(head))
+                let due = free.iter().copied();
+                let due = due.filter(|&head| retry_from(head) <= self.frame_count);
+                due.min_by_key(|&head| retry_from(head))
             }
         };
         let candidate = &mut self.followers[CANDIDATE];
@@ -377,11 +363,8 @@ impl People {
     fn update_choice(&mut self) {
         let mut there: heapless::Vec<Candidate, USERS> = heapless::Vec::new();
         for (slot, user) in self.followers[..USERS].iter().enumerate() {
-            if let Some(position) = user
-                .person
-                .position
-                .filter(|_| user.person.state.is_present())
-            {
+            let is_there = user.person.state.is_present();
+            if let Some(position) = user.person.position.filter(|_| is_there) {
                 // One per slot fits.
                 let _ = there.push(Candidate {
                     slot,

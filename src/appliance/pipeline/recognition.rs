@@ -35,22 +35,18 @@ impl People {
 
     /// Gives the candidate a slot once it is compared with the people who left.
     pub(super) fn admit(&mut self) {
-        let lost = |slot: usize| self.followers[slot].person.state == TrackingState::Lost;
-        let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
+        let anybody = !self.memory.gone().is_empty() || self.lost().next().is_some();
         let candidate = &self.followers[CANDIDATE];
-        let (learned, waited) = (
-            candidate.pose.learned_frames(),
-            candidate.tracked_frames() >= REID_MAX_FRAMES,
-        );
+        let learned = candidate.pose.learned_frames();
+        let waited = candidate.tracked_frames() >= REID_MAX_FRAMES;
         if anybody && learned < REID_MIN_FRAMES && !waited {
             return;
         }
         let most = self.settings.most as usize;
         let sure = learned >= REID_FULL_FRAMES || waited;
-        let max_distance = if sure {
-            REID_FULL_DISTANCE
-        } else {
-            REID_EARLY_DISTANCE
+        let max_distance = match sure {
+            true => REID_FULL_DISTANCE,
+            false => REID_EARLY_DISTANCE,
         };
         let known = self.recognise(CANDIDATE, max_distance);
         // A possible match is compared for longer, so that no slot is revoked.
@@ -65,8 +61,7 @@ impl People {
             Some(slot)
         });
         let slot = slot.or_else(|| {
-            let lost =
-                (0..most).filter(|&slot| self.followers[slot].person.state == TrackingState::Lost);
+            let lost = self.lost().filter(|&slot| slot < most);
             lost.min_by_key(|&slot| self.followers[slot].person.last_seen)
         });
         if let Some(slot) = slot {
@@ -89,6 +84,12 @@ impl People {
             self.followers[slot].forget();
             self.left[slot] = true;
         }
+    }
+
+    /// Slots of lost users.
+    fn lost(&self) -> impl Iterator<Item = usize> {
+        let users = self.followers[..USERS].iter().zip(0..);
+        users.filter_map(|(user, slot)| (user.person.state == TrackingState::Lost).then_some(slot))
     }
 
     fn free_slots(&self) -> [bool; USERS] {
@@ -116,9 +117,7 @@ impl People {
     fn nearest_known(&self, index: usize, max_distance: f32) -> Option<(usize, bool)> {
         let one = &self.followers[index];
         let likeness = one.likeness();
-        let lost = (0..USERS).filter(|&slot| {
-            slot != index && self.followers[slot].person.state == TrackingState::Lost
-        });
+        let lost = self.lost().filter(|&slot| slot != index);
         let lost = lost.map(|slot| (slot, true, self.followers[slot].likeness()));
         let gone = self.memory.gone().iter();
         let gone = gone.map(|gone| (gone.slot, false, gone.likeness.clone()));

@@ -25,15 +25,12 @@ pub(super) fn add_named(table: &DeTable<'_>, settings: &mut Settings) -> Result<
 
 /// Checks the last gesture as a whole.
 pub(super) fn check_last(settings: &Settings) -> Result<(), Refusal> {
-    let Some(Gesture {
-        name, of, on, off, ..
-    }) = settings.outputs.gestures.last()
-    else {
-        return Ok(());
-    };
-    if of.is_empty() {
-        let presets: Vec<&str> = PRESETS.iter().map(|preset| preset.0).collect();
-        let expected = format!("gesture.of, or one of the names {}", presets.join(", "));
+    let gesture = settings.outputs.gestures.last();
+    let gesture = gesture.expect("it was added before");
+    let (name, on, off) = (&gesture.name, gesture.on, gesture.off);
+    if gesture.of.is_empty() {
+        let presets = PRESETS.map(|preset| preset.0).join(", ");
+        let expected = format!("gesture.of, or one of the names {presets}");
         return Err((expected, name.clone()));
     }
     if off >= on {

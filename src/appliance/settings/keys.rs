@@ -17,33 +17,22 @@ pub(super) const UNITS: &str = "units";
 pub(super) const GESTURE: &str = "gesture";
 
 /// A section of the configuration.
-#[derive(Clone, Copy)]
 pub(super) struct Section {
     pub(super) name: &'static str,
     /// Comment printed above the section.
     pub(super) about: &'static str,
-    source: KeySource,
+    /// Its keys in the settings.
+    pub(super) keys: Box<KeysOf>,
 }
 
-/// Access to a section's keys in the settings.
-#[derive(Clone, Copy)]
-enum KeySource {
-    All(fn(&mut Settings) -> Vec<Key<'_>>),
-    Outputs(fn(&mut mien_outputs::table::Settings) -> Vec<Key<'_>>),
-}
+/// The keys of a section.
+type KeysOf = dyn Fn(&mut Settings) -> Vec<Key<'_>>;
 
 impl Section {
     pub(super) fn header(&self) -> String {
         match self.name {
             GESTURE => format!("[[{GESTURE}]]"),
             name => format!("[{name}]"),
-        }
-    }
-
-    pub(super) fn keys<'a>(&self, settings: &'a mut Settings) -> Vec<Key<'a>> {
-        match self.source {
-            KeySource::All(keys) => keys(settings),
-            KeySource::Outputs(keys) => keys(&mut settings.outputs),
         }
     }
 }
@@ -53,28 +42,29 @@ pub(super) fn sections() -> impl Iterator<Item = Section> {
     let outputs = mien_outputs::table::SECTIONS.iter().map(|section| Section {
         name: section.name,
         about: section.about,
-        source: KeySource::Outputs(section.keys),
+        keys: Box::new(|settings| (section.keys)(&mut settings.outputs)),
     });
-    let before = STAGES.iter().copied();
-    before.chain(outputs).chain(APPLIANCE.iter().copied())
+    stages().into_iter().chain(outputs).chain(appliance())
 }
 
 /// Defines a list of sections; `..settings` inserts the keys that `settings` define themselves.
 macro_rules! sections {
     ($list:ident: $s:ident $($section:ident: $section_about:literal { $($name:ident: $about:expr => $kind:expr;)* $(..$more:expr)? })*) => {
-        const $list: &[Section] = &[$(Section {
-            name: stringify!($section),
-            about: $section_about,
-            source: KeySource::All(|$s| {
-                let _ = &$s;
-                let keys = vec![$(Key { name: stringify!($name), about: $about, kind: $kind }),*];
-                keys.into_iter()$(.chain($more.keys()))?.collect()
-            }),
-        }),*];
+        fn $list() -> Vec<Section> {
+            vec![$(Section {
+                name: stringify!($section),
+                about: $section_about,
+                keys: Box::new(|$s| {
+                    let _ = &$s;
+                    let keys = vec![$(Key { name: stringify!($name), about: $about, kind: $kind }),*];
+                    keys.into_iter()$(.chain($more.keys()))?.collect()
+                }),
+            }),*]
+        }
     };
 }
 
-sections! { STAGES: s
+sections! { stages: s
     sensor: "The source of frames." { ..s.sensor }
     segment: "Head segmentation in the depth picture." {
         max_distance_m: "Maximum distance at which heads are detected." =>
@@ -137,7 +127,7 @@ sections! { STAGES: s
     units: "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }" {}
 }
 
-sections! { APPLIANCE: s
+sections! { appliance: s
     state: "What is kept across restarts about people tracked with a Kinect." { ..s.state }
     status: "Status files." {
         path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>

@@ -35,21 +35,22 @@ const MAX_FILE_BYTES: usize = 1 << 20;
 #[error("{0}")]
 pub struct SettingsError(String);
 
-/// A setting that a run would refuse although every key is in its range.
-pub(super) struct Refused {
-    pub(super) section: &'static str,
-    /// Empty for the section as a whole.
-    pub(super) key: &'static str,
-    pub(super) problem: String,
-}
+/// A setting that a run would refuse although every key is in its range: section, key (empty for the section as a whole), problem.
+pub(super) type Refused = (&'static str, &'static str, String);
 
 impl SettingsError {
     pub(super) fn unreadable(path: &Path, problem: impl std::fmt::Display) -> Self {
-        let path = path.display();
-        Self(format!(
-            "{path}: cannot be read ({}); give an existing file or omit --config",
-            reason(problem)
-        ))
+        let (path, problem) = (path.display(), reason(problem));
+        let advice = "give an existing file or omit --config";
+        Self(format!("{path}: cannot be read ({problem}); {advice}"))
+    }
+
+    /// A problem at a byte offset of the text of a file; line and column count from 1.
+    fn at(path: &Path, text: &str, offset: usize, problem: impl std::fmt::Display) -> Self {
+        let (path, before) = (path.display(), &text[..offset.min(text.len())]);
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+        Self(format!("{path}:{line}:{column}: {problem}"))
     }
 }
 
@@ -60,32 +61,19 @@ fn read_text(path: &Path) -> Result<String, SettingsError> {
     String::from_utf8(bytes).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
         let before = String::from_utf8_lossy(&error.as_bytes()[..valid]);
-        let (line, column) = line_and_column(&before, valid);
-        let path = path.display();
-        SettingsError(format!(
-            "{path}:{line}:{column}: expected UTF-8 text, found other bytes; save the file as UTF-8"
-        ))
+        let expected = "expected UTF-8 text, found other bytes; save the file as UTF-8";
+        SettingsError::at(path, &before, valid, expected)
     })
 }
 
-/// Line and column of a byte offset in a text, counted from 1.
-fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
-    let before = &text[..offset.min(text.len())];
-    let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
-    (before.matches('\n').count() + 1, column)
-}
-
-/// Byte offset of the refused value, else of its section, else of the first gesture, whose settings an output may refuse.
-fn refused_offset(document: &DeTable<'_>, refused: &Refused) -> usize {
-    let section = |name: &str| document.iter().find(|(key, _)| key.get_ref() == name);
-    let Some((name, value)) = section(refused.section).or_else(|| section(GESTURE)) else {
+/// Byte offset of the value of a key, else of its section, else of the first gesture, whose settings an output may refuse.
+fn offset_of(document: &DeTable<'_>, section: &str, key: &str) -> usize {
+    let find = |name: &str| document.iter().find(|(key, _)| key.get_ref() == name);
+    let Some((name, value)) = find(section).or_else(|| find(GESTURE)) else {
         return 0;
     };
-    let table = value.get_ref().as_table();
-    let value = table.and_then(|table| {
-        let mut keys = table.iter();
-        keys.find(|(key, _)| key.get_ref() == refused.key)
-    });
+    let mut keys = value.get_ref().as_table().into_iter().flatten();
+    let value = keys.find(|(name, _)| name.get_ref() == key);
     value.map_or(name.span(), |(_, value)| value.span()).start
 }
 
@@ -122,11 +110,8 @@ impl Settings {
     ) -> Result<Self, SettingsError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let wrong = |offset: usize, expected: String, found: String| {
-            let (line, column) = line_and_column(text, offset);
-            let path = path.display();
-            SettingsError(format!(
-                "{path}:{line}:{column}: expected {expected}, found {found}"
-            ))
+            let problem = format_args!("expected {expected}, found {found}");
+            SettingsError::at(path, text, offset, problem)
         };
         let document = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(0, |span| span.start);
@@ -160,11 +145,9 @@ impl Settings {
         }
         settings.outputs.copy_units();
         match refused(&settings) {
-            Some(refused) => {
-                let (line, column) =
-                    line_and_column(text, refused_offset(document.get_ref(), &refused));
-                let (path, problem) = (path.display(), refused.problem);
-                Err(SettingsError(format!("{path}:{line}:{column}: {problem}")))
+            Some((section, key, problem)) => {
+                let offset = offset_of(document.get_ref(), section, key);
+                Err(SettingsError::at(path, text, offset, problem))
             }
             None => Ok(settings),
         }
@@ -185,19 +168,18 @@ impl Settings {
         }
         for (key, value) in table {
             if name == UNITS {
-                units::assign(key.get_ref(), value, &mut self.outputs.units).map_err(
-                    |(span, expected, found)| {
-                        wrong(span.unwrap_or(key.span()).start, expected, found)
-                    },
-                )?;
+                let assigned = units::assign(key.get_ref(), value, &mut self.outputs.units);
+                assigned.map_err(|(span, expected, found)| {
+                    wrong(span.unwrap_or(key.span()).start, expected, found)
+                })?;
                 continue;
             }
-            let mut rows = known.keys(self);
+            let mut rows = (known.keys)(self);
             let Some(index) = rows.iter().position(|row| row.name == key.get_ref()) else {
                 let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
-                let expected =
-                    format!("one of the keys {} in {}", names.join(", "), known.header());
-                let found = format!("{key}{}", hint(key.get_ref(), names), key = key.get_ref());
+                let (all, header) = (names.join(", "), known.header());
+                let expected = format!("one of the keys {all} in {header}");
+                let found = format!("{}{}", key.get_ref(), hint(key.get_ref(), names));
                 return Err(wrong(key.span().start, expected, found));
             };
             let row = rows.swap_remove(index);
@@ -226,11 +208,8 @@ impl Settings {
             let _ = write!(text, "\n# {}\n", section.about);
             let is_gesture = section.name == GESTURE;
             let mark = if is_gesture && is_example { "# " } else { "" };
-            for _ in 0..if is_gesture {
-                self.outputs.gestures.len()
-            } else {
-                1
-            } {
+            let gestures = self.outputs.gestures.len();
+            for _ in 0..if is_gesture { gestures } else { 1 } {
                 // The keys refer to the last gesture: rotates each one there.
                 if is_gesture {
                     self.outputs.gestures.rotate_left(1);
@@ -239,7 +218,7 @@ impl Settings {
                 if section.name == UNITS {
                     units::print(&self.outputs.units, &mut text);
                 }
-                for Key { name, about, kind } in section.keys(&mut self) {
+                for Key { name, about, kind } in (section.keys)(&mut self) {
                     let (allowed, value) = as_toml(&kind);
                     let _ = write!(text, "# {about} ({allowed})\n{mark}{name} = {value}\n");
                 }
@@ -253,10 +232,16 @@ impl Settings {
 mod tests {
     use super::*;
 
-    fn refused(text: &str) -> String {
+    fn parse(text: &str) -> Result<Settings, SettingsError> {
         Settings::parse(text, Path::new("a.toml"))
-            .expect_err("must be refused")
-            .to_string()
+    }
+
+    fn refused(text: &str) -> String {
+        parse(text).expect_err("must be refused").to_string()
+    }
+
+    fn reads_back(settings: Settings) {
+        assert_eq!(parse(&settings.clone().to_toml()), Ok(settings));
     }
 
     #[test]
@@ -264,19 +249,12 @@ mod tests {
         let mut settings = Settings::default();
         settings.stages.users.hold_s = 1.25;
         settings.sensor.source = "simulated:still".into();
-        assert_eq!(
-            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
-            Ok(settings)
-        );
+        reads_back(settings);
     }
 
     #[test]
     fn defaults_are_within_their_own_ranges() {
-        let defaults = Settings::default();
-        assert_eq!(
-            Settings::parse(&defaults.clone().to_toml(), Path::new("a.toml")),
-            Ok(defaults)
-        );
+        reads_back(Settings::default());
     }
 
     #[test]
@@ -309,7 +287,7 @@ mod tests {
     fn gestures_are_presets_with_overrides() {
         let text = "[[gesture]]\nname = \"smile\"\nkey = \"space\"\nperson = \"any\"\n\
             [[gesture]]\nname = \"frown\"\nof = \"AU4L + AU4R - AU1L\"\non = 1\noff = 0.5\npress = \"hold\"\n";
-        let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
+        let settings = parse(text).unwrap();
         let [smile, frown] = &settings.outputs.gestures[..] else {
             panic!("{:?}", settings.outputs.gestures)
         };
@@ -317,54 +295,42 @@ mod tests {
         assert_eq!((smile.on, &*smile.key), (preset.on, "space"));
         assert_eq!(smile.person, mien_outputs::gesture::Person::Any);
         assert_eq!((frown.on, frown.off), (1.0, 0.5));
-        assert_eq!(
-            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
-            Ok(settings)
-        );
-        for (text, part) in [
+        reads_back(settings);
+        assert!(refused("[gesture]\nname = \"smile\"\n").contains("a section [[gesture]]"));
+        let above = "expected off of the gesture smile to be below its on, 0.25, found 1.5";
+        for (words, part) in [
             (
-                "[gesture]\nname = \"smile\"\n",
-                "expected a section [[gesture]]",
-            ),
-            (
-                "[[gesture]]\nof = \"AU26\"\n",
+                "of = \"AU26\"",
                 "expected a gesture with a name that no other gesture has",
             ),
             (
-                "[[gesture]]\nname = \"grin\"\n",
+                "name = \"grin\"",
                 "expected gesture.of, or one of the names smile, brows,",
             ),
+            ("name = \"smile\"\noff = 1.5", above),
             (
-                "[[gesture]]\nname = \"smile\"\noff = 1.5\n",
-                "expected off of the gesture smile to be below its on, 0.25, found 1.5",
-            ),
-            (
-                "[[gesture]]\nname = \"smile\"\nof = \"AU12L +\"\n",
+                "name = \"smile\"\nof = \"AU12L +\"",
                 "gesture.of to be a sum of units",
             ),
             (
-                "[[gesture]]\nname = \"smile\"\nof = \"AU12L AU12R\"\n",
+                "name = \"smile\"\nof = \"AU12L AU12R\"",
                 "found \"AU12L AU12R\"",
             ),
             (
-                "[[gesture]]\nname = \"smile\"\nkey = \"any key\"\n",
+                "name = \"smile\"\nkey = \"any key\"",
                 "gesture.key to be a key such as",
             ),
             (
-                "[[gesture]]\nname = \"smile\"\nonn = 1\n",
+                "name = \"smile\"\nonn = 1",
                 "one of the keys name, of, on, off,",
             ),
-            (
-                "[[gesture]]\nname = \"smile\"\n[[gesture]]\nname = \"smile\"\n",
-                "a name that no other gesture has",
-            ),
         ] {
-            let message = refused(text);
+            let message = refused(&format!("[[gesture]]\n{words}\n"));
             assert!(message.contains(part), "{message}");
         }
-        let many: String = (0..17)
-            .map(|i| format!("[[gesture]]\nname = \"g{i}\"\nof = \"AU26\"\n"))
-            .collect();
+        let gesture = |name| format!("[[gesture]]\nname = \"{name}\"\nof = \"AU26\"\n");
+        assert!(refused(&gesture(1).repeat(2)).contains("a name that no other gesture has"));
+        let many: String = (0..17).map(gesture).collect();
         assert!(refused(&many).contains("expected at most 16 gestures"));
     }
 
@@ -374,18 +340,11 @@ mod tests {
         // AU23 is not measured.
         assert!(refused(text).contains("a.toml:3:1: expected one of the units AU25, "));
         let text = text.replace("AU23", "AU2L");
-        let settings = Settings::parse(&text, Path::new("a.toml")).unwrap();
-        let units: Vec<_> = settings
-            .outputs
-            .units
-            .iter()
-            .map(|view| (view.unit.as_str(), view.name.as_str(), view.gain))
-            .collect();
-        assert_eq!(units, [("AU26", "jaw", 1.5), ("AU2L", "AU2L", 2.0)]);
-        assert_eq!(
-            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
-            Ok(settings)
-        );
+        let settings = parse(&text).unwrap();
+        let units = settings.outputs.units.iter();
+        let units = units.map(|view| (view.unit.as_str(), view.name.as_str(), view.gain));
+        assert!(units.eq([("AU26", "jaw", 1.5), ("AU2L", "AU2L", 2.0)]));
+        reads_back(settings);
         for (text, part) in [
             (
                 "AU26 = 3",
@@ -413,13 +372,10 @@ mod tests {
     #[test]
     fn targets_are_one_or_several() {
         let text = "[osc]\ntarget = [\"a:1\", \"239.0.0.1:2\"]\n[vmc]\ntarget = \"b:3\"\n";
-        let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
+        let settings = parse(text).unwrap();
         assert_eq!(settings.outputs.osc.targets, ["a:1", "239.0.0.1:2"]);
         assert_eq!(settings.outputs.vmc.targets, ["b:3"]);
-        assert_eq!(
-            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
-            Ok(settings)
-        );
+        reads_back(settings);
         assert!(refused("[osc]\ntarget = []").ends_with("found []"));
         assert!(refused("[osc]\ntarget = [\"a:1\", \"b\"]").ends_with("found [\"a:1\", \"b\"]"));
         assert!(

@@ -57,7 +57,7 @@ pub(super) fn run(
                 draft: &mut draft,
                 out: &mut out,
                 accepted: false,
-                opened: now,
+
                 last_received: now,
                 last_write: now,
                 last_ping: now,
@@ -86,11 +86,8 @@ pub(super) fn run(
         shared.connected.store(false, Ordering::Relaxed);
         let Err(end) = end else { return };
         if !std::mem::replace(&mut failure_logged, true) {
-            let broker = &config.settings.broker;
-            tracing::warn!(
-                "MQTT broker {broker}: {end}; retrying every {} s",
-                PAUSES[1].as_secs()
-            );
+            let (broker, pause_s) = (&config.settings.broker, PAUSES[1].as_secs());
+            tracing::warn!("MQTT broker {broker}: {end}; retrying every {pause_s} s");
         }
         if wait_for_retry(back_off.pause(), &mut messages, shared, &mut waker) {
             return;
@@ -126,8 +123,7 @@ struct Connection<'a> {
     out: &'a mut Vec<u8>,
     /// Whether the broker has accepted the connection.
     accepted: bool,
-    opened: Instant,
-    /// When bytes were last received.
+    /// When a packet was last received, at first when the connection was opened.
     last_received: Instant,
     /// When bytes were last written.
     last_write: Instant,
@@ -180,12 +176,12 @@ impl Connection<'_> {
         if write_queued(&mut self.stream, self.out)? > 0 {
             self.last_write = Instant::now();
         }
-        let unacknowledged = self
-            .in_flight
-            .is_some_and(|(.., at)| now - at > UNACKNOWLEDGED);
+        let is_late = |(.., at): (_, _, Instant)| now - at > UNACKNOWLEDGED;
+        let unacknowledged = self.in_flight.is_some_and(is_late);
         let stuck = !self.out.is_empty() && now - self.last_write > TIMEOUT;
-        let late = !self.accepted && now - self.opened > TIMEOUT;
-        if late || stuck || unacknowledged || now - self.last_received > 2 * TIMEOUT {
+        // Nothing is received before the acceptance.
+        let silence = if self.accepted { 2 * TIMEOUT } else { TIMEOUT };
+        if stuck || unacknowledged || now - self.last_received > silence {
             return Err(io::Error::other("no reply"));
         }
         Ok(())
@@ -246,11 +242,8 @@ impl Connection<'_> {
             FromBroker::Connected(_) => return Err(self.not_mqtt()),
             _ if !self.accepted => return Err(self.not_mqtt()),
             FromBroker::Acknowledged(packet_id) => {
-                if self
-                    .in_flight
-                    .is_some_and(|(_, in_flight, _)| in_flight == packet_id)
-                {
-                    self.in_flight = None;
+                let is_it = |(_, sent, _): &mut (_, u16, _)| *sent == packet_id;
+                if self.in_flight.take_if(is_it).is_some() {
                     count(&self.shared.sent);
                 }
             }
@@ -323,8 +316,7 @@ impl Connection<'_> {
         let entities = &self.config.entities;
         let change = match self.announced.checked_sub(1) {
             None => {
-                let presence = self.draft.begin(format_args!("presence"));
-                presence.push_str("online");
+                self.draft.presence("online");
                 None
             }
             Some(at) if at < entities.len() => {
@@ -333,10 +325,8 @@ impl Connection<'_> {
                 None
             }
             Some(at) if at == entities.len() => Some(self.messages.requeue_all(self.shared)),
-            Some(_) => match self.messages.queue.pop_front() {
-                None => return,
-                change => change,
-            },
+            Some(_) if self.messages.queue.is_empty() => return,
+            Some(_) => self.messages.queue.pop_front(),
         };
         if let Some(change) = change {
             self.messages.write(change, self.draft);
@@ -378,8 +368,7 @@ impl Connection<'_> {
             let packet_id = self.next_packet_id();
             self.publish(true, Some(packet_id));
         }
-        let presence = self.draft.begin(format_args!("presence"));
-        presence.push_str("offline");
+        self.draft.presence("offline");
         let packet_id = self.next_packet_id();
         self.publish(true, Some(packet_id));
         packet::disconnect(self.out);

@@ -49,6 +49,11 @@ impl Draft {
         let _ = write!(self.topic, "{}/{topic}", self.base);
         &mut self.payload
     }
+
+    /// Writes whether the box is online.
+    pub(super) fn presence(&mut self, presence: &str) {
+        self.begin(format_args!("presence")).push_str(presence);
+    }
 }
 
 /// States sent so far, and the changes still to be sent.
@@ -98,17 +103,13 @@ impl Messages {
                 let payload = draft.begin(format_args!("gesture/{name}"));
                 payload.write_str(if is_on { "ON" } else { "OFF" })
             }
-            Change::State(slot, user_state) => {
-                let UserState {
-                    state,
-                    changes,
-                    at_us,
-                } = user_state;
+            Change::State(slot, user) => {
+                let (state, present) = (user.state.name(), user.state.is_present());
                 write!(
                     draft.begin(format_args!("{slot}/state")),
-                    "{{\"state\":\"{}\",\"present\":{},\"changes\":{changes},\"time_us\":{at_us}}}",
-                    state.name(),
-                    state.is_present()
+                    "{{\"state\":\"{state}\",\"present\":{present},\"changes\":{},\"time_us\":{}}}",
+                    user.changes,
+                    user.at_us
                 )
             }
         };
@@ -178,11 +179,8 @@ impl Messages {
         let (frames, since) = self.last_health;
         let passed_s = (now - since).as_secs_f64().max(1e-3);
         self.last_health = (self.frame.0, now);
-        let latencies = self
-            .mailbox
-            .users
-            .iter()
-            .map(|snapshot| snapshot.latency_us);
+        let users = self.mailbox.users.iter();
+        let latencies = users.map(|snapshot| snapshot.latency_us);
         let _ = write!(
             draft.begin(format_args!("health")),
             "{{\"sensor\":{},\"rate_hz\":{:.1},\"latency_ms\":{:.1},\"faces\":{},\"frames\":{},\"uptime_s\":{:.1},\"dropped\":{}}}",

@@ -146,12 +146,7 @@ fn connect_tcp(broker: &str) -> io::Result<TcpStream> {
     if let Ok(address) = broker.parse() {
         return open(address);
     }
-    let mut last = Err(io::Error::other("its name has no address"));
-    for address in broker.to_socket_addrs()? {
-        last = open(address);
-        if last.is_ok() {
-            break;
-        }
-    }
-    last
+    let none = Err(io::Error::other("its name has no address"));
+    let addresses = broker.to_socket_addrs()?;
+    addresses.fold(none, |before, address| before.or_else(|_| open(address)))
 }

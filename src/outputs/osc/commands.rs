@@ -120,32 +120,20 @@ mod tests {
         let mut random = fastrand::Rng::with_seed(9);
         for _ in 0..2000 {
             let mut packet = Packet::default();
-            let expected: Vec<Request> = (0..random.usize(..16))
-                .map(|_| {
-                    let (slot, on) = (random.usize(..USERS), random.bool());
-                    let slot_sent = Argument::Int(slot as i32);
-                    let (name, arguments, request) = match random.u8(..4) {
-                        0 => (
-                            "forget",
-                            vec![slot_sent],
-                            Request::Command(Command::Forget(slot)),
-                        ),
-                        1 => (
-                            "neutral",
-                            vec![slot_sent],
-                            Request::Command(Command::Neutral(slot)),
-                        ),
-                        2 => {
-                            let frozen = Request::Command(Command::Freeze(slot, on));
-                            ("freeze", vec![slot_sent, Argument::Int(on.into())], frozen)
-                        }
-                        _ => ("schema", vec![], Request::Schema),
-                    };
-                    let address = format_args!("/cmd/{name}");
-                    assert!(packet.push("/face", address, arguments.into_iter()));
-                    request
-                })
-                .collect();
+            let expected = (0..random.usize(..16)).map(|_| {
+                let (slot, on) = (random.usize(..USERS), random.bool());
+                let numbers = [slot as i32, on.into()];
+                let (name, numbers, request) = match random.u8(..4) {
+                    0 => ("forget", &numbers[..1], Some(Command::Forget(slot))),
+                    1 => ("neutral", &numbers[..1], Some(Command::Neutral(slot))),
+                    2 => ("freeze", &numbers[..], Some(Command::Freeze(slot, on))),
+                    _ => ("schema", &numbers[..0], None),
+                };
+                let arguments = numbers.iter().copied().map(Argument::Int);
+                assert!(packet.push("/face", format_args!("/cmd/{name}"), arguments));
+                request.map_or(Request::Schema, Request::Command)
+            });
+            let expected: Vec<Request> = expected.collect();
             assert_eq!(read(packet.bytes()), (expected, 0));
         }
     }

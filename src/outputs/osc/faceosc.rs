@@ -99,8 +99,8 @@ impl FaceOsc {
 
     fn send_found(&mut self, found: bool) {
         self.found = found;
-        self.wire
-            .message(format_args!("/found"), [Argument::Int(found.into())]);
+        let argument = Argument::Int(found.into());
+        self.wire.message(format_args!("/found"), [argument]);
         self.wire.flush();
     }
 
@@ -109,7 +109,8 @@ impl FaceOsc {
         let pixels = landmarks.pixels.iter();
         let mean_px = |axis: usize| pixels.clone().map(|pixel| pixel[axis]).sum::<f32>() / count;
         let mut x = mean_px(0);
-        if self.face.view.mirror {
+        let mirror = self.face.view.mirror;
+        if mirror {
             x = (WIDTH - 1) as f32 - x;
         }
         let corners = [39, 42].map(|i| landmarks.pixels[i]);
@@ -123,12 +124,7 @@ impl FaceOsc {
             Point::from(sum / group.len() as f32)
         };
         let distance = |i: usize| {
-            let shown = if self.face.view.mirror {
-                MIRRORED[i]
-            } else {
-                i
-            };
-            let (_, from, to) = GESTURES[shown];
+            let (_, from, to) = GESTURES[if mirror { MIRRORED[i] } else { i }];
             finite((mean(from) - mean(to)).norm() / UNIT_M)
         };
         Numbers {

@@ -71,14 +71,12 @@ impl Listener {
     ) -> Result<Self, OutputError> {
         let mut port = Listening::new(address)?;
         port.open(PURPOSE, bind);
-        let target_hosts = targets
-            .iter()
-            .filter_map(|to| Some(to.parse::<SocketAddr>().ok()?.ip()));
+        let host = |to: &String| Some(to.parse::<SocketAddr>().ok()?.ip());
         Ok(Self {
             port,
             prefix: prefix.to_owned(),
             levels,
-            target_hosts: target_hosts.collect(),
+            target_hosts: targets.iter().filter_map(host).collect(),
             all: TokenBucket::all_senders(Instant::now()),
             queue: heapless::Deque::new(),
             senders: Senders::default(),
@@ -109,9 +107,9 @@ impl Listener {
                 self.accepted += 1;
                 return Some(request);
             }
-            let datagram = (self.work < DATAGRAMS)
-                .then(|| self.port.socket.as_ref()?.recv_from(&mut bytes).ok())
-                .flatten();
+            let socket = self.port.socket.as_ref();
+            let socket = socket.filter(|_| self.work < DATAGRAMS);
+            let datagram = socket.and_then(|socket| socket.recv_from(&mut bytes).ok());
             let Some((length, from)) = datagram else {
                 self.work = 0;
                 return None;

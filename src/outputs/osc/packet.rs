@@ -121,12 +121,8 @@ pub(super) const DEPTH: usize = 3;
 /// messages. A part that cannot be separated or is nested too deeply counts as one refused. Time tags are ignored.
 pub fn messages(datagram: &[u8], take: &mut dyn FnMut(&[u8]) -> bool) -> [u64; 2] {
     let mut counts = [0; 2];
-    elements(
-        datagram,
-        DEPTH,
-        &mut |taken| counts[usize::from(!taken)] += 1,
-        take,
-    );
+    let mut counted = |taken: bool| counts[usize::from(!taken)] += 1;
+    elements(datagram, DEPTH, &mut counted, take);
     counts
 }
 
@@ -160,10 +156,8 @@ fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let end = bytes.iter().position(|&byte| byte == 0)?;
     let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;
     let zeros = text[end..].iter().all(|&byte| byte == 0);
-    Some((
-        core::str::from_utf8(&text[..end]).ok().filter(|_| zeros)?,
-        rest,
-    ))
+    let text = core::str::from_utf8(&text[..end]).ok();
+    Some((text.filter(|_| zeros)?, rest))
 }
 
 /// Passes every argument of a message to `take`; returns the address, or `None` if the message is malformed or `take` refuses an
@@ -211,11 +205,8 @@ mod tests {
     #[test]
     fn one_weight_is_the_reference_message() {
         let mut packet = Packet::default();
-        assert!(packet.push(
-            "/face",
-            format_args!("/0/au/AU12"),
-            [Argument::Float(0.5)].into_iter()
-        ));
+        let weight = [Argument::Float(0.5)].into_iter();
+        assert!(packet.push("/face", format_args!("/0/au/AU12"), weight));
         let message =
             bytes("2f 66 61 63 65 2f 30 2f 61 75 2f 41 55 31 32 00 2c 66 00 00 3f 00 00 00");
         assert_eq!(packet.bytes()[16..20], [0, 0, 0, 24]);
@@ -225,17 +216,10 @@ mod tests {
     #[test]
     fn a_bundle_is_the_reference_bundle() {
         let mut packet = Packet::default();
-        let arguments = [Argument::Text("jawOpen"), Argument::Float(0.25)];
-        assert!(packet.push(
-            "/VMC",
-            format_args!("/Ext/Blend/Val"),
-            arguments.into_iter()
-        ));
-        assert!(packet.push(
-            "/VMC",
-            format_args!("/Ext/Blend/Apply"),
-            core::iter::empty()
-        ));
+        let arguments = [Argument::Text("jawOpen"), Argument::Float(0.25)].into_iter();
+        assert!(packet.push("/VMC", format_args!("/Ext/Blend/Val"), arguments));
+        let none = core::iter::empty();
+        assert!(packet.push("/VMC", format_args!("/Ext/Blend/Apply"), none));
         let expected = bytes(
             "23 62 75 6e 64 6c 65 00 00 00 00 00 00 00 00 01 00 00 00 24 2f 56 4d 43 2f 45 78 74 2f 42 6c 65 6e 64 2f 56 \
              61 6c 00 00 2c 73 66 00 6a 61 77 4f 70 65 6e 00 3e 80 00 00 00 00 00 1c 2f 56 4d 43 2f 45 78 74 2f 42 6c 65 \
@@ -249,13 +233,11 @@ mod tests {
         use rosc::OscType;
         let mut random = fastrand::Rng::with_seed(3);
         for _ in 0..5000 {
-            let texts: Vec<String> = (0..8)
-                .map(|_| {
-                    (0..random.usize(..12))
-                        .map(|_| random.alphanumeric())
-                        .collect()
-                })
-                .collect();
+            let mut text = |_| -> String {
+                let letters = 0..random.usize(..12);
+                letters.map(|_| random.alphanumeric()).collect()
+            };
+            let texts: Vec<String> = (0..8).map(&mut text).collect();
             let mut packet = Packet::default();
             let mut expected = Vec::new();
             loop {
@@ -292,14 +274,11 @@ mod tests {
             let rosc::OscPacket::Bundle(bundle) = read else {
                 panic!("not a bundle")
             };
-            let read: Vec<_> = bundle
-                .content
-                .into_iter()
-                .map(|packet| match packet {
-                    rosc::OscPacket::Message(message) => (message.addr, message.args),
-                    rosc::OscPacket::Bundle(_) => panic!("bundle in a bundle"),
-                })
-                .collect();
+            let read = bundle.content.into_iter().map(|packet| match packet {
+                rosc::OscPacket::Message(message) => (message.addr, message.args),
+                rosc::OscPacket::Bundle(_) => panic!("bundle in a bundle"),
+            });
+            let read: Vec<_> = read.collect();
             assert!(rest.is_empty());
             assert_eq!(read, expected);
         }
@@ -308,22 +287,18 @@ mod tests {
     #[test]
     fn what_does_not_fit_leaves_no_trace() {
         let mut packet = Packet::default();
+        let frame = |packet: &mut Packet, numbers| {
+            let numbers = core::iter::repeat_n(Argument::Int(1), numbers);
+            packet.push("/face", format_args!("/0/frame"), numbers)
+        };
         let mut count = 0;
-        while packet.push(
-            "/face",
-            format_args!("/0/frame"),
-            [Argument::Int(count)].into_iter(),
-        ) {
+        while frame(&mut packet, 1) {
             count += 1;
         }
         // 16 + 28 n ≤ 1472: length 4, address 16, tags 4, number 4.
         assert_eq!((count, packet.bytes().len()), (52, 16 + 52 * 28));
         let before = packet.bytes().to_vec();
-        assert!(!packet.push(
-            "/face",
-            format_args!("/0/frame"),
-            core::iter::repeat_n(Argument::Int(1), 400)
-        ));
+        assert!(!frame(&mut packet, 400));
         assert_eq!(packet.bytes(), before);
     }
 }

@@ -83,15 +83,13 @@ impl Parameter {
 
     /// One parameter per unit, with the given names.
     pub(super) fn for_units<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Self> {
-        names
-            .enumerate()
-            .map(|(unit, name)| Self {
-                name: name.to_owned(),
-                rest: 0.0,
-                least: 0.0,
-                terms: Box::new([(1.0, Box::from([unit]))]),
-            })
-            .collect()
+        let parameter = |(unit, name): (usize, &str)| Self {
+            name: name.to_owned(),
+            rest: 0.0,
+            least: 0.0,
+            terms: Box::new([(1.0, Box::from([unit]))]),
+        };
+        names.enumerate().map(parameter).collect()
     }
 
     /// Whether its value can be negative.
@@ -144,17 +142,8 @@ mod tests {
         let table: BTreeMap<String, BTreeMap<String, String>> =
             toml::from_str(SHIPPED).expect("TOML");
         let sections: Vec<&str> = table.keys().map(String::as_str).collect();
-        assert_eq!(
-            sections,
-            [
-                "arkit",
-                "derived",
-                "unified",
-                "unified_more",
-                "vrm0",
-                "vrm1"
-            ]
-        );
+        let expected = "arkit derived unified unified_more vrm0 vrm1";
+        assert_eq!(sections.join(" "), expected);
         assert_eq!(table["arkit"].len(), 52);
         for (name, text) in table.values().flatten() {
             // Signs stand between terms, gains before units, a number by itself only first.

@@ -126,10 +126,8 @@ impl Vmc {
             let value = |direction: &Parameter| direction.value(self.face.weights.shown());
             let rotation = eye_turn(gaze.each_ref().map(value));
             for eye in ["LeftEye", "RightEye"] {
-                wire.message(
-                    format_args!("/Bone/Pos"),
-                    transform_arguments(eye, [0.0; 3], rotation),
-                );
+                let eye = transform_arguments(eye, [0.0; 3], rotation);
+                wire.message(format_args!("/Bone/Pos"), eye);
             }
         }
         for shape in &self.shapes {

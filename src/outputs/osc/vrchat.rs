@@ -161,7 +161,7 @@ impl VrChat {
             if at_the_end {
                 wire.message(address, [argument]);
             }
-            at_the_end || wire.message_if_room(address, [argument])
+            at_the_end || wire.message_if_room(address, argument)
         };
         let (first, count) = (self.next_other, self.others.len());
         for sent in &mut self.others {
@@ -208,10 +208,8 @@ impl Sent {
         if !self.stale && !changed {
             return true;
         }
-        let taken = put(
-            format_args!("/{}", self.parameter.name),
-            Argument::Float(value),
-        );
+        let name = &self.parameter.name;
+        let taken = put(format_args!("/{name}"), Argument::Float(value));
         if taken {
             self.value = value;
         }
@@ -220,27 +218,20 @@ impl Sent {
 
     fn send_switches(&mut self, value: f32, bits: u32, put: &mut Put) -> bool {
         // Without a sign switch, negative values become 0.
-        let size = if self.signed {
-            value.abs()
-        } else {
-            value.max(0.0)
-        };
+        let least = if self.signed { -1.0 } else { 0.0 };
+        let size = value.max(least).abs();
         let most = (1 << bits) - 1;
         let whole = (size * most as f32) as u32;
         let negative = u32::from(value < 0.0 && whole > 0);
         let switches = whole | negative << bits;
-        let changed = if self.stale {
-            !0
-        } else {
-            switches ^ self.switches
-        };
+        let differing = switches ^ self.switches;
+        let changed = if self.stale { !0 } else { differing };
         let name = &self.parameter.name;
         for bit in (0..bits + u32::from(self.signed)).filter(|bit| changed >> bit & 1 == 1) {
             let on = Argument::Bool(switches >> bit & 1 == 1);
-            let taken = if bit < bits {
-                put(format_args!("/{name}{}", 1 << bit), on)
-            } else {
-                put(format_args!("/{name}Negative"), on)
+            let taken = match bit < bits {
+                true => put(format_args!("/{name}{}", 1 << bit), on),
+                false => put(format_args!("/{name}Negative"), on),
             };
             if !taken {
                 return false;

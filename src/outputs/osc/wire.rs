@@ -1,5 +1,6 @@
 //! Collects messages in a datagram and sends it to all receivers.
 
+use core::fmt::Arguments;
 use core::net::IpAddr;
 
 use super::packet::{Argument, Packet};
@@ -110,7 +111,7 @@ impl Wire {
     /// counted; the check of names at start-up prevents that.
     pub(super) fn message<'a>(
         &mut self,
-        address: core::fmt::Arguments,
+        address: Arguments,
         arguments: impl IntoIterator<Item = Argument<'a>, IntoIter: Clone>,
     ) {
         let arguments = arguments.into_iter();
@@ -124,22 +125,17 @@ impl Wire {
     }
 
     /// Appends a message if the datagram is not empty and has room; returns whether it did.
-    pub(super) fn message_if_room<'a>(
-        &mut self,
-        address: core::fmt::Arguments,
-        arguments: impl IntoIterator<Item = Argument<'a>, IntoIter: Clone>,
-    ) -> bool {
-        let arguments = arguments.into_iter();
+    pub(super) fn message_if_room(&mut self, address: Arguments, argument: Argument) -> bool {
+        let arguments = core::iter::once(argument);
         !self.packet.is_empty() && self.packet.push(&self.prefix, address, arguments)
     }
 
     /// Sends one number to `address` without the prefix, in a datagram of its own.
-    pub(super) fn send_single(&mut self, address: core::fmt::Arguments, number: i32) {
+    pub(super) fn send_single(&mut self, address: Arguments, number: i32) {
         self.flush();
+        let number = core::iter::once(Argument::Int(number));
         // It always fits.
-        let _ = self
-            .packet
-            .push("", address, core::iter::once(Argument::Int(number)));
+        let _ = self.packet.push("", address, number);
         self.flush();
     }
 

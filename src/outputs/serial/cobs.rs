@@ -63,15 +63,14 @@ pub(super) fn unit_names(names: &[String], line: &mut Line) -> core::fmt::Result
 
 /// The flags of a weights frame: state, frozen ranges and slot.
 pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
-    u8::from(state == TrackingState::Tracking)
-        | u8::from(report.frozen) << 1
-        | u8::from(state == TrackingState::Warming) << 2
-        | u8::from(matches!(
-            state,
-            TrackingState::Held | TrackingState::Lost | TrackingState::Posed
-        )) << 3
-        | (report.user.unwrap_or(0) as u8 & 3) << 4
-        | u8::from(state == TrackingState::Posed) << 6
+    let state = match state {
+        TrackingState::Absent => 0,
+        TrackingState::Tracking => 1,
+        TrackingState::Warming => 1 << 2,
+        TrackingState::Held | TrackingState::Lost => 1 << 3,
+        TrackingState::Posed => 1 << 3 | 1 << 6,
+    };
+    state | u8::from(report.frozen) << 1 | (report.user.unwrap_or(0) as u8 & 3) << 4
 }
 
 /// Appends a weights frame; confidence and weights are 0…1.

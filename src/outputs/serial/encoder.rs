@@ -111,10 +111,9 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(Format, budget::Plan), O
     };
     let listed = settings.units.iter().map(index);
     let listed: Vec<usize> = listed.collect::<Result<_, _>>()?;
-    let wanted = if listed.is_empty() {
-        (0..units.len()).collect()
-    } else {
-        listed.clone()
+    let wanted = match listed.is_empty() {
+        true => (0..units.len()).collect(),
+        false => listed.clone(),
     };
     let format = |chosen: &[usize], tenths| Format {
         style: settings.style,

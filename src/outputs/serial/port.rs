@@ -31,7 +31,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(20);
 /// A port that accepts nothing for this long is closed and reopened.
 const STALL_LIMIT: Duration = Duration::from_secs(2);
 /// The same when the program is ending.
-const STALL_LIMIT_AT_END: Duration = Duration::from_millis(200);
+const END_STALL_LIMIT: Duration = Duration::from_millis(200);
 
 /// State shared by the pipeline and the thread.
 #[derive(Default)]
@@ -81,9 +81,8 @@ impl Shared {
 
     /// Waits for `time` or until asked to stop; returns whether to stop.
     fn pause(&self, time: Duration) -> bool {
-        let waited = self
-            .changed
-            .wait_timeout_while(self.lock(), time, |waiting| !waiting.stop);
+        let goes_on = |waiting: &mut Waiting| !waiting.stop;
+        let waited = self.changed.wait_timeout_while(self.lock(), time, goes_on);
         waited.unwrap_or_else(PoisonError::into_inner).0.stop
     }
 
@@ -204,13 +203,8 @@ impl Feeder {
                 Err(error) => match error.kind() {
                     ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock => {
                         let stops = self.shared.lock().stop;
-                        if progress.elapsed()
-                            > if stops {
-                                STALL_LIMIT_AT_END
-                            } else {
-                                STALL_LIMIT
-                            }
-                        {
+                        let limit = if stops { END_STALL_LIMIT } else { STALL_LIMIT };
+                        if progress.elapsed() > limit {
                             return Err(ErrorKind::TimedOut.into());
                         }
                     }
@@ -235,10 +229,9 @@ fn open(settings: &Settings) -> std::io::Result<Box<dyn Write>> {
     }
     let port = serialport::new(&settings.port, settings.baud).timeout(WRITE_TIMEOUT);
     // The system raises DTR when a port is first opened; the setting changes that only on request.
-    let port = if settings.dtr {
-        port.dtr_on_open(true)
-    } else {
-        port.preserve_dtr_on_open()
+    let port = match settings.dtr {
+        true => port.dtr_on_open(true),
+        false => port.preserve_dtr_on_open(),
     };
     Ok(Box::new(port.open_native()?))
 }
@@ -288,16 +281,13 @@ impl Serial {
 /// Logs omitted units and a reduced rate.
 fn log_limits(settings: &Settings, units: &[&str], plan: &Plan) {
     let Settings { port, baud, .. } = settings;
-    let left_out = plan.left_out.iter();
-    let left_out: Vec<&str> = left_out
-        .map(|&unit| settings.view.name(units[unit]))
-        .collect();
+    let name = |&unit: &usize| settings.view.name(units[unit]);
+    let left_out: Vec<&str> = plan.left_out.iter().map(name).collect();
     if !left_out.is_empty() {
+        let (kept, omitted) = (plan.units.len(), left_out.join(" "));
+        let all = kept + left_out.len();
         tracing::warn!(
-            "serial port {port} carries {} of {} units at {baud} bit/s, omitting {}",
-            plan.units.len(),
-            plan.units.len() + left_out.len(),
-            left_out.join(" ")
+            "serial port {port} carries {kept} of {all} units at {baud} bit/s, omitting {omitted}"
         );
     }
     if plan.rate_hz < budget::FRAMES_HZ {

@@ -97,13 +97,11 @@ pub(super) enum Sent {
 pub(super) fn read_frame(bytes: &[u8]) -> Option<(Sent, usize)> {
     let (&first, &second) = (bytes.first()?, bytes.get(1)?);
     let (length, at) = match second & 0x7f {
-        126 => (
-            usize::from(u16::from_be_bytes([*bytes.get(2)?, *bytes.get(3)?])),
-            4,
-        ),
+        126 => (u16::from_be_bytes([*bytes.get(2)?, *bytes.get(3)?]), 4),
         127 => return Some((Sent::Close, bytes.len())),
-        length => (usize::from(length), 2),
+        length => (u16::from(length), 2),
     };
+    let length = usize::from(length);
     let control = first & 0x08 != 0;
     // Frames from pages are masked; control frames are short and unfragmented.
     let wrong =

@@ -7,7 +7,7 @@
 
 use std::io::{ErrorKind, Read, Write as _};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream};
-use std::os::fd::AsRawFd;
+use std::os::fd::{AsRawFd, RawFd};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -244,9 +244,8 @@ pub(super) fn serve<S: Service>(
         server.shared.fetch(&mut mailbox);
         server.send_messages(&mut mailbox);
         if stopping {
-            for connection in subscribers(&mut server.connections)
-                .filter(|connection| connection.stage == Stage::Page)
-            {
+            let open = subscribers(&mut server.connections);
+            for connection in open.filter(|connection| connection.stage == Stage::Page) {
                 // 1001: going away.
                 connection.send(8, &[3, 233]);
             }
@@ -267,6 +266,11 @@ fn bind(address: SocketAddr) -> std::io::Result<TcpListener> {
     Ok(listener)
 }
 
+/// The descriptor to poll; `poll` ignores a negative one.
+fn fd(socket: Option<&impl AsRawFd>) -> RawFd {
+    socket.map_or(-1, AsRawFd::as_raw_fd)
+}
+
 /// The connections that receive messages.
 fn subscribers(connections: &mut [Connection; SLOTS]) -> impl Iterator<Item = &mut Connection> {
     connections.iter_mut().filter(|connection| {
@@ -279,18 +283,13 @@ impl<S: Service> Server<S> {
     fn wait(&self, waker: &Waker) -> [PollFlags; SLOTS + 2] {
         let mut polled: [PollFd; SLOTS + 2] = std::array::from_fn(|i| {
             let mut flags = PollFlags::POLLIN;
-            // `poll` ignores negative descriptors.
             let fd = match i {
                 0 => waker.fd(),
-                1 => self
-                    .listener
-                    .socket
-                    .as_ref()
-                    .map_or(-1, |one| one.as_raw_fd()),
+                1 => fd(self.listener.socket.as_ref()),
                 _ => {
                     let connection = &self.connections[i - 2];
                     flags.set(PollFlags::POLLOUT, !connection.unsent.is_empty());
-                    connection.stream.as_ref().map_or(-1, |one| one.as_raw_fd())
+                    fd(connection.stream.as_ref())
                 }
             };
             PollFd::new(fd, flags)
@@ -389,11 +388,8 @@ impl<S: Service> Server<S> {
             Err(status @ 401) => (status, LOGIN),
             Err(status) => (status, PLAIN),
         };
-        count(if status < 300 {
-            &self.shared.sent
-        } else {
-            &self.shared.refused
-        });
+        let (sent, refused) = (&self.shared.sent, &self.shared.refused);
+        count(if status < 300 { sent } else { refused });
         write_head(&mut connection.unsent, status, headers, self.body.len());
         connection.reply(Stage::Reply, &[self.body.as_bytes()]);
     }

@@ -47,16 +47,15 @@ impl Service for Pages {
             let _ = self.write(slot, snapshot, message);
             return true;
         }
-        let nobody = &mut mailbox.nobody;
-        if !std::mem::take(&mut nobody.fresh) {
-            return false;
+        let Snapshot { frame, at_us, .. } = mailbox.nobody;
+        let fresh = std::mem::take(&mut mailbox.nobody.fresh);
+        if fresh {
+            let _ = write!(
+                message,
+                "{{\"frame\":{frame},\"time_us\":{at_us},\"user\":null}}"
+            );
         }
-        let _ = write!(
-            message,
-            "{{\"frame\":{},\"time_us\":{},\"user\":null}}",
-            nobody.frame, nobody.at_us
-        );
-        true
+        fresh
     }
 }
 
@@ -98,11 +97,9 @@ pub fn open(
 ) -> Result<ThreadedOutput, OutputError> {
     let listener = Listening::new(&settings.listen)?;
     let key = |name: &str| format!("{}:", Quoted(name));
+    let unit = |unit: &&str| key(settings.view.name(unit));
     let pages = Pages {
-        units: units
-            .iter()
-            .map(|unit| key(settings.view.name(unit)))
-            .collect(),
+        units: units.iter().map(unit).collect(),
         gestures: gestures.iter().map(|name| key(name)).collect(),
     };
     let work = move |shared, waker| serve(pages, listener, shared, waker);

@@ -85,10 +85,8 @@ impl Columns {
     /// Finds the columns; `targets` lists the units that may drive each target. `None` without time and user.
     fn find(table: &csv::Table, targets: &[Vec<String>]) -> Option<Self> {
         let columns = |units: &String| -> Vec<usize> {
-            let units = units.split('|');
-            units
-                .filter_map(|unit| table.find(&format!("w_{unit}")))
-                .collect()
+            let column = |unit| table.find(&format!("w_{unit}"));
+            units.split('|').filter_map(column).collect()
         };
         let of = |names: &Vec<String>| {
             let mut found = names.iter().map(columns);
@@ -172,9 +170,8 @@ fn track(
             continue;
         }
         met |= slot.is_some();
-        let now: u64 = cells[columns.time]
-            .parse()
-            .map_err(|_| refuse(line, "a time in microseconds", text))?;
+        let now = cells[columns.time].parse::<u64>();
+        let now = now.map_err(|_| refuse(line, "a time in microseconds", text))?;
         let seconds = now.saturating_sub(*first.get_or_insert(now)) as f64 * 1e-6;
         let time = [seconds as f32];
         if out.times.last().is_some_and(|&last| time <= last) {
@@ -210,9 +207,9 @@ struct Targets {
 impl Targets {
     /// Targets of a mesh; `recipe` maps names of shapes to units. `None` if its targets have no names.
     fn read(mesh: &Value, recipe: &[(String, String)]) -> Option<Self> {
-        let names = mesh["extras"]["targetNames"]
-            .as_array()
-            .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array())?;
+        let own = mesh["extras"]["targetNames"].as_array();
+        let first = &mesh["primitives"][0]["extras"]["targetNames"];
+        let names = own.or(first.as_array())?;
         let names: Vec<&str> = names.iter().map(Value::as_str).collect::<Option<_>>()?;
         let units = names.iter().enumerate().map(|(k, name)| {
             let output_name = mesh["extras"]["mien"]["units"][k].as_str();
@@ -315,10 +312,8 @@ pub fn animate(args: &Args) -> Result<(), Fault> {
     let text = read(&args.csv)?;
     let (frames, driven) = animated(&mut glb, &text, &args.csv, args.user.as_deref())?;
     write(&args.out, &glb.emit())?;
-    println!(
-        "{}: {frames} frames, {driven} morph targets driven",
-        args.out.display()
-    );
+    let out = args.out.display();
+    println!("{out}: {frames} frames, {driven} morph targets driven");
     Ok(())
 }
 
@@ -361,12 +356,8 @@ mod tests {
     #[test]
     fn a_corrective_counts_as_much_as_both_of_its_shapes() {
         let mut glb = head();
-        let names = [
-            "jawOpen_eyeBlinkLeft",
-            "jawOpen",
-            "eyeBlinkLeft",
-            "jawOpen_L",
-        ];
+        let names = "jawOpen_eyeBlinkLeft jawOpen eyeBlinkLeft jawOpen_L".split(' ');
+        let names: Vec<&str> = names.collect();
         glb.json["meshes"][0]["extras"] = json!({"targetNames": names});
         animated(&mut glb, CSV, Path::new("run.csv"), None).unwrap();
         let weights = glb.floats(1, 1).unwrap();
@@ -410,20 +401,23 @@ mod tests {
 
     #[test]
     fn a_bad_table_is_refused_with_its_line() {
-        let wrong = |csv: &str| {
-            animated(&mut head(), csv, Path::new("run.csv"), None)
-                .unwrap_err()
-                .to_string()
-        };
-        assert!(wrong("a,b\n").contains("time_us"));
-        assert!(
-            wrong("time_us,user,w_AU26\n0,0,nan\n").contains("line 2: expected a finite weight")
-        );
-        assert!(wrong("time_us,user,w_AU26\n0,0\n").contains("line 2"));
-        assert!(wrong("time_us,user,w_AU1\n0,0,1\n").contains("any of the 3"));
-        assert!(
-            wrong("time_us,user,w_AU26,qx,qy,qz,qw\n0,0,0,0,x,0,1\n")
-                .contains("run.csv: line 2: expected a finite number of the pose")
-        );
+        let no_number = "run.csv: line 2: expected a finite number of the pose";
+        for (csv, expected) in [
+            ("a,b\n", "time_us"),
+            (
+                "time_us,user,w_AU26\n0,0,nan\n",
+                "line 2: expected a finite weight",
+            ),
+            ("time_us,user,w_AU26\n0,0\n", "line 2"),
+            ("time_us,user,w_AU1\n0,0,1\n", "any of the 3"),
+            (
+                "time_us,user,w_AU26,qx,qy,qz,qw\n0,0,0,0,x,0,1\n",
+                no_number,
+            ),
+        ] {
+            let found = animated(&mut head(), csv, Path::new("run.csv"), None);
+            let said = found.unwrap_err().to_string();
+            assert!(said.contains(expected), "{said}");
+        }
     }
 }

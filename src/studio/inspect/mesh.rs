@@ -96,11 +96,9 @@ fn targets(imported: &ImportedGltf, vertices: usize) -> Result<Vec<Target>, Faul
                 let Some(accessor) = target["POSITION"].as_u64() else {
                     continue;
                 };
-                left = left
-                    .checked_sub(12 * glb.count(accessor as usize)?)
-                    .ok_or_else(|| {
-                        too_much("more, because several targets use the same data".into())
-                    })?;
+                let shared = || too_much("more, because several targets use the same data".into());
+                let used = 12 * glb.count(accessor as usize)?;
+                left = left.checked_sub(used).ok_or_else(shared)?;
                 let moves = glb.floats(accessor as usize, 3)?;
                 for (vertex, way) in rows.placed(&moves) {
                     targets[at].moves[vertex] = way;

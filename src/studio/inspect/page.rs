@@ -112,10 +112,7 @@ impl Album {
                 );
             }
             false => {
-                let _ = write!(
-                    html,
-                    "<main class=\"still\">{figures}<div class=\"pictures\">"
-                );
+                html += &format!("<main class=\"still\">{figures}<div class=\"pictures\">");
                 for (caption, picture) in &self.pictures {
                     let (caption, source) = (escaped(caption), data_uri("png", &png(picture)));
                     let _ = write!(
@@ -125,12 +122,8 @@ impl Album {
                 }
                 html += "</div>";
                 for plot in &self.plots {
-                    let _ = write!(
-                        html,
-                        "<h2>{}</h2><div class=\"paper\">{}</div>",
-                        escaped(&plot.title),
-                        plot.svg()
-                    );
+                    let (title, svg) = (escaped(&plot.title), plot.svg());
+                    let _ = write!(html, "<h2>{title}</h2><div class=\"paper\">{svg}</div>");
                 }
                 html += "</main>";
             }
@@ -140,16 +133,11 @@ impl Album {
 
     fn facts_html(&self) -> String {
         let row = |(name, value): &(String, String)| {
-            format!(
-                "<div><dt>{}</dt><dd>{}</dd></div>",
-                escaped(name),
-                escaped(value)
-            )
+            let (name, value) = (escaped(name), escaped(value));
+            format!("<div><dt>{name}</dt><dd>{value}</dd></div>")
         };
-        format!(
-            "<dl>{}</dl>",
-            self.facts.iter().map(row).collect::<String>()
-        )
+        let rows: String = self.facts.iter().map(row).collect();
+        format!("<dl>{rows}</dl>")
     }
 
     fn table_html(&self) -> String {
@@ -157,11 +145,9 @@ impl Album {
             return String::new();
         };
         let row = |row: &Vec<String>| format!("<tr>{}</tr>", cells("td", row));
-        format!(
-            "<h2>Values</h2><div class=\"wide\"><table><tr>{}</tr>{}</table></div>",
-            cells("th", header),
-            rows.iter().map(row).collect::<String>()
-        )
+        let (header, rows) = (cells("th", header), rows.iter().map(row));
+        let rows: String = rows.collect();
+        format!("<h2>Values</h2><div class=\"wide\"><table><tr>{header}</tr>{rows}</table></div>")
     }
 
     /// The contents of the player, as JSON.

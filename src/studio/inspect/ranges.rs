@@ -63,8 +63,8 @@ fn picture(rows: &[Row]) -> RgbImage {
 /// The album of saved people.
 pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
     let advice = "; mien renames such a file and starts over";
-    let people = saved::read(text, SystemTime::now())
-        .map_err(|error| Fault::new(format!("{error}{advice}")))?;
+    let people = saved::read(text, SystemTime::now());
+    let people = people.map_err(|error| Fault::new(format!("{error}{advice}")))?;
     let mut album = Album::new(format!("People {name}"));
     album.fact("people", people.len().to_string());
     let low = "population's low";
@@ -80,12 +80,9 @@ pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
         });
         let rows: Vec<Row> = rows.collect();
         let who = format!("person {number}");
-        let known = format!(
-            "slot {}, gone for {:.0} s, interocular distance {:.1} mm",
-            person.slot,
-            person.before_s,
-            learned.eye_distance_m * 1e3
-        );
+        let (slot, gone_s, apart_mm) = (person.slot, person.before_s, learned.eye_distance_m * 1e3);
+        let known =
+            format!("slot {slot}, gone for {gone_s:.0} s, interocular distance {apart_mm:.1} mm");
         album.fact(&who, known);
         let caption = format!(
             "{who}: the population's range in grey, this person's in blue; marks show rest"

@@ -356,10 +356,8 @@ fn plots(all: &[(f64, Values)], units: &[&str]) -> Vec<Plot> {
     groups.retain(|(_, curves, _)| !curves.is_empty());
     let places = all.iter().map(|(seconds, values)| (*seconds, &values[..]));
     let places: Vec<_> = places.collect();
-    groups
-        .into_iter()
-        .map(|group| plot(&names, &places, group))
-        .collect()
+    let groups = groups.into_iter();
+    groups.map(|group| plot(&names, &places, group)).collect()
 }
 
 /// Title, curves and least span of a plot.

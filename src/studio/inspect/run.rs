@@ -26,11 +26,9 @@ impl<'a> Table<'a> {
     fn read(text: &'a str) -> Result<Self, Fault> {
         let run = csv::Table::new(text);
         let needed = |name| {
-            run.find(name).ok_or_else(|| {
-                Fault::new(format!(
-                    "not a CSV from mien: expected a header with a column {name}, which `mien run --csv` writes"
-                ))
-            })
+            let expected = format!("expected a header with a column {name}");
+            let none = format!("not a CSV from mien: {expected}, which `mien run --csv` writes");
+            run.find(name).ok_or(Fault::new(none))
         };
         needed("frame")?;
         let time = needed("time_us")?;
@@ -39,10 +37,9 @@ impl<'a> Table<'a> {
         let mut rows = Vec::new();
         for csv::Row { line, cells, .. } in run.rows() {
             if cells.len() != header.len() {
+                let (wanted, found) = (header.len(), cells.len());
                 return Err(Fault::new(format!(
-                    "line {line}: expected {} cells as in the header, found {}; is the file cut off?",
-                    header.len(),
-                    cells.len()
+                    "line {line}: expected {wanted} cells as in the header, found {found}; is the file cut off?"
                 )));
             }
             let number = |(k, cell): (usize, &&str)| {
@@ -51,10 +48,8 @@ impl<'a> Table<'a> {
                 }
                 cell.parse().map(Some).map_err(|_| {
                     let found: String = cell.chars().take(40).collect();
-                    Fault::new(format!(
-                        "line {line}, column {}: expected a number or nothing, found {found:?}",
-                        header[k]
-                    ))
+                    let expected = format!("column {}: expected a number or nothing", header[k]);
+                    Fault::new(format!("line {line}, {expected}, found {found:?}"))
                 })
             };
             let numbers = cells.iter().enumerate().map(number);
@@ -197,9 +192,8 @@ fn plots(csv: &csv::Table, rows: &[&Row], suffix: &str) -> Vec<Plot> {
     }
     let groups = groups(csv).into_iter();
     let groups = groups.map(|(title, columns, least)| (title + suffix, columns, least));
-    groups
-        .map(|group| plot(&csv.columns, &places, group))
-        .collect()
+    let plots = groups.map(|group| plot(&csv.columns, &places, group));
+    plots.collect()
 }
 
 /// Range of a column's values of one user; `None` without any.

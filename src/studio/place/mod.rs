@@ -163,14 +163,10 @@ impl LandmarkEditor {
 
     /// Number of points found with low confidence and not set manually.
     fn guessed(&self, points: &[u64], set: &[usize]) -> usize {
-        let is_low = |k: usize| {
-            self.confidence
-                .as_ref()
-                .is_some_and(|sure| sure[k] < LOW_CONFIDENCE)
-        };
-        let is_guessed =
-            |k: &usize| is_low(*k) && points[*k] == self.points[*k] && !set.contains(k);
-        (0..LANDMARKS).filter(is_guessed).count()
+        let low = self.confidence.iter().flatten().zip(0..);
+        let low = low.filter(|(sure, _)| **sure < LOW_CONFIDENCE);
+        let guessed = low.filter(|&(_, k)| points[k] == self.points[k] && !set.contains(&k));
+        guessed.count()
     }
 
     /// Bakes all shapes with these points; returns the duration, seconds.
@@ -205,11 +201,11 @@ impl LandmarkEditor {
         });
         drop(baked);
         let mut glb = morphs::build(&self.drawn, found.as_slice(), 1.0, false, None);
-        if self.source.looks.is_empty() {
-            // Eyes and teeth are lighter than skin.
-            if let Some(other) = glb.json["materials"].get_mut(1) {
-                other["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.9, 0.92, 0.95, 1.0]);
-            }
+        // Eyes and teeth are lighter than skin.
+        if self.source.looks.is_empty()
+            && let Some(other) = glb.json["materials"].get_mut(1)
+        {
+            other["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.9, 0.92, 0.95, 1.0]);
         }
         self.source.looks.paint(&mut glb);
         let bytes: Arc<[u8]> = glb.emit().into();
@@ -227,8 +223,8 @@ impl LandmarkEditor {
         match &*request.path {
             "/move" => {
                 let (k, mirror) = point(request)?;
-                let [from, along] =
-                    vectors(parameter("ray")).ok_or("expected a ray of six numbers")?;
+                let ray = vectors(parameter("ray"));
+                let [from, along] = ray.ok_or("expected a ray of six numbers")?;
                 if along.norm() == 0.0 {
                     return Err("expected a ray with a direction".into());
                 }
@@ -274,11 +270,8 @@ fn waits_for(guessed: usize) -> String {
 
 /// The landmark of a request, and whether its mirror partner follows.
 fn point(request: &Request) -> Result<(usize, bool), String> {
-    let k = request
-        .parameter("point")
-        .parse()
-        .ok()
-        .filter(|&k| k < LANDMARKS);
+    let k = request.parameter("point").parse().ok();
+    let k = k.filter(|&k| k < LANDMARKS);
     let k = k.ok_or("expected a point from 0 to 67")?;
     Ok((k, request.parameter("mirror") == "1"))
 }
@@ -321,9 +314,8 @@ impl Site for LandmarkEditor {
                 Err(said) => json!({"ok": false, "said": said}),
             });
         }
-        let shared = preview::PAGE
-            .iter()
-            .filter(|file| SHARED_FILES.contains(&file.0));
+        let shared = preview::PAGE.iter();
+        let shared = shared.filter(|file| SHARED_FILES.contains(&file.0));
         if let Some(file) = Answer::page_file(PAGE.iter().chain(shared), &request.path) {
             return file;
         }

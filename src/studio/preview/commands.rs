@@ -83,12 +83,9 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
         Command::Level(gesture, level) => ("level", gesture, Some(level.into())),
     };
     let numbers = [Some(slot as i32), on].into_iter().flatten();
+    let numbers = numbers.map(Argument::Int);
     let mut packet = Packet::default();
-    packet.push(
-        "/face/cmd/",
-        format_args!("{name}"),
-        numbers.map(Argument::Int),
-    );
+    packet.push("/face/cmd/", format_args!("{name}"), numbers);
     // The message alone, without the bundle's header and its length field.
     let datagram = &packet.bytes()[20..];
     let cannot = |error: std::io::Error| format!("cannot send the command to {to}: {error}");

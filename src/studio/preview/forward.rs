@@ -128,9 +128,8 @@ impl Forwarder {
 fn target(host: &str, port: &str) -> Result<String, String> {
     let letters = |byte: u8| byte.is_ascii_alphanumeric() || b".-_:".contains(&byte);
     if host.is_empty() || host.len() > 253 || !host.bytes().all(letters) {
-        return Err(format!(
-            "expected a host name or an address, found {host:?}"
-        ));
+        let expected = "expected a host name or an address";
+        return Err(format!("{expected}, found {host:?}"));
     }
     let none = |_| format!("expected a port from 1 to 65535, found {port:?}");
     let number: std::num::NonZeroU16 = port.parse().map_err(none)?;
@@ -174,10 +173,9 @@ struct Thread {
 impl Thread {
     fn new(hub: Arc<Hub>) -> Self {
         let units = Units::shipped().columns(false);
-        let units = units.iter();
         Self {
             hub,
-            units: units.map(ToString::to_string).collect(),
+            units: units.iter().map(ToString::to_string).collect(),
             lines: BTreeMap::new(),
             main: None,
             start: Instant::now(),
@@ -194,12 +192,11 @@ impl Thread {
             }
             match passed.recv_timeout(FRAME) {
                 Ok(Passed::Sample(sample)) => self.pass_on(&sample),
+                Ok(Passed::Units(units)) if units == self.units => {}
                 Ok(Passed::Units(units)) => {
-                    if units != self.units {
-                        self.units = units;
-                        for line in self.lines.values_mut() {
-                            line.outputs = Self::open(&self.units, &line.settings);
-                        }
+                    self.units = units;
+                    for line in self.lines.values_mut() {
+                        line.outputs = Self::open(&self.units, &line.settings);
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -272,10 +269,9 @@ impl Thread {
             weights: if seen { &sample.weights } else { &[] },
             ..Report::default()
         };
-        for line in self.lines.values_mut() {
-            if line.connected && line.tested.is_none() {
-                send(line, &report);
-            }
+        let lines = self.lines.values_mut();
+        for line in lines.filter(|line| line.connected && line.tested.is_none()) {
+            send(line, &report);
         }
     }
 
@@ -342,10 +338,8 @@ fn send(line: &mut Line, report: &Report) {
 
 fn rigid([x, y, z, qx, qy, qz, qw]: [f32; 7]) -> Rigid {
     let turn = nalgebra::Quaternion::new(qw, qx, qy, qz);
-    Rigid::from_parts(
-        nalgebra::Translation3::new(x, y, z),
-        nalgebra::UnitQuaternion::from_quaternion(turn),
-    )
+    let turn = nalgebra::UnitQuaternion::from_quaternion(turn);
+    Rigid::from_parts([x, y, z].into(), turn)
 }
 
 #[cfg(test)]
@@ -368,15 +362,11 @@ mod tests {
             "stage-pc.local:9000"
         );
         assert_eq!(target("fe80::1", "9000").unwrap(), "[fe80::1]:9000");
-        for (host, port) in [
-            ("", "1"),
-            ("a b", "1"),
-            ("a\"\nx", "1"),
-            ("a", "0"),
-            ("a", "65536"),
-            ("a", ""),
-        ] {
-            assert!(target(host, port).is_err(), "{host:?} {port:?}");
+        for host in ["", "a b", "a\"\nx"] {
+            assert!(target(host, "1").is_err(), "{host:?}");
+        }
+        for port in ["0", "65536", ""] {
+            assert!(target("a", port).is_err(), "{port:?}");
         }
     }
 
@@ -394,27 +384,15 @@ mod tests {
             let mut bytes = [0; 4096];
             (0..200).any(|_| {
                 let length = socket.recv(&mut bytes).unwrap();
-                bytes[..length]
-                    .windows(wanted.len())
-                    .any(|part| part == wanted)
+                let mut parts = bytes[..length].windows(wanted.len());
+                parts.any(|part| part == wanted)
             })
         };
-        assert!(
-            forwarder
-                .ask("max", "127.0.0.1", &port, ForwardAction::Test)
-                .is_ok()
-        );
+        let ask = |id, action| forwarder.ask(id, "127.0.0.1", &port, action).is_ok();
+        assert!(ask("max", ForwardAction::Test));
         assert!(has(b"/face/0/au/AU26"));
-        assert!(
-            forwarder
-                .ask("max", "127.0.0.1", &port, ForwardAction::Stop)
-                .is_ok()
-        );
-        assert!(
-            forwarder
-                .ask("max", "127.0.0.1", &port, ForwardAction::Connect)
-                .is_ok()
-        );
+        assert!(ask("max", ForwardAction::Stop));
+        assert!(ask("max", ForwardAction::Connect));
         let shown = Sample {
             user: Some(2),
             state: 2,
@@ -431,10 +409,6 @@ mod tests {
             assert!(has(&0.625_f32.to_be_bytes()));
             teller.join().unwrap();
         });
-        assert!(
-            forwarder
-                .ask("nobody", "127.0.0.1", &port, ForwardAction::Test)
-                .is_err()
-        );
+        assert!(!ask("nobody", ForwardAction::Test));
     }
 }

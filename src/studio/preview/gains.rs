@@ -23,18 +23,16 @@ pub(super) fn save(path: &Path, query: &str) -> Result<String, String> {
     let text = multiplied(&text, &factors)?;
     Settings::parse(&text, path).map_err(|error| format!("{error}; nothing was changed"))?;
     atomic_write::write(path, text).map_err(|error| format!("cannot write {name}: {error}"))?;
-    Ok(format!(
-        "saved in {name}; reload mien for it to take effect"
-    ))
+    let next = "reload mien for it to take effect";
+    Ok(format!("saved in {name}; {next}"))
 }
 
 /// The text of a configuration with its gains multiplied.
 fn multiplied(text: &str, factors: &[(&str, f64)]) -> Result<String, String> {
     let mut file: DocumentMut = text.parse().map_err(|error| format!("{error}"))?;
     let units = file.entry("units").or_insert(Item::Table(Table::new()));
-    let units = units
-        .as_table_like_mut()
-        .ok_or("expected a section [units] in the configuration, found something else")?;
+    let expected = "expected a section [units] in the configuration, found something else";
+    let units = units.as_table_like_mut().ok_or(expected)?;
     for &(unit, factor) in factors {
         let rounded = |gain: f64| (gain * 1000.0).round() / 1000.0;
         match units.get_mut(unit).map(Item::as_table_like_mut) {

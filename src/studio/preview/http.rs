@@ -126,9 +126,8 @@ pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), Fault> {
     let listener = TcpListener::bind(address);
     let opened = listener.and_then(|listener| Ok((listener.local_addr()?, listener)));
     let (page, listener) = opened.map_err(|error| {
-        Fault::new(format!(
-            "cannot serve the page at {address}: {error}; choose another with --port"
-        ))
+        let problem = format!("cannot serve the page at {address}: {error}");
+        Fault::new(problem + "; choose another with --port")
     })?;
     Ok((listener, page))
 }
@@ -413,13 +412,7 @@ mod tests {
                 "GET /a?b=1 HTTP/1.1\r\nX: y\r\nHost: {host}\r\n\r\n"
             ))
         };
-        for host in [
-            "127.0.0.1:80",
-            "localhost",
-            "LocalHost:9180",
-            "[::1]:9180",
-            "10.0.0.3",
-        ] {
+        for host in "127.0.0.1:80 localhost LocalHost:9180 [::1]:9180 10.0.0.3".split(' ') {
             let request = get(host).unwrap();
             assert_eq!((&*request.path, &*request.query), ("/a", "b=1"), "{host}");
         }

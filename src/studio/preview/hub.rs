@@ -132,10 +132,7 @@ impl Hub {
 
     /// Sets the state of the source, in words, which is sent with the counts.
     pub fn note(&self, note: &str) {
-        let mut state = self.lock();
-        if state.note != note {
-            note.clone_into(&mut state.note);
-        }
+        note.clone_into(&mut self.lock().note);
     }
 
     /// The counts so far.
@@ -165,20 +162,16 @@ impl Hub {
     /// now.
     pub fn start(&self) -> (Vec<Arc<str>>, u64) {
         let state = self.lock();
-        let next = if self.is_session() {
-            state.first
-        } else {
-            state.first + state.lines.len() as u64
-        };
+        let (session, count) = (self.is_session(), state.lines.len() as u64);
+        let next = state.first + if session { 0 } else { count };
         (state.facts.values().cloned().collect(), next)
     }
 
     /// Events from number `next` on, and the number after them; waits at most `time` for the first.
     pub fn read(&self, next: u64, time: Duration) -> (Vec<Arc<str>>, u64) {
         let has = |state: &State| next < state.first + state.lines.len() as u64;
-        let waited = self
-            .changed
-            .wait_timeout_while(self.lock(), time, |state| !has(state));
+        let (lock, changed) = (self.lock(), &self.changed);
+        let waited = changed.wait_timeout_while(lock, time, |state| !has(state));
         let state = waited.unwrap_or_else(PoisonError::into_inner).0;
         // Older events were dropped.
         let next = next.max(state.first);

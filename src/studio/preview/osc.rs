@@ -92,13 +92,11 @@ impl Receiver {
         let words: Vec<&str> = address.strip_prefix('/')?.split('/').collect();
         match (&words[..], &values[..]) {
             ([.., "schema"], [Int(_), names @ ..]) => {
-                let names: Option<Vec<String>> = names
-                    .iter()
-                    .map(|name| match name {
-                        Text(name) if is_name(name) => Some((*name).to_owned()),
-                        _ => None,
-                    })
-                    .collect();
+                let name = |name: &Argument| match *name {
+                    Text(name) if is_name(name) => Some(name.to_owned()),
+                    _ => None,
+                };
+                let names: Option<Vec<String>> = names.iter().map(name).collect();
                 self.rename(names.filter(|names| names.len() <= MAX_UNITS)?);
                 self.named = true;
                 return Some(());
@@ -140,24 +138,17 @@ impl Receiver {
                     ref more @ ..,
                 ],
             ) if confidence.is_finite() => {
-                let latency = match more {
+                let sample = &mut user.sample;
+                sample.number = u64::try_from(number).ok()?;
+                sample.user = Some(slot);
+                sample.seconds = f64::from(ms) * 1e-3;
+                (sample.state, sample.confidence) = (state as u8, confidence);
+                sample.latency_ms = match more {
                     [Float(ms), ..] if ms.is_finite() && *ms > 0.0 => Some(*ms),
                     _ => None,
                 };
-                let number = u64::try_from(number).ok()?;
-                let weights = std::mem::take(&mut user.sample.weights);
-                let frozen = user.sample.frozen;
-                user.sample = Sample {
-                    user: Some(slot),
-                    number,
-                    seconds: f64::from(ms) * 1e-3,
-                    state: state as u8,
-                    confidence,
-                    latency_ms: latency,
-                    frozen,
-                    weights,
-                    ..Sample::default()
-                };
+                // That of the frame before.
+                sample.pose = None;
             }
             ("frozen", &[Int(frozen @ 0..=1)]) => user.sample.frozen = frozen == 1,
             ("au", values) if named && values.len() == count => {
@@ -216,10 +207,8 @@ impl Receiver {
         for user in &mut self.users {
             let old = |name: &String| self.units.iter().position(|unit| unit == name);
             let weight = |name| user.sample.weights.get(old(name)?).copied();
-            let weights = names
-                .iter()
-                .map(|name| weight(name).unwrap_or(0.0))
-                .collect();
+            let weights = names.iter().map(|name| weight(name).unwrap_or(0.0));
+            let weights = weights.collect();
             let range = |name| user.ranges.get(old(name)?).copied().flatten();
             user.ranges = names.iter().map(range).collect();
             user.sample.weights = weights;
@@ -234,13 +223,11 @@ fn slot(word: &str) -> Option<usize> {
 
 /// All values as finite floats.
 fn floats(values: &[Argument]) -> Option<Vec<f32>> {
-    values
-        .iter()
-        .map(|value| match value {
-            Float(number) if number.is_finite() => Some(*number),
-            _ => None,
-        })
-        .collect()
+    let float = |value: &Argument| match *value {
+        Float(number) if number.is_finite() => Some(number),
+        _ => None,
+    };
+    values.iter().map(float).collect()
 }
 
 #[cfg(test)]
@@ -270,8 +257,8 @@ mod tests {
         }
     }
 
-    /// The datagrams of a sender that reports a face, and a receiver that has had them.
-    fn sent() -> (Vec<Vec<u8>>, Receiver, Hub) {
+    /// The datagrams of a sender of these reports, and a receiver that has had them.
+    fn received(units: &[&str], reports: &[Report]) -> (Vec<Vec<u8>>, Receiver, Hub) {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         socket
             .set_read_timeout(Some(Duration::from_millis(200)))
@@ -281,7 +268,22 @@ mod tests {
             ranges: true,
             ..Settings::default()
         };
-        let mut osc = Osc::new(settings, &["AU25", "AU26"]).unwrap();
+        let mut osc = Osc::new(settings, units).unwrap();
+        for report in reports {
+            osc.send(report).unwrap();
+        }
+        let (hub, mut receiver) = (Hub::new(true), Receiver::default());
+        let mut all = Vec::new();
+        let mut bytes = [0; 2000];
+        while let Ok(length) = socket.recv(&mut bytes) {
+            receiver.take(&bytes[..length], &hub);
+            all.push(bytes[..length].to_vec());
+        }
+        (all, receiver, hub)
+    }
+
+    /// The datagrams of a sender that reports a face, and a receiver that has had them.
+    fn sent() -> (Vec<Vec<u8>>, Receiver, Hub) {
         let pose = Rigid::translation(0.1, 0.0, 0.7);
         let report = Report {
             at: Timestamp::from_us(1_500_000),
@@ -300,15 +302,7 @@ mod tests {
             latency_us: 12_500,
             ..Report::default()
         };
-        osc.send(&report).unwrap();
-        let (hub, mut receiver) = (Hub::new(true), Receiver::default());
-        let mut all = Vec::new();
-        let mut bytes = [0; 2000];
-        while let Ok(length) = socket.recv(&mut bytes) {
-            receiver.take(&bytes[..length], &hub);
-            all.push(bytes[..length].to_vec());
-        }
-        (all, receiver, hub)
+        received(&["AU25", "AU26"], &[report])
     }
 
     #[test]
@@ -348,30 +342,14 @@ mod tests {
 
     #[test]
     fn frozen_state_reaches_every_page_until_the_box_changes_it() {
-        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let timeout = Some(Duration::from_millis(200));
-        socket.set_read_timeout(timeout).unwrap();
-        let settings = Settings {
-            targets: vec![socket.local_addr().unwrap().to_string()],
-            ..Settings::default()
-        };
-        let mut osc = Osc::new(settings, &["AU26"]).unwrap();
-        for (frame, frozen) in [false, true, true, false].into_iter().enumerate() {
-            let report = Report {
-                at: Timestamp::from_us(33_000 * frame as u64),
-                user: Some(0),
-                state: TrackingState::Tracking,
-                frozen,
-                weights: &[0.5],
-                ..Report::default()
-            };
-            osc.send(&report).unwrap();
-        }
-        let (hub, mut receiver) = (Hub::new(true), Receiver::default());
-        let mut bytes = [0; 2000];
-        while let Ok(length) = socket.recv(&mut bytes) {
-            receiver.take(&bytes[..length], &hub);
-        }
+        let reports = [false, true, true, false].map(|frozen| Report {
+            user: Some(0),
+            state: TrackingState::Tracking,
+            frozen,
+            weights: &[0.5],
+            ..Report::default()
+        });
+        let (_, _, hub) = received(&["AU26"], &reports);
         assert_eq!(hub.counts().refused, 0);
         let samples = events(&hub).into_iter().filter(|event| event["u"] == 0);
         let frozen: Vec<bool> = samples.map(|sample| sample["f"] == 1).collect();

@@ -9,11 +9,11 @@ use std::sync::mpsc::Receiver;
 use std::time::Instant;
 
 use super::hub::{Hub, Seen};
-use super::sample::{Sample, UnitRange};
+use super::sample::Sample;
 use crate::inspect::{DepthColours, colour_picture};
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::source::{self, Pacer};
-use mien_outputs::{Command, Report};
+use mien_outputs::{Command, Report, numbers};
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::geometry;
 use mien_sensors::sensor::Sensor;
@@ -25,6 +25,8 @@ const JPEG_QUALITY: u8 = 80;
 
 fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
     let present = report.state.is_present();
+    let landmarks = report.landmarks.filter(|_| present);
+    let points = landmarks.map(|landmarks| landmarks.pixels.to_vec());
     Sample {
         user: report.user,
         number: report.frame,
@@ -33,16 +35,10 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
         confidence: report.confidence,
         latency_ms,
         frozen: report.frozen,
-        pose: report.sensor_from_face.filter(|_| present).map(|pose| {
-            let (place, turn) = (pose.translation.vector, pose.rotation.coords);
-            [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
-        }),
+        pose: report.sensor_from_face.filter(|_| present).map(numbers),
         head_box: report.head_box.map(|r| [r.x0, r.y0, r.x1, r.y1]),
         weights: report.weights.to_vec(),
-        points: report
-            .landmarks
-            .filter(|_| present)
-            .map_or_else(Vec::new, |landmarks| landmarks.pixels.to_vec()),
+        points: points.unwrap_or_default(),
     }
 }
 
@@ -90,10 +86,8 @@ pub fn follow(
             let slot = report.user.filter(|_| !report.ranges.is_empty());
             if let Some(slot) = slot.filter(|_| now - ranges_sent_s >= RANGES_EVERY_S) {
                 let ranges = report.ranges.iter();
-                let ranges: Vec<Option<UnitRange>> = ranges
-                    .map(|unit| Some(([unit.low, unit.rest, unit.high], Some(unit.readiness))))
-                    .collect();
-                hub.ranges(slot, &ranges);
+                let ranges = ranges.map(|r| Some(([r.low, r.rest, r.high], Some(r.readiness))));
+                hub.ranges(slot, &ranges.collect::<Vec<_>>());
             }
         }
         if now - ranges_sent_s >= RANGES_EVERY_S {

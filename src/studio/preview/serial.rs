@@ -55,9 +55,10 @@ pub fn listen(port: &Port, hub: &Hub) {
                         // End of file: the port was unplugged.
                         Ok(0) => break,
                         Ok(length) => receiver.take(&bytes[..length], hub),
-                        Err(error)
-                            if matches!(error.kind(), TimedOut | WouldBlock | Interrupted) => {}
-                        Err(_) => break,
+                        Err(error) => match error.kind() {
+                            TimedOut | WouldBlock | Interrupted => {}
+                            _ => break,
+                        },
                     }
                 }
                 hub.note(&format!("{} was disconnected; waiting for it", port.name));
@@ -104,11 +105,8 @@ impl Receiver {
                 unstuffed(&line).and_then(|payload| self.frame(&payload, hub))
             } else {
                 // Bytes before it do not belong to a text line.
-                let last = line
-                    .rsplit(|&byte| byte == b'\n')
-                    .next()
-                    .unwrap_or_default();
-                let text = std::str::from_utf8(last).ok();
+                let mut lines = line.rsplit(|&byte| byte == b'\n');
+                let text = std::str::from_utf8(lines.next().unwrap_or_default()).ok();
                 text.and_then(|text| self.text(text.trim_end_matches('\r'), hub))
             };
             match understood {
@@ -241,11 +239,7 @@ impl Receiver {
             [3, ..] => Some(()),
             [16, _, _, names @ ..] => self.name(spelt(names)?, hub),
             [18, _, first, names @ ..] => {
-                let mut all = self.units.clone();
-                all.truncate(usize::from(*first));
-                if all.len() != usize::from(*first) {
-                    return None;
-                }
+                let mut all = self.units.get(..usize::from(*first))?.to_vec();
                 all.extend(spelt(names)?);
                 self.name(all, hub)
             }

@@ -140,14 +140,12 @@ impl Columns {
                 known.find(|state| state.name() == word)?.code()
             }
         };
-        let columns: Vec<usize> = self.units.iter().map(|unit| unit.1).collect();
-        let mut weights = several(&columns)?;
+        let weights = self.units.iter().map(|unit| number(unit.1));
+        let weights = weights.map(|weight| Some(mien_outputs::finite(weight?)));
+        let mut weights = weights.collect::<Option<Vec<f32>>>()?;
         if state == TrackingState::Posed.code() {
             // Absent weights are not weights of 0.
             weights.clear();
-        }
-        for weight in weights.iter_mut().filter(|weight| weight.is_nan()) {
-            *weight = 0.0;
         }
         // All of a group of columns, if each has a number.
         let whole = |columns: &[usize]| {
