@@ -38,6 +38,7 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
             [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
         }),
         head_box: report.head_box.map(|r| [r.x0, r.y0, r.x1, r.y1]),
+        seen: report.seen(),
         weights: report.weights.to_vec(),
         points: report
             .landmarks
