@@ -38,7 +38,7 @@ export class Rows {
     parent.replaceChildren();
     this.sections = regions.map(([title, rows]) => {
       const section = element("section", parent);
-      const note = element("span", element("h3", section, "region", title), "note");
+      const note = element("span", element("h3", section, "region", `${title} `), "note");
       return { note, rows: rows.map((row) => this.row(section, row)) };
     });
     this.all = this.sections.flatMap(({ rows }) => rows);
