@@ -74,7 +74,9 @@ impl Line {
 
     /// Adds the regions of a face that are less than half seen.
     fn add_covered(&mut self, report: &Report<'_>) {
-        let regions = VISIBLE_REGIONS.iter().zip(report.seen().into_iter().flatten());
+        let regions = VISIBLE_REGIONS
+            .iter()
+            .zip(report.seen().into_iter().flatten());
         let mut covered = regions.filter(|(_, seen)| *seen < SEEN).peekable();
         let some = covered.peek().is_some();
         for ((name, _), _) in covered {
