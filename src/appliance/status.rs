@@ -17,10 +17,11 @@ use mien_outputs::gesture::ENABLED;
 use mien_outputs::{Report, Tally, TrackingState, finite};
 use mien_stages::base::atomic_write::AtomicFile;
 use mien_stages::base::bounded_read::reason;
-use mien_stages::base::capacity::{UNITS, USERS};
+use mien_stages::base::capacity::{REGIONS, UNITS, USERS};
 use mien_stages::base::defaults;
 use mien_stages::base::json::Quoted;
 use mien_stages::expression::UnitRange;
+use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 
 /// Interval between writes.
 const PERIOD: Duration = Duration::from_secs(1);
@@ -60,6 +61,8 @@ defaults! {
 struct User {
     state: TrackingState,
     confidence: f32,
+    /// How far each region can be seen; `None` without a face.
+    seen: Option<[f32; REGIONS]>,
     frozen: bool,
     gestures: u32,
     weights: heapless::Vec<f32, UNITS>,
@@ -127,6 +130,7 @@ impl Status {
         self.users[slot] = (report.state != TrackingState::Absent).then(|| User {
             state: report.state,
             confidence: report.confidence,
+            seen: report.seen(),
             frozen: report.frozen,
             gestures: report.gestures,
             weights: report.weights.iter().copied().take(UNITS).collect(),
@@ -197,8 +201,14 @@ impl Status {
         let (state, sure, frozen) = (user.state.name(), finite(user.confidence), user.frozen);
         write!(
             text,
-            "\n    {{\"slot\": {slot}, \"state\": \"{state}\", \"confidence\": {sure:.3}, \"frozen\": {frozen}, "
+            "\n    {{\"slot\": {slot}, \"state\": \"{state}\", \"confidence\": {sure:.3}, "
         )?;
+        for (k, share) in user.seen.iter().flatten().enumerate() {
+            let start = if k > 0 { ", " } else { "\"seen\": {" };
+            write!(text, "{start}\"{}\": {share:.2}", VISIBLE_REGIONS[k].0)?;
+        }
+        text.push_str(if user.seen.is_some() { "}, " } else { "" });
+        write!(text, "\"frozen\": {frozen}, ")?;
         if ENABLED && !self.gestures.is_empty() {
             let on = (0..self.gestures.len()).filter(|i| user.gestures >> i & 1 == 1);
             text.push_str("\"gestures\": [");
@@ -394,6 +404,7 @@ fn file_identity(about: &Metadata) -> [u64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mien_stages::landmarks::Landmarks;
 
     #[test]
     fn quantiles_are_of_the_last_frames() {
@@ -529,6 +540,37 @@ mod tests {
         status.json(std::iter::empty(), &mut json).unwrap();
         assert!(
             json.contains("\"gestures\": [\"smile\", \"brows\"], \"units\": {}"),
+            "{json}"
+        );
+    }
+
+    #[test]
+    fn a_face_has_how_far_its_regions_are_seen() {
+        let mut status = Status::new("", "", &[], &[]);
+        let landmarks = Landmarks {
+            seen: [1.0, 0.75, 0.5, 0.254, f32::NAN, 0.0],
+            ..Landmarks::default()
+        };
+        let mut users = |state| {
+            let report = Report {
+                user: Some(0),
+                state,
+                confidence: 0.5,
+                landmarks: Some(&landmarks),
+                ..Report::default()
+            };
+            status.observe(&report, None);
+            let mut json = String::new();
+            status.json(std::iter::empty(), &mut json).unwrap();
+            json.split_once("\"users\"").unwrap().1.to_owned()
+        };
+        let json = users(TrackingState::Tracking);
+        let expected = "\"confidence\": 0.500, \"seen\": {\"brow_L\": 1.00, \"brow_R\": 0.75, \"eye_L\": 0.50, \
+                        \"eye_R\": 0.25, \"nose\": 0.00, \"mouth\": 0.00}, \"frozen\": false, ";
+        assert!(json.contains(expected), "{json}");
+        let json = users(TrackingState::Lost);
+        assert!(
+            json.contains("\"confidence\": 0.500, \"frozen\": false, "),
             "{json}"
         );
     }

@@ -15,6 +15,7 @@ use crate::pipe::Pipe;
 use mien_outputs::{Report, TrackingState};
 use mien_stages::base::capacity::USERS;
 use mien_stages::expression::unit_words;
+use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 
 /// Moves to the start of the live line and clears it.
 pub(crate) const CLEAR_LINE: &str = "\r\x1b[K";
@@ -28,6 +29,8 @@ const LINE: usize = WIDE + CLEAR_LINE.len();
 const DEFAULT_COLUMNS: usize = 80;
 /// Weights below this are not shown.
 const MIN_WEIGHT: f32 = 0.15;
+/// Regions less seen than this are listed as covered.
+const SEEN: f32 = 0.5;
 /// Default destination of OSC for `mien-studio preview`, as an output describes it.
 const PREVIEW_TARGET: &str = "OSC to 127.0.0.1:9130";
 /// Maximum number of units shown per person.
@@ -66,6 +69,23 @@ impl Line {
         // ASCII only, so bytes are columns.
         let fits = whole && self.text.len() - CLEAR_LINE.len() + piece.len() <= self.columns;
         fits && self.text.push_str(&piece).is_ok()
+    }
+
+    /// Adds the regions of a face that are less than half seen.
+    fn add_covered(&mut self, report: &Report<'_>) {
+        let regions = VISIBLE_REGIONS
+            .iter()
+            .zip(report.seen().into_iter().flatten());
+        let mut covered = regions.filter(|(_, seen)| *seen < SEEN).peekable();
+        let some = covered.peek().is_some();
+        for ((name, _), _) in covered {
+            let (name, side) = name.split_once('_').unwrap_or((name, ""));
+            let space = if side.is_empty() { "" } else { " " };
+            self.add(format_args!(" {name}{space}{side}"));
+        }
+        if some {
+            self.add(format_args!(" covered |"));
+        }
     }
 
     /// Adds the strongest units of a face by their plain names; the two sides of a unit, if both are active, are averaged.
@@ -138,6 +158,7 @@ fn line(
             let user = report.user.unwrap_or_default() + 1;
             line.add(format_args!("| {user} {state:8}"));
         }
+        line.add_covered(report);
         line.add_units(names, report.weights);
     }
     line.text
@@ -241,6 +262,7 @@ impl Live {
 mod tests {
     use super::*;
     use mien_stages::base::time::Timestamp;
+    use mien_stages::landmarks::Landmarks;
 
     const NAMES: [&str; 4] = ["AU26", "AU12L", "AU12R", "AU2L"];
 
@@ -266,6 +288,22 @@ mod tests {
         assert_eq!(
             line(80, &[nobody], &NAMES).as_str(),
             "\r\x1b[K  0:00.0 nobody in view"
+        );
+    }
+
+    #[test]
+    fn the_line_names_what_is_covered() {
+        let landmarks = Landmarks {
+            seen: [1.0, 0.3, 1.0, 0.6, 1.0, 0.0],
+            ..Landmarks::default()
+        };
+        let covered = Report {
+            landmarks: Some(&landmarks),
+            ..report(0, &[0.0, 0.0, 0.0, 0.8])
+        };
+        assert_eq!(
+            line(80, &[covered], &NAMES).as_str(),
+            "\r\x1b[K  1:03.2 tracking  93% | brow R mouth covered | outer brow up L 0.80 "
         );
     }
 

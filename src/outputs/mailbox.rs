@@ -13,7 +13,8 @@ use super::{
     Command, Output, OutputError, Report, Tally, TrackingState, View, WireWeights, limits,
     unit_range,
 };
-use mien_stages::base::capacity::{UNITS, USERS};
+use mien_stages::base::capacity::{REGIONS, UNITS, USERS};
+use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 
 /// An output whose sending is done by its own thread: stores reports for it.
 pub struct ThreadedOutput {
@@ -61,6 +62,7 @@ impl Output for ThreadedOutput {
             let snapshot = &mut mailbox.users[slot];
             fill(snapshot, report, report.state, weights);
             snapshot.pose = self.view.pose_numbers(report);
+            snapshot.seen = self.view.seen(report);
             if report.state.is_present() {
                 snapshot.confidence = unit_range(report.confidence);
             }
@@ -101,7 +103,7 @@ fn fill(snapshot: &mut Snapshot, report: &Report, state: TrackingState, weights:
     snapshot.count = snapshot.count.wrapping_add(1);
     (snapshot.latency_us, snapshot.gestures) = (report.latency_us, report.gestures);
     snapshot.state = state;
-    (snapshot.pose, snapshot.confidence) = (None, 0.0);
+    (snapshot.pose, snapshot.seen, snapshot.confidence) = (None, None, 0.0);
     snapshot.weights.clear();
     snapshot.weights.extend(weights.shown().take(UNITS));
     snapshot.fresh = true;
@@ -159,6 +161,8 @@ pub(super) struct Snapshot {
     pub(super) gestures: u32,
     /// Position in metres and quaternion x, y, z, w, sensor frame.
     pub(super) pose: Option<[f32; 7]>,
+    /// How far each region of the face can be seen, 0…1.
+    pub(super) seen: Option<[f32; REGIONS]>,
     pub(super) weights: heapless::Vec<f32, UNITS>,
     /// Whether the thread has not read it yet.
     pub(super) fresh: bool,
@@ -172,7 +176,12 @@ impl std::fmt::Display for Snapshot {
             f,
             "\"state\":\"{state}\",\"confidence\":{sure},\"frozen\":{frozen}"
         )?;
-        write!(f, ",\"latency_us\":{}", self.latency_us)
+        write!(f, ",\"latency_us\":{}", self.latency_us)?;
+        for (k, share) in self.seen.iter().flatten().enumerate() {
+            let start = if k > 0 { "," } else { ",\"seen\":{" };
+            write!(f, "{start}\"{}\":{}", VISIBLE_REGIONS[k].0, Weight(*share))?;
+        }
+        f.write_str(if self.seen.is_some() { "}" } else { "" })
     }
 }
 

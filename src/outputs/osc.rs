@@ -8,6 +8,7 @@
 //! | `/face/<u>/pose` | x y z in metres, sensor frame, quaternion x y z w | every report with a pose |
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
 //! | `/face/<u>/frozen` | 0 or 1: learning is frozen | the same |
+//! | `/face/<u>/seen/<region>` | how far a region of the face can be seen, 0…1 in hundredths | the same, while there is a face |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, capture time in seconds | every second, even with nobody |
 //! | `/mien/gesture/<name>`, per person `/mien/gesture/<name>/<u>` | 1 or 0 | on change and every 2 s, a datagram each |
@@ -42,10 +43,11 @@ use super::{
 use commands::Request;
 #[cfg(feature = "std")]
 use listener::Listener;
-use mien_stages::base::capacity::USERS;
+use mien_stages::base::capacity::{REGIONS, USERS};
 use mien_stages::base::prelude::*;
 use mien_stages::base::settings::keyed;
 use mien_stages::base::time::Timestamp;
+use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 use packet::Argument;
 #[cfg(feature = "wires")]
 pub(super) use wire::Sender;
@@ -122,6 +124,8 @@ struct User {
     known: bool,
     present: bool,
     frozen: bool,
+    /// How far each region can be seen, hundredths; `None` without a face.
+    seen: Option<[u8; REGIONS]>,
     presence: Every,
     range: Every,
     weights: WireWeights,
@@ -211,10 +215,20 @@ impl Osc {
         let changed = (user.present, user.frozen) != (present, report.frozen);
         (user.present, user.frozen) = (present, report.frozen);
         // `due` is called even on a change, which restarts the interval.
-        if user.presence.due(report.at, ALIVE_PERIOD_S) || changed {
+        let is_due = user.presence.due(report.at, ALIVE_PERIOD_S) || changed;
+        if is_due {
             for (what, is) in [("present", present), ("frozen", report.frozen)] {
                 let argument = Argument::Int(is.into());
                 wire.message(format_args!("/{slot}/{what}"), [argument]);
+            }
+        }
+        let seen = self.view.seen(report);
+        let seen = seen.map(|seen| seen.map(|share| (share * 100.0).round() as u8));
+        let sent = core::mem::replace(&mut user.seen, seen);
+        for (k, share) in seen.iter().flatten().enumerate() {
+            if is_due || sent.is_none_or(|sent| sent[k] != *share) {
+                let address = format_args!("/{slot}/seen/{}", VISIBLE_REGIONS[k].0);
+                wire.message(address, [Argument::Float(f32::from(*share) / 100.0)]);
             }
         }
         // Ranges are those of the unit itself, neither mirrored nor scaled.

@@ -1,5 +1,6 @@
 //! The input of every output: one user at one frame.
 
+use mien_stages::base::capacity::REGIONS;
 use mien_stages::base::geometry::Rigid;
 use mien_stages::base::time::Timestamp;
 use mien_stages::expression::UnitRange;
@@ -52,6 +53,12 @@ impl Report<'_> {
     pub(super) fn pose(&self) -> Option<&Rigid> {
         let present = self.state.is_present();
         self.sensor_from_face.filter(|_| present)
+    }
+
+    /// How far each of [`mien_stages::face_model::scheme::VISIBLE_REGIONS`] can be seen, 0…1; `None` without a face.
+    pub fn seen(&self) -> Option<[f32; REGIONS]> {
+        let landmarks = self.landmarks.filter(|_| self.state.has_face())?;
+        Some(landmarks.seen.map(unit_range))
     }
 }
 

@@ -5,6 +5,7 @@
 //! affected.
 
 use super::report::Report;
+use mien_stages::base::capacity::REGIONS;
 use mien_stages::base::geometry::{Rigid, Rotation};
 use mien_stages::base::prelude::*;
 use mien_stages::base::settings::keyed;
@@ -12,6 +13,8 @@ use mien_stages::expression::units::{Units, other_side};
 
 /// Longest output name of a unit, bytes.
 pub(super) const LONGEST_NAME: usize = 24;
+/// Index of each of [`mien_stages::face_model::scheme::VISIBLE_REGIONS`] on the other side.
+const OTHER_SIDES: [usize; REGIONS] = [1, 0, 3, 2, 4, 5];
 
 /// Name and gain of one unit.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,6 +99,16 @@ impl View {
         Some(mien_stages::base::geometry::yaw_pitch_roll(&pose.rotation).into())
     }
 
+    /// How far each region can be seen ([`Report::seen`]), mirrored if configured.
+    pub(super) fn seen(&self, report: &Report) -> Option<[f32; REGIONS]> {
+        let seen = report.seen()?;
+        Some(if self.mirror {
+            OTHER_SIDES.map(|k| seen[k])
+        } else {
+            seen
+        })
+    }
+
     /// The pose, mirrored if configured.
     pub fn pose(&self, sensor_from_head: &Rigid) -> Rigid {
         if self.mirror {
@@ -147,6 +160,7 @@ fn mirrored(pose: &Rigid) -> Rigid {
 mod tests {
     use super::*;
     use mien_stages::base::geometry::{rotation_from_yaw_pitch_roll, yaw_pitch_roll};
+    use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 
     #[test]
     fn a_mirror_swaps_the_sides_and_leaves_the_rest() {
@@ -172,6 +186,15 @@ mod tests {
         ];
         assert_eq!(sources, [mouth, eyes].concat());
         assert_eq!(units.map(|unit| view.name(unit))[1], "smile");
+    }
+
+    #[test]
+    fn a_mirror_swaps_the_regions_of_the_sides() {
+        let names = VISIBLE_REGIONS.map(|(name, _)| name);
+        for (name, other) in names.iter().zip(OTHER_SIDES) {
+            let expected = other_side(name).unwrap_or_else(|| (*name).to_owned());
+            assert_eq!(names[other], expected);
+        }
     }
 
     #[test]

@@ -27,6 +27,7 @@ fn landmarks() -> Landmarks {
     Landmarks {
         pixels: std::array::from_fn(|i| [i as f32 + 0.5, -0.00001 * i as f32]),
         point_confidence: [0.75; LANDMARKS],
+        seen: [1.0, 0.75, 0.5, 0.254, 0.125, 0.0],
         confidence: 0.9,
         ..Landmarks::default()
     }
@@ -101,7 +102,8 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
         lines[0],
         format!(
             "frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw{points}{confidences},\
-             m_lip_gap,m_eye_distance,w_AU25,w_AU12L,w_AU12R,head_x0,head_y0,head_x1,head_y1"
+             m_lip_gap,m_eye_distance,w_AU25,w_AU12L,w_AU12R,head_x0,head_y0,head_x1,head_y1,\
+             s_brow_L,s_brow_R,s_eye_L,s_eye_R,s_nose,s_mouth"
         )
     );
     let points = (0..68).map(|i| match i {
@@ -112,14 +114,15 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
     let (points, confidences) = (points.collect::<String>(), ",0.7500".repeat(68));
     let head = "0.8000,0.100000,-0.250000,0.750000,0.000000,0.247404,0.000000,0.968912";
     let face = "0.100000,0.032500,1.250000,,0.000000,7,120,140,300";
-    let warming = format!("1,33000,2,warming,{head}{points}{confidences},{face}");
+    let seen = "1.0000,0.7500,0.5000,0.2540,0.1250,0.0000";
+    let warming = format!("1,33000,2,warming,{head}{points}{confidences},{face},{seen}");
     assert_eq!(lines[1], warming);
     let nothing = ",".repeat(3 * 68 + 5);
     assert_eq!(
         lines[2],
-        format!("1,33000,2,posed,{head}{nothing},7,120,140,300")
+        format!("1,33000,2,posed,{head}{nothing},7,120,140,300,,,,,,")
     );
-    let nothing = ",".repeat(7 + 3 * 68 + 5 + 4);
+    let nothing = ",".repeat(7 + 3 * 68 + 5 + 4 + 6);
     assert_eq!(lines[3], format!("1,33000,2,lost,0.0000{nothing}"));
     assert_eq!(lines[4], format!("3,99000,,absent,0.0000{nothing}"));
     assert_eq!((lines.len(), text.ends_with('\n')), (5, true));
@@ -243,6 +246,54 @@ fn osc_tells_everything_of_a_face() {
     assert_eq!(find(&datagrams, "/face/1/pose"), [numbers]);
     assert_eq!(find(&datagrams, "/face/1/present"), [[Int(1)]]);
     assert_eq!((osc.tally().sent, osc.tally().dropped), (3, 0));
+}
+
+#[test]
+fn osc_tells_which_regions_are_seen_on_change_and_each_second() {
+    for mirror in [false, true] {
+        let (socket, mut settings) = receiver(Style::Vector);
+        settings.view.mirror = mirror;
+        let mut osc = Osc::new(settings, &UNITS).unwrap();
+        let mut face = landmarks();
+        let mut told = |ms, state, seen| {
+            face.seen = seen;
+            osc.send(&Report {
+                landmarks: Some(&face),
+                ..report(ms, 1, state, &[0.0; 3])
+            })
+            .unwrap();
+            let all = received(&socket).concat().into_iter();
+            let all = all.filter_map(|message| {
+                let region = message.addr.strip_prefix("/face/1/seen/")?.to_owned();
+                Some((region, message.args[0].clone().float().unwrap()))
+            });
+            all.collect::<Vec<_>>()
+        };
+        let (first, tracking) = (landmarks().seen, TrackingState::Tracking);
+        let [left, right] = if mirror { ["R", "L"] } else { ["L", "R"] };
+        let mut whole = [
+            (format!("brow_{left}"), 1.0),
+            (format!("brow_{right}"), 0.75),
+            (format!("eye_{left}"), 0.5),
+            (format!("eye_{right}"), 0.25),
+            ("nose".into(), 0.13),
+            ("mouth".into(), 0.0),
+        ];
+        if mirror {
+            whole.swap(0, 1);
+            whole.swap(2, 3);
+        }
+        assert_eq!(told(0, tracking, first), whole);
+        // Less than half a hundredth is no change.
+        let mut next = first;
+        (next[0], next[2]) = (0.9, 0.501);
+        let changed = [(format!("brow_{left}"), 0.9)];
+        assert_eq!(told(33, tracking, next), changed);
+        assert_eq!(told(66, tracking, next), []);
+        assert_eq!(told(1000, tracking, first), whole, "a second later");
+        assert_eq!(told(1033, TrackingState::Posed, first), [], "no face");
+        assert_eq!(told(1066, tracking, first), whole, "a face again");
+    }
 }
 
 #[test]

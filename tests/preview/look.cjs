@@ -355,6 +355,25 @@ async function table(browser, csv) {
   child.kill();
 }
 
+// A row of a table whose mouth is covered, as by a mask: its bars are grey, and its region says so.
+async function covered(browser) {
+  const csv = path.join(work, "covered.csv");
+  const header = "time_us,user,state,w_AU26,w_AU12L,w_AU12R,w_AU25,w_AU9L,w_AU34L,w_AU1L,w_AU1R,w_AU43L,s_brow_L,s_brow_R,s_eye_L,s_eye_R,s_nose,s_mouth";
+  fs.writeFileSync(csv, [header, ...[0, 1, 2].map((k) => `${k * 500000},0,tracking,0,0.12,0,0,0.3,0,0.7,0.6,0.2,1,1,1,1,1,0`), ""].join("\n"));
+  const { child, url } = await preview(["--csv", csv]);
+  const page = await open(browser, url);
+  await page.click("#play");
+  await until(page, () => document.querySelector("#bars .covered"));
+  const told = await page.$$eval("#bars .region", (all) => all.map((one) => one.innerText.replaceAll(/\s+/g, " ").trim()).join(", "));
+  const grey = await page.$$eval("#bars .covered", (all) => all.map(({ dataset }) => dataset.unit).join(" "));
+  check("what is covered is grey, and its region says so", told === "Brows, Eyes, Nose and cheeks partly covered, Mouth covered, Jaw covered" && grey === "AU34L AU12L AU12R AU25 AU26", `${told}; ${grey}`);
+  const faint = (await page.evaluate(contrast)).found;
+  check("its letters can be read", faint.length === 0, faint.join(" | "));
+  await page.screenshot({ path: path.join(shots, "covered.png") });
+  await page.close();
+  child.kill();
+}
+
 async function recording(browser) {
   const session = path.join(work, "session");
   execFileSync(path.join(programs, "mien-studio"), ["record", "--source", "simulated:two", "--seconds", "3", "--out", session]);
@@ -518,6 +537,7 @@ async function nobody(browser) {
   try {
     const csv = await live(browser);
     await table(browser, csv);
+    await covered(browser);
     await recording(browser);
     await inspected(browser, csv);
     await box(browser);

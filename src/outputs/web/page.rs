@@ -3,7 +3,7 @@
 //! | request | answer |
 //! | --- | --- |
 //! | `GET /` | the page in one document |
-//! | `GET /box.json` | name, slots, units by region with plain names, destinations of the weights |
+//! | `GET /box.json` | name, slots, units by region with plain names and what they need to be seen, destinations of the weights |
 //! | `GET /events` | an event stream: users and their weights, at most every [`SHORTEST_PERIOD`], at least every [`LONGEST_PERIOD`] |
 //! | `POST /neutral/0`, `/freeze/0/1`, `/forget/0` | a command for the user in a slot, with the header `X-Mien: 1` |
 //! | `POST /level/0/85` | the level at which the first gesture goes on, in hundredths, until the configuration is read again |
@@ -410,9 +410,9 @@ mod tests {
                 "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
                 "gestures": [{"name": "smile", "sums": [[[1, 1.0], [0, -1.0]]], "on": 0.25, "off": 0.15}],
                 "regions": [
-                    ["Brows", [[2, "AU1R", "Inner brow up right", "AU1R, inner brow raiser: the inner end of the brow rises (the subject's right)"]]],
-                    ["Mouth", [[1, "AU12L", "Smile left", "AU12L, lip corner puller: the corner of the mouth moves up and out (the subject's left)"]]],
-                    ["Jaw", [[0, "AU26", "Jaw drop", "AU26, jaw drop: the jaw drops, the mouth opens"]]],
+                    ["Brows", [[2, "AU1R", "Inner brow up right", "AU1R, inner brow raiser: the inner end of the brow rises (the subject's right)", ["brow_R"]]]],
+                    ["Mouth", [[1, "AU12L", "Smile left", "AU12L, lip corner puller: the corner of the mouth moves up and out (the subject's left)", ["mouth"]]]],
+                    ["Jaw", [[0, "AU26", "Jaw drop", "AU26, jaw drop: the jaw drops, the mouth opens", ["mouth"]]]],
                 ],
             })
         );
@@ -426,6 +426,7 @@ mod tests {
         let mut mailbox = Mailbox::default();
         for snapshot in &mut mailbox.users {
             (snapshot.count, snapshot.latency_us) = (1, u32::MAX);
+            snapshot.seen = Some([0.5; mien_stages::base::capacity::REGIONS]);
             snapshot
                 .weights
                 .extend([0.5; mien_stages::base::capacity::UNITS]);

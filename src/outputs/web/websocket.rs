@@ -2,10 +2,11 @@
 //!
 //! ```json
 //! {"frame":12,"time_us":400000,"user":0,"state":"tracking","confidence":0.9310,"frozen":false,"latency_us":9100,
+//!  "seen":{"brow_L":1.0000,"brow_R":1.0000,"eye_L":1.0000,"eye_R":1.0000,"nose":1.0000,"mouth":0.2500},
 //!  "pose":[0.01,0.02,0.8,0.0,0.0,0.0,1.0],"weights":{"AU26":0.2500,"AU25":0.1200},"gestures":{"smile":true}}
 //! ```
 //! `pose` is the position in metres and the quaternion x, y, z, w in the sensor's frame, or null; weights are 0…1 with four
-//! decimals; `gestures` is present if any are configured. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`.
+//! decimals; `seen` is how far each region of the face can be seen, 0…1, and is present with a face; `gestures` is present if any are configured. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`.
 //! Messages from clients are ignored.
 
 use std::fmt::Write as _;

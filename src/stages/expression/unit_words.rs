@@ -3,6 +3,8 @@
 //! One table for the live line, `mien send-test`, the configuration, the pages and `docs/units.md`. Codes omit the side; `L`
 //! and `R` are the subject's own left and right.
 
+#[cfg(feature = "std")]
+use super::regions::RegionSet;
 use crate::base::prelude::*;
 
 /// Names of one unit.
@@ -97,7 +99,8 @@ pub fn by_region(units: &[&str]) -> Vec<(&'static str, Vec<usize>)> {
     regions
 }
 
-/// Units for the pages: `[[region, [[index, unit, name, description]]]]`.
+/// Units for the pages: `[[region, [[index, unit, name, description, [name of a region that it needs to be seen]]]]]`. A renamed unit
+/// needs none.
 #[cfg(feature = "std")]
 pub fn regions_json(units: &[&str]) -> serde_json::Value {
     let row = |k: usize| {
@@ -113,7 +116,9 @@ pub fn regions_json(units: &[&str]) -> serde_json::Value {
             };
             format!("{unit}, {}: {}{whose}", words.facs, words.does)
         });
-        serde_json::json!([k, unit, name, about])
+        let needs = find(unit).map(|_| RegionSet::of_unit(unit).names());
+        let needs: Vec<&str> = needs.into_iter().flatten().collect();
+        serde_json::json!([k, unit, name, about, needs])
     };
     let regions = by_region(units).into_iter();
     let rows = |rows: Vec<usize>| rows.into_iter().map(row).collect::<Vec<_>>();

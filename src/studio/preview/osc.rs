@@ -11,7 +11,9 @@ use super::sample::{Sample, UnitRange};
 use mien_outputs::is_name;
 use mien_outputs::osc::packet::Argument::{self, Bool, Float, Int, Text};
 use mien_outputs::osc::packet::{messages, parse};
-use mien_stages::base::capacity::USERS;
+use mien_stages::base::capacity::{REGIONS, USERS};
+use mien_stages::face_model::scheme::VISIBLE_REGIONS;
+use mien_stages::users::TrackingState;
 
 /// Largest datagram, bytes.
 const MAX_DATAGRAM: usize = 65_536;
@@ -147,8 +149,10 @@ impl Receiver {
                     [Float(ms), ..] if ms.is_finite() && *ms > 0.0 => Some(*ms),
                     _ => None,
                 };
-                // That of the frame before.
+                // Of the frame before; visibility is sent on change, and not without a face.
                 sample.pose = None;
+                let has_face = TrackingState::ALL[state as usize].has_face();
+                sample.seen = sample.seen.filter(|_| has_face);
             }
             ("frozen", &[Int(frozen @ 0..=1)]) => user.sample.frozen = frozen == 1,
             ("au", values) if named && values.len() == count => {
@@ -166,11 +170,21 @@ impl Receiver {
         Some(())
     }
 
-    /// Processes a message about a unit of a user.
+    /// Processes a message about a unit or a region of a user.
     fn unit(&mut self, slot: usize, what: &str, name: &str, values: &[Argument]) -> Option<()> {
         let numbers = floats(values)?;
         if !is_name(name) {
             return None;
+        }
+        if what == "seen" {
+            let region = VISIBLE_REGIONS.iter().position(|(one, _)| *one == name)?;
+            let [share @ 0.0..=1.0] = numbers[..] else {
+                return None;
+            };
+            let sample = &mut self.users[slot].sample;
+            sample.seen.get_or_insert([1.0; REGIONS])[region] = share;
+            self.users[slot].changed[0] = true;
+            return Some(());
         }
         let unit = match self.units.iter().position(|unit| unit == name) {
             Some(unit) => unit,
@@ -234,10 +248,11 @@ fn floats(values: &[Argument]) -> Option<Vec<f32>> {
 mod tests {
     use super::*;
     use mien_outputs::osc::{Osc, Settings};
-    use mien_outputs::{Output, Report, TrackingState};
+    use mien_outputs::{Output, Report};
     use mien_stages::base::geometry::Rigid;
     use mien_stages::base::time::Timestamp;
     use mien_stages::expression::UnitRange;
+    use mien_stages::landmarks::Landmarks;
     use std::net::UdpSocket;
     use std::time::Duration;
 
@@ -285,12 +300,17 @@ mod tests {
     /// The datagrams of a sender that reports a face, and a receiver that has had them.
     fn sent() -> (Vec<Vec<u8>>, Receiver, Hub) {
         let pose = Rigid::translation(0.1, 0.0, 0.7);
+        let landmarks = Landmarks {
+            seen: [1.0, 1.0, 0.75, 1.0, 1.0, 0.0],
+            ..Landmarks::default()
+        };
         let report = Report {
             at: Timestamp::from_us(1_500_000),
             user: Some(2),
             state: TrackingState::Tracking,
             confidence: 0.75,
             sensor_from_face: Some(&pose),
+            landmarks: Some(&landmarks),
             weights: &[0.25, 0.5],
             ranges: &[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]].map(|[low, rest, high]| UnitRange {
                 low,
@@ -317,6 +337,7 @@ mod tests {
             .unwrap();
         assert_eq!(last["w"], serde_json::json!([0.25, 0.5]));
         assert_eq!(last["p"], serde_json::json!([0.1, 0, 0.7, 0, 0, 0, 1]));
+        assert_eq!(last["v"], serde_json::json!({"eye_L": 0.75, "mouth": 0}));
         assert_eq!(
             (&last["s"], &last["c"], &last["l"]),
             (&2.into(), &0.75.into(), &12.5.into())
@@ -333,7 +354,9 @@ mod tests {
         bytes.extend([[0, 0, 0, 7], [0, 0, 6, 0], [0, 0, 0, 5], [0; 4]].concat());
         receiver.take(&bytes, &hub);
         assert_eq!(hub.counts().refused, refused);
-        assert_eq!(receiver.users[2].sample.state, TrackingState::Posed.code());
+        let sample = &receiver.users[2].sample;
+        assert_eq!(sample.state, TrackingState::Posed.code());
+        assert_eq!(sample.seen, None, "regions are those of a face");
         // A state that there is not.
         *bytes.iter_mut().rfind(|byte| **byte == 5).unwrap() = 6;
         receiver.take(&bytes, &hub);

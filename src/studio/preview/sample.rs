@@ -3,7 +3,9 @@
 //! Untrusted numbers are filtered: non-finite ones are omitted, weights are clamped to what a page can draw. Units:
 //! seconds, metres (`sensor_from_head`, quaternion x y z w), pixels of the colour image, milliseconds of latency.
 
-use serde_json::{Value, json};
+use mien_stages::base::capacity::REGIONS;
+use mien_stages::face_model::scheme::VISIBLE_REGIONS;
+use serde_json::{Map, Value, json};
 
 /// Largest weight shown: exaggerated expressions exceed 1.
 const MAX_WEIGHT: f32 = 4.0;
@@ -29,6 +31,8 @@ pub struct Sample {
     pub pose: Option<[f32; 7]>,
     /// The head in depth pixels: first column and row, one past the last.
     pub head_box: Option<[u16; 4]>,
+    /// How far each region of the face can be seen, 0…1; `None` if unknown.
+    pub seen: Option<[f32; REGIONS]>,
     /// Weights in schema order.
     pub weights: Vec<f32>,
     /// The 68 points, colour pixels; empty if unknown.
@@ -59,6 +63,13 @@ impl Sample {
         let weights = self.weights.iter().map(|w| w.clamp(0.0, MAX_WEIGHT));
         let points = self.points.iter().flatten().copied();
         let pose = self.pose.filter(|p| p.iter().all(|v| v.is_finite()));
+        // Only those that are not wholly seen, as most are.
+        let hidden = self.seen.map(|seen| {
+            let regions = VISIBLE_REGIONS.iter().zip(seen);
+            let hidden = regions.filter(|(_, share)| *share < 1.0);
+            hidden.map(|((name, _), share)| ((*name).to_owned(), number(share.max(0.0), 2)))
+        });
+        let hidden = hidden.map(Iterator::collect::<Map<_, _>>);
         let mut json = json!({
             "u": self.user.map_or(-1, |slot| slot as i64),
             "n": self.number,
@@ -72,6 +83,7 @@ impl Sample {
             ("f", self.frozen.then(|| json!(1))),
             ("p", pose.map(|pose| list(pose, 4))),
             ("b", self.head_box.map(|sides| json!(sides))),
+            ("v", hidden.filter(|all| !all.is_empty()).map(Value::Object)),
             ("m", (!self.points.is_empty()).then(|| list(points, 1))),
         ] {
             if let Some(value) = value {
@@ -106,6 +118,7 @@ mod tests {
             latency_ms: Some(12.5),
             pose: Some([0.0, -0.0, 0.7, 0.0, 0.0, 0.0, 1.0]),
             head_box: Some([1, 2, 30, 40]),
+            seen: Some([1.0, 0.504, 1.0, -1.0, f32::NAN, 0.0]),
             weights: vec![0.5, f32::NAN, -1.0, 90.0, 0.0004],
             points: vec![[1.25, 2.0]],
             frozen: true,
@@ -114,6 +127,8 @@ mod tests {
         assert_eq!(json["w"], serde_json::json!([0.5, null, 0, 4, 0]));
         assert_eq!(json["p"], serde_json::json!([0, 0, 0.7, 0, 0, 0, 1]));
         assert_eq!(json["b"], serde_json::json!([1, 2, 30, 40]));
+        let hidden = serde_json::json!({"brow_R": 0.5, "eye_R": 0, "mouth": 0});
+        assert_eq!(json["v"], hidden);
         assert_eq!(
             (&json["u"], &json["f"], &json["l"]),
             (&1.into(), &1.into(), &12.5.into())

@@ -37,6 +37,7 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
         frozen: report.frozen,
         pose: report.sensor_from_face.filter(|_| present).map(numbers),
         head_box: report.head_box.map(|r| [r.x0, r.y0, r.x1, r.y1]),
+        seen: report.seen(),
         weights: report.weights.to_vec(),
         points: points.unwrap_or_default(),
     }

@@ -9,6 +9,7 @@ use std::path::Path;
 use super::hub::Hub;
 use super::sample::Sample;
 use mien_stages::base::capacity::USERS;
+use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 use mien_stages::users::TrackingState;
 use mien_workbench::csv;
 use mien_workbench::fault::Fault;
@@ -81,6 +82,8 @@ pub struct Columns {
     pose: Vec<usize>,
     points: Vec<usize>,
     head_box: Vec<usize>,
+    /// How far each region can be seen.
+    seen: Vec<usize>,
     units: Vec<(String, usize)>,
     rows: u64,
 }
@@ -104,6 +107,9 @@ impl Columns {
             pose: table.find_all(POSE).unwrap_or_default(),
             points: table.find_points().unwrap_or_default(),
             head_box: table.find_all(HEAD_BOX).unwrap_or_default(),
+            seen: table
+                .find_all(VISIBLE_REGIONS.map(|(region, _)| format!("s_{region}")))
+                .unwrap_or_default(),
             units: units.into_iter().map(own).collect(),
             rows: 0,
         })
@@ -166,6 +172,7 @@ impl Columns {
             confidence: self.confidence.map_or(Some(f32::NAN), number)?,
             pose: whole(&self.pose)?.try_into().ok(),
             head_box: head_box.map(|sides| sides.map(|side| side as u16)),
+            seen: whole(&self.seen)?.try_into().ok(),
             weights,
             points: points.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
             ..Sample::default()
@@ -192,6 +199,12 @@ mod tests {
         assert!(posed.weights.is_empty(), "no weights are not weights of 0");
         let held = boxed.row("0.5,0,66666,held,,,,").unwrap();
         assert_eq!((held.head_box, held.weights), (None, vec![0.5]));
+        let header = "w_AU26,user,time_us,state,s_mouth,s_brow_R,s_eye_L,s_eye_R,s_nose,s_brow_L";
+        let mut covered = Columns::new(header).unwrap();
+        let row = covered.row("0,0,33333,tracking,0.0000,0.2,0.3,0.4,0.5,0.1");
+        assert_eq!(row.unwrap().seen, Some([0.1, 0.2, 0.3, 0.4, 0.5, 0.0]));
+        let lost = covered.row(",0,66666,lost,,,,,,").unwrap();
+        assert_eq!((lost.seen, held.seen), (None, None));
         let nobody = table.row(",,66666,absent,,\n").unwrap();
         assert_eq!(
             (nobody.user, nobody.state, nobody.weights),

@@ -115,7 +115,7 @@ function show(news) {
     one.figures.textContent = `${(100 * user.confidence).toFixed(0)} % confidence` + (user.latency_us ? `, ${(user.latency_us / 1000).toFixed(0)} ms` : "");
     one.freeze.ariaPressed = user.frozen;
     one.freeze.textContent = user.frozen ? FREEZE.end : FREEZE.wish;
-    one.rows.draw(user.weights);
+    one.rows.draw(user.weights, user.seen);
   }
 }
 

@@ -29,18 +29,22 @@ export function element(kind, parent, className = "", text = "") {
   return made;
 }
 
-// One row per unit under the names of the regions: `regions` is [[title, [[index, unit, name, about], …]], …].
+// Below this share of a region that can be seen, its units are covered: their weights are at rest whatever the face does.
+const SEEN = 0.5;
+
+// One row per unit under the names of the regions: `regions` is [[title, [[index, unit, name, about, [what it needs to be seen]], …]], …].
 export class Rows {
   constructor(parent, regions) {
     parent.replaceChildren();
-    this.all = regions.flatMap(([title, rows]) => {
+    this.sections = regions.map(([title, rows]) => {
       const section = element("section", parent);
-      element("h3", section, "region", title);
-      return rows.map((row) => this.row(section, row));
+      const note = element("span", element("h3", section, "region", `${title} `), "note");
+      return { note, rows: rows.map((row) => this.row(section, row)) };
     });
+    this.all = this.sections.flatMap(({ rows }) => rows);
   }
 
-  row(parent, [k, unit, plain, about]) {
+  row(parent, [k, unit, plain, about, needs]) {
     const row = element("div", parent, "unit");
     row.dataset.unit = unit;
     row.title = about;
@@ -49,11 +53,16 @@ export class Rows {
     const scale = element("div", row, "scale");
     const bar = element("div", scale, "bar");
     bar.dataset.unit = unit;
-    return { unit, k, plain, about, row, name, scale, bar, fill: element("i", bar), value: element("span", row, "value", ".00") };
+    return { unit, k, plain, about, needs, row, name, scale, bar, fill: element("i", bar), value: element("span", row, "value", ".00") };
   }
 
-  // Weights in the order of the units.
-  draw(weights) {
+  // Weights in the order of the units; `seen` is how far regions can be seen, by name: wholly if not named.
+  draw(weights, seen = {}) {
+    for (const { note, rows } of this.sections) {
+      const covered = rows.filter(({ row, needs }) => row.classList.toggle("covered", needs.some((region) => seen[region] < SEEN)));
+      const text = covered.length === 0 ? "" : covered.length < rows.length ? "partly covered" : "covered";
+      if (note.textContent !== text) note.textContent = text;
+    }
     for (const { k, fill, bar, value } of this.all) {
       const weight = weights[k] ?? 0;
       fill.style.transform = `scaleX(${Math.min(1, weight)})`;

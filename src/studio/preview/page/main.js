@@ -220,7 +220,7 @@ function frame(now) {
     chosenAt = now;
     curves.choose(stream.units, window, bars.chosen);
   }
-  bars.draw(sample?.w ?? [], stream.users[slot].ranges, curves.units);
+  bars.draw(sample?.w ?? [], sample?.v, stream.users[slot].ranges, curves.units);
   curves.draw(stream.units, window, stream.empty ? 0 : stream.now(), bars.names);
   const find = (user, number) => stream.users[user].samples.findLast((one) => one.n === number);
   for (const picture of pictures) picture.draw(stream.source?.pictures, samples, stream.unpeopled(), find);

@@ -54,10 +54,10 @@ export class Bars {
     }
   }
 
-  // Weights and ranges in the order of the units; `curves` are the units that have one.
-  draw(weights, ranges, curves) {
+  // Weights and ranges in the order of the units; `seen` is how far regions can be seen; `curves` are the units that have one.
+  draw(weights, seen, ranges, curves) {
     if (!this.rows) return;
-    this.rows.draw(weights);
+    this.rows.draw(weights, seen);
     for (const row of this.rows.all) {
       row.name.style.borderLeftColor = curves.includes(row.unit) ? `oklch(var(--curve) .14 ${hue(row.unit)})` : "transparent";
       const range = ranges?.[row.k] ?? null;

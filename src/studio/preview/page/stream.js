@@ -1,5 +1,6 @@
 // What arrives, and where in time the page is. Samples: u slot, n number, t seconds, s state, c confidence, l latency in ms,
-// f frozen, p pose (x y z qx qy qz qw), b the head's box (depth pixels, one past the last), w weights in the order of `units`, m landmarks (pixels).
+// f frozen, p pose (x y z qx qy qz qw), b the head's box (depth pixels, one past the last), v how far
+// regions can be seen that are not wholly seen, by name, w weights in the order of `units`, m landmarks (pixels).
 
 export const WINDOW_S = 30;
 // A little more than is drawn, so that the left edge of the curves is whole.
