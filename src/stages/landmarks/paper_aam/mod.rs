@@ -226,3 +226,35 @@ impl PaperAamFitter {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::Rigid;
+    use crate::face_model::FaceModel;
+
+    #[test]
+    fn lips_follow_depth_less_what_the_nose_deviates_from_its_mean() {
+        let mut fitter = PaperAamFitter::new(&FaceModel::shipped().paper_aam).expect("a model");
+        let camera = Camera::default();
+        let pose = SensorFromHead::assume_frames(Rigid::translation(0.0, 0.0, 0.8));
+        let start = Placement::from_pose(&camera, &pose).expect("in view").start;
+        let fit = fitter.solver.cold(&start);
+        let mut lips = |seen: u16, plane_m: f32| {
+            let raw = camera.raw_from_m(plane_m).round() as u16;
+            let depth: Box<[u16; PIXELS]> = vec![raw; PIXELS].try_into().expect("PIXELS long");
+            fitter.landmarks.head = fitter.solver.head(&fit);
+            let before = fitter.landmarks.head[UPPER_LIP[0]];
+            fitter.seen = seen;
+            fitter.correct_protrusion(&fit, &start, &depth, &camera, &pose);
+            let lip = fitter.landmarks.head[UPPER_LIP[0]].z - before.z;
+            lip + camera.depth_m(raw) - 0.8
+        };
+        // Of the first frame the nose's mean is this frame's: the lips lie on the surface. In the second all of it is nearer,
+        // the mean by half of that, so the lips as well.
+        let first = lips(1, 0.795);
+        let second = lips(2, 0.787);
+        let moved = 0.795 - 0.787;
+        assert!((second - first).abs() < 0.002 + 0.5 * moved, "{first} {second}");
+    }
+}
