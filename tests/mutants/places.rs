@@ -1,83 +1,55 @@
-//! Where a source file can be changed in one place, and how.
-
-use std::ops::Range;
+//! Prints where Rust sources can be changed in one place: a line of JSON each, `[file, first byte, end, text instead]`.
 
 use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
-use syn::{BinOp, Expr, UnOp};
+use syn::{Expr, ImplItem, Item, Lit, Stmt, UnOp};
 
-/// A span of bytes and what to put there instead.
-pub struct Place {
-    pub range: Range<usize>,
-    pub instead: String,
+fn main() {
+    for file in std::env::args().skip(1) {
+        let text = std::fs::read_to_string(&file).expect("a source");
+        let tree = syn::parse_file(&text).expect("code that compiles");
+        Places { file, text }.visit_file(&tree);
+    }
 }
 
-/// All places of a file's code outside its tests, constants, patterns, types and macros.
-pub fn of(text: &str) -> Vec<Place> {
-    let file = syn::parse_file(text).expect("source that compiles");
-    let mut finder = Finder {
-        text,
-        places: Vec::new(),
-    };
-    finder.visit_file(&file);
-    finder.places
+struct Places {
+    file: String,
+    text: String,
 }
 
-struct Finder<'a> {
-    text: &'a str,
-    places: Vec<Place>,
-}
-
-impl Finder<'_> {
+impl Places {
     fn text(&self, part: &impl Spanned) -> &str {
         &self.text[part.span().byte_range()]
     }
 
-    /// `whole` with `part` replaced by `instead`.
-    fn swap(&mut self, whole: &Expr, part: &impl Spanned, instead: &str) {
+    /// A place: `whole`, with `instead` for `part` of it.
+    fn swap(&self, whole: &Expr, part: &impl Spanned, instead: &str) {
         let (whole, part) = (whole.span().byte_range(), part.span().byte_range());
-        let (before, after) = (whole.start..part.start, part.end..whole.end);
-        let instead = format!("{}{instead}{}", &self.text[before], &self.text[after]);
-        self.places.push(Place {
-            range: whole,
-            instead,
-        });
+        let before = &self.text[whole.start..part.start];
+        let after = &self.text[part.end..whole.end];
+        let instead = format!("{before}{instead}{after}");
+        let row = serde_json::json!([self.file, whole.start, whole.end, instead]);
+        println!("{row}");
     }
 }
 
-/// Whether this is compiled for tests only, or not at all with the default features.
+/// Whether this is compiled for tests only, or not with the default features.
 fn left_out(attributes: &[syn::Attribute]) -> bool {
     attributes.iter().any(|attribute| match &attribute.meta {
         syn::Meta::List(list) if list.path.is_ident("cfg") => {
-            let when = list.tokens.to_string().replace(' ', "");
-            when.contains("test") || when.contains("not(")
+            let when = list.tokens.to_string();
+            when.contains("test") || when.contains("not")
         }
-        meta => meta.path().is_ident("test"),
+        _ => false,
     })
 }
 
-fn opposite(operator: &BinOp) -> Option<&'static str> {
-    Some(match operator {
-        BinOp::Lt(_) => "<=",
-        BinOp::Le(_) => "<",
-        BinOp::Gt(_) => ">=",
-        BinOp::Ge(_) => ">",
-        BinOp::Eq(_) => "!=",
-        BinOp::Ne(_) => "==",
-        BinOp::And(_) => "||",
-        BinOp::Or(_) => "&&",
-        BinOp::Add(_) => "-",
-        BinOp::Sub(_) => "+",
-        BinOp::Mul(_) => "/",
-        BinOp::Div(_) => "*",
-        BinOp::AddAssign(_) => "-=",
-        BinOp::SubAssign(_) => "+=",
-        BinOp::MulAssign(_) => "/=",
-        BinOp::DivAssign(_) => "*=",
-        _ => return None,
-    })
-}
+/// Each becomes its neighbour: the first the second and the other way round.
+const OPERATORS: [&str; 16] = [
+    "<", "<=", ">", ">=", "==", "!=", "&&", "||", "+", "-", "*", "/", "+=", "-=", "*=", "/=",
+];
 
+/// Whether a condition has a `let` in it, and is therefore no value.
 fn binds(condition: &Expr) -> bool {
     match condition {
         Expr::Let(_) => true,
@@ -86,19 +58,17 @@ fn binds(condition: &Expr) -> bool {
     }
 }
 
-fn leaves(block: &syn::Block) -> bool {
-    let [syn::Stmt::Expr(only, _)] = block.stmts.as_slice() else {
-        return false;
-    };
-    matches!(only, Expr::Return(_) | Expr::Continue(_) | Expr::Break(_))
+fn only_leaves(block: &syn::Block) -> bool {
+    let leave = |e: &Expr| matches!(e, Expr::Return(_) | Expr::Continue(_) | Expr::Break(_));
+    matches!(block.stmts.as_slice(), [Stmt::Expr(only, _)] if leave(only))
 }
 
-impl<'ast> Visit<'ast> for Finder<'_> {
+impl<'ast> Visit<'ast> for Places {
     fn visit_expr(&mut self, expr: &'ast Expr) {
         match expr {
             Expr::Binary(both) if !binds(expr) => {
-                if let Some(other) = opposite(&both.op) {
-                    self.swap(expr, &both.op, other);
+                if let Some(place) = OPERATORS.iter().position(|o| *o == self.text(&both.op)) {
+                    self.swap(expr, &both.op, OPERATORS[place ^ 1]);
                 }
             }
             Expr::Unary(unary) if !matches!(unary.op, UnOp::Deref(_)) => {
@@ -106,63 +76,59 @@ impl<'ast> Visit<'ast> for Finder<'_> {
             }
             Expr::MethodCall(call) if call.method == "min" => self.swap(expr, &call.method, "max"),
             Expr::MethodCall(call) if call.method == "max" => self.swap(expr, &call.method, "min"),
-            Expr::Lit(lit) if matches!(&lit.lit, syn::Lit::Float(f) if f.base10_parse::<f64>().is_ok_and(|value| value != 0.0)) =>
-            {
-                let instead = format!("({} * 1.5)", self.text(expr));
-                self.swap(expr, expr, &instead);
+            Expr::Lit(lit) => {
+                if let Lit::Float(number) = &lit.lit
+                    && number.base10_parse::<f64>().is_ok_and(|n| n != 0.0)
+                {
+                    self.swap(expr, expr, &format!("({} * 1.5)", self.text(expr)));
+                }
             }
             Expr::Index(index) => {
                 if let Expr::Binary(both) = &*index.index
                     && matches!(both.op, BinOp::Add(_))
                     && self.text(&both.right) == "1"
                 {
-                    let instead = self.text(&both.left).to_owned();
-                    self.swap(&index.index, &index.index, &instead);
+                    self.swap(&index.index, &index.index, self.text(&both.left));
                 }
             }
-            Expr::If(branch) if leaves(&branch.then_branch) && !binds(&branch.cond) => {
+            Expr::If(branch) if only_leaves(&branch.then_branch) && !binds(&branch.cond) => {
                 let instead = format!("!({})", self.text(&branch.cond));
                 self.swap(&branch.cond, &branch.cond, &instead);
             }
-            // Computed by the compiler.
-            Expr::Const(_) => return,
+            // Lengths and constants are the compiler's.
             Expr::Repeat(repeat) => return self.visit_expr(&repeat.expr),
+            Expr::Const(_) => return,
             _ => {}
         }
         visit::visit_expr(self, expr);
     }
 
-    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
-        if !left_out(&item.attrs) {
-            visit::visit_item_mod(self, item);
+    fn visit_item(&mut self, item: &'ast Item) {
+        let of = |item: &syn::ItemImpl| item.trait_.as_ref()?.1.segments.last().cloned();
+        let ours = match item {
+            Item::Mod(item) => !left_out(&item.attrs),
+            Item::Fn(item) => !left_out(&item.attrs) && item.sig.constness.is_none(),
+            // Words are not what is measured here.
+            Item::Impl(item) => {
+                let words = of(item).is_some_and(|of| of.ident == "Display" || of.ident == "Debug");
+                !left_out(&item.attrs) && !words
+            }
+            item => matches!(item, Item::Trait(_)),
+        };
+        if ours {
+            visit::visit_item(self, item);
         }
     }
 
-    fn visit_item_fn(&mut self, item: &'ast syn::ItemFn) {
-        if !left_out(&item.attrs) && item.sig.constness.is_none() {
-            visit::visit_item_fn(self, item);
-        }
-    }
-
-    fn visit_impl_item_fn(&mut self, item: &'ast syn::ImplItemFn) {
-        if !left_out(&item.attrs) && item.sig.constness.is_none() {
+    fn visit_impl_item(&mut self, item: &'ast ImplItem) {
+        if let ImplItem::Fn(item) = item
+            && !left_out(&item.attrs)
+            && item.sig.constness.is_none()
+        {
             visit::visit_impl_item_fn(self, item);
         }
     }
 
-    fn visit_item_impl(&mut self, item: &'ast syn::ItemImpl) {
-        let name = item.trait_.as_ref().and_then(|of| of.1.segments.last());
-        let words = name.is_some_and(|name| name.ident == "Display" || name.ident == "Debug");
-        if !left_out(&item.attrs) && !words {
-            visit::visit_item_impl(self, item);
-        }
-    }
-
-    fn visit_item_const(&mut self, _: &'ast syn::ItemConst) {}
-    fn visit_item_static(&mut self, _: &'ast syn::ItemStatic) {}
-    fn visit_impl_item_const(&mut self, _: &'ast syn::ImplItemConst) {}
-    fn visit_trait_item_const(&mut self, _: &'ast syn::TraitItemConst) {}
-    fn visit_variant(&mut self, _: &'ast syn::Variant) {}
     fn visit_type(&mut self, _: &'ast syn::Type) {}
     fn visit_pat(&mut self, _: &'ast syn::Pat) {}
     fn visit_attribute(&mut self, _: &'ast syn::Attribute) {}

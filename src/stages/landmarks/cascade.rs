@@ -290,7 +290,12 @@ mod tests {
             _ => -2.0,
         });
         let mut fit = FaceFit {
-            view: View::default(),
+            view: View {
+                log_scale: 6.5,
+                rotation: Default::default(),
+                shift: [0.0; 2],
+                inverse_distance: 1.4,
+            },
             shape: [0.0; MAX_MODES],
         };
         fit.shape[..2].copy_from_slice(&[2.0, -4.0]);

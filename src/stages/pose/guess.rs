@@ -60,7 +60,12 @@ mod tests {
         // Seen at -0.1 to 0.1 from the axis, the right side twice as far away.
         let on_ray = |slope: f32, z: f32| Point::new(slope * z, slope * z, z);
         let middle = on_ray(-0.01, 1.0);
-        let cloud = [on_ray(-0.1, 1.0), middle, on_ray(0.05, 2.0), on_ray(0.1, 2.0)];
+        let cloud = [
+            on_ray(-0.1, 1.0),
+            middle,
+            on_ray(0.05, 2.0),
+            on_ray(0.1, 2.0),
+        ];
         let [guess, ..] = guesses(&cloud, 0).expect("a cloud");
         assert_eq!(guess.translation.vector, middle.coords);
     }

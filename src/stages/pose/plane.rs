@@ -279,6 +279,7 @@ const MAX_SHIFT_M: f32 = 0.04;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::geometry::Rotation;
     use crate::pose::anchor::tests::half_egg;
 
     /// A live point of the middle of the face, as deep as `z`, and the pose that lays it on the head `off` metres before its

@@ -207,7 +207,11 @@ fn the_papers_method_follows_a_head_that_moves_two_centimetres_a_frame() {
     }
     // An empty cloud is a lost head.
     let nothing = HeadCloud::default();
-    assert!(tracker.track(&nothing, Timestamp::from_us(300_000)).is_none());
+    assert!(
+        tracker
+            .track(&nothing, Timestamp::from_us(300_000))
+            .is_none()
+    );
 }
 
 #[test]

@@ -198,7 +198,11 @@ fn a_planted_face_is_found_from_beside_it_and_nothing_where_there_is_none() {
 fn points_that_the_model_can_show_are_shown() {
     let solver = Solver::new(known());
     let depth = frontal();
-    let truth = planted(&solver, &depth.moved(&[0.2, 0.3, -0.3, 0.2, 0.3, 0.3]), [1.0, -0.7]);
+    let truth = planted(
+        &solver,
+        &depth.moved(&[0.2, 0.3, -0.3, 0.2, 0.3, 0.3]),
+        [1.0, -0.7],
+    );
     let mut fit = solver.cold(&depth);
     solver.fit_points(&truth.shape, &mut fit, &depth);
     let left = apart(&fit.shape, &truth.shape);
