@@ -57,6 +57,21 @@ mod tests {
     use super::*;
 
     #[test]
+    fn after_half_a_second_or_a_step_back_the_filter_starts_anew() {
+        let cutoffs = Cutoffs {
+            still_hz: 1.0,
+            per_speed: 0.0,
+            speed_hz: 1.0,
+        };
+        for (second_us, starts) in [(1_400_000, false), (1_600_000, true), (900_000, true)] {
+            let mut filter = ShapeFilter::new(cutoffs);
+            filter.follow(&[0.0; MAX_MODES], Timestamp::from_us(1_000_000));
+            let b = filter.follow(&[1.0; MAX_MODES], Timestamp::from_us(second_us));
+            assert_eq!(b == [1.0; MAX_MODES], starts, "{second_us}");
+        }
+    }
+
+    #[test]
     fn noise_is_smoothed_and_a_step_passes() {
         let mut random = fastrand::Rng::with_seed(3);
         let mut filter = ShapeFilter::new(Cutoffs {
