@@ -55,8 +55,9 @@ mod tests {
     #[test]
     fn a_surface_before_a_larger_face_is_nearer_by_as_much_at_the_models_size() {
         let camera = Camera::default();
-        let (size, depth) = (1.25, plane(&camera, 0.0));
-        // All points in the plane of the face's origin, which is a centimetre behind the surface.
+        let (size, slope) = (1.25, 0.2);
+        let depth = plane(&camera, slope);
+        // The face's origin is a centimetre behind the surface, which falls back to its right.
         let pose = SensorFromFace::assume_frames(Rigid::translation(0.0, 0.0, 0.81));
         let head: [Point; LANDMARKS] =
             core::array::from_fn(|i| Point::new(0.001 * i as f32, 0.03, 0.004));
@@ -68,8 +69,10 @@ mod tests {
         }
         assert_eq!(inputs.len(), 8 + SITES);
         // The sensor's steps are 2 mm here.
-        let nearer = 0.01 / size + 0.004;
-        assert!(inputs[8..].iter().all(|by| (by - nearer).abs() < 0.0012));
+        for (by, site) in inputs[8..].iter().zip(sites(&head)) {
+            let nearer = (0.01 - slope * site.x * size) / size + site.z;
+            assert!((by - nearer).abs() < 0.0012, "{by} {nearer} at {site}");
+        }
         // Beside the plane nothing is measured.
         let away = SensorFromFace::assume_frames(Rigid::translation(3.0, 0.0, 0.81));
         let none = surface_offsets(&head, size, &depth, &camera, &away);

@@ -317,7 +317,7 @@ mod tests {
     #[test]
     fn pictures_of_the_same_time_are_in_order() {
         let back = |text| steps_back(&Index::parse(text).depth);
-        assert_eq!(back("d-0-100.pgm\nd-0-100.pgm\nd-0-99.pgm\n"), 1);
+        assert_eq!(back("d-0-100.pgm\nd-0-100.pgm\nd-0-101.pgm\n"), 0);
     }
 
     #[test]
