@@ -152,6 +152,22 @@ mod tests {
     }
 
     #[test]
+    fn evidence_is_worth_half_after_a_half_life() {
+        let before = a_minute(|pitch| 0.2 * pitch, 0.15);
+        let mut after = before;
+        // Ten seconds at rest, of a head that looks ahead.
+        after.observe(0.0, &Vector3::zeros(), 10.0, 10.0);
+        assert_eq!(after.gram, before.gram * 0.5);
+        assert_eq!(after.right, before.right * 0.5);
+        assert!((after.seconds - (0.5 * before.seconds + 10.0)).abs() < 1e-9);
+        assert_eq!(after.costs, before.costs.map(|cost| 0.5 * cost));
+        // A second at three hundredths, where it counts as half an expression.
+        let mut surprised = HeadMotionLeak::default();
+        surprised.observe(OUTLYING, &Vector3::zeros(), 1.0, 0.0);
+        assert_eq!(surprised.costs, [0.5; 2]);
+    }
+
+    #[test]
     fn large_deviations_pass_and_drift_shrinks() {
         let still = Vector3::zeros();
         let resting = a_minute(|_| 0.01, 0.0);

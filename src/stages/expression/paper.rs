@@ -159,6 +159,19 @@ mod tests {
     }
 
     #[test]
+    fn first_estimates_are_spread_over_a_tenth_of_a_second() {
+        for (phase, first) in [(0.0, 20), (0.5, 25), (1.0, 30)] {
+            let mut learner = PaperLearner::new(literal(), PRIOR, Kind::TwoWay, phase);
+            let mut frames = 0;
+            while learner.estimate.is_none() && frames < 100 {
+                learner.observe(1.0 + 0.01 * f64::from(frames % 5), 1.0, 0.01);
+                frames += 1;
+            }
+            assert!((first..=first + 1).contains(&frames), "{phase}: {frames}");
+        }
+    }
+
+    #[test]
     fn starts_from_the_prior_and_ends_literal() {
         let mut learner = PaperLearner::new(literal(), PRIOR, Kind::TwoWay, 0.0);
         assert_eq!(

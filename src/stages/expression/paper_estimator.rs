@@ -100,3 +100,48 @@ impl Estimator for PaperEstimator {
 
     fn restore(&mut self, _: &Learned) {}
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::capacity::{LANDMARKS, MEASURES};
+    use crate::base::geometry::{Point, Rotation};
+    use crate::expression::units::{Explained, Side};
+    use crate::landmarks::Landmarks;
+
+    #[test]
+    fn cross_talk_is_removed_once_rest_is_placed_and_never_that_of_nostrils() {
+        let mut units = Units::shipped().by_measure();
+        units.rows.iter_mut().for_each(|row| row.explained.clear());
+        let others = [Measure::MouthWidth, Measure::NostrilL, Measure::NostrilR];
+        for (row, by) in units.rows.iter_mut().zip(others) {
+            row.explained = vec![Explained {
+                by,
+                when: Side::Rises,
+                share: 0.5,
+            }];
+        }
+        let mut estimator = PaperEstimator::new(&Settings::default(), units.into());
+        let mut measures = [0.0; MEASURES];
+        for (value, range) in measures.iter_mut().zip(estimator.ranges()) {
+            *value = range.rest as f32 + 0.5;
+        }
+        let landmarks = Landmarks::certain([Point::origin(); LANDMARKS]);
+        for (present_s, expected) in [(0.1, [0.0; 3]), (5.0, [0.25, 0.0, 0.0])] {
+            estimator.observe(&Observation {
+                landmarks: &landmarks,
+                rotation: &Rotation::identity(),
+                divisor: 1.0,
+                measures,
+                omega: 1.0,
+                dt: 0.03,
+                present_s,
+                learns: false,
+            });
+            for k in 0..3 {
+                let removed = f64::from(measures[k]) - estimator.values[k];
+                assert!((removed - expected[k]).abs() < 1e-6, "{k}: {removed}");
+            }
+        }
+    }
+}

@@ -349,6 +349,17 @@ mod tests {
     }
 
     #[test]
+    fn a_rest_that_drifts_by_less_than_a_window_is_its_mean() {
+        // Half a second each at 1.49 and 1.51, without noise: a window is 6 % of the range, 0.04.
+        let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
+        for frame in 0..900 {
+            learner.observe(if frame / 15 % 3 == 0 { 1.51 } else { 1.49 }, 0.95, DT);
+        }
+        let rest = learner.range().rest;
+        assert!((rest - 1.4967).abs() < 0.002, "{rest}");
+    }
+
+    #[test]
     fn a_smile_held_for_a_minute_does_not_become_rest() {
         let mut random = fastrand::Rng::with_seed(3);
         let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);

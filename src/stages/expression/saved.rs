@@ -222,6 +222,31 @@ mod tests {
     }
 
     #[test]
+    fn the_movements_of_version_1_are_readings_in_populations_ranges() {
+        let (units, person) = (Units::shipped(), person());
+        let implied: Vec<_> = person.implied_readings(&units).collect();
+        let mut expected = Vec::new();
+        for row in &units.rows {
+            // Up by 0.5 and down by 0.125, as the person is made.
+            for (unit, own, usual) in [
+                (&row.rises, 0.5, row.prior.up),
+                (&row.falls, 0.125, row.prior.down),
+            ] {
+                expected.extend(
+                    unit.as_ref()
+                        .filter(|_| usual > 0.0)
+                        .map(|u| (u, own / usual)),
+                );
+            }
+        }
+        assert!(implied.len() == expected.len() && expected.len() > 10);
+        for ((unit, range), (name, high)) in implied.into_iter().zip(expected) {
+            assert!(unit == name && (range.low, range.rest) == (0.0, 0.0));
+            assert!((range.high - high).abs() < 1e-9, "{name:?}: {range:?}");
+        }
+    }
+
+    #[test]
     fn refuses_damaged_text() {
         let whole = text();
         assert_eq!(Learned::read(""), Err(SavedError::Header));

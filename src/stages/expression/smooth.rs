@@ -44,7 +44,8 @@ mod tests {
         let mut filter = MeasureFilter::default();
         filter.filter(0.0, 0.01, 3.0, 1.0 / 30.0);
         let noise = filter.filter(0.01, 0.01, 3.0, 1.0 / 30.0);
-        assert!(noise < 0.004, "{noise}");
+        // 2π · 3 Hz / 30 Hz = 0.628, and 0.628 / 1.628 of a hundredth.
+        assert!((noise - 0.003_859).abs() < 1e-6, "{noise}");
         assert_eq!(filter.filter(0.3, 0.01, 3.0, 1.0 / 30.0), 0.3);
     }
 }

@@ -155,6 +155,16 @@ fn frozen_and_doubtful_frames_teach_nothing() {
         expression.observe(&doubtful, &facing(), frame(n));
     }
     assert_eq!(expression.ranges(), before);
+    // Part of a face.
+    let mut hidden_mouth = grin(5.0);
+    hidden_mouth.point_confidence[48..].fill(0.1);
+    for n in 100..200 {
+        expression.observe(&hidden_mouth, &facing(), frame(n));
+    }
+    let (seen, width) = (expression.ranges(), Measure::MouthWidth as usize);
+    assert_eq!(seen[width], before[width]);
+    assert_ne!(seen, before);
+    let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     // Turned away: ω < 1/3.
     let away = SensorFromFace::from_parts(
         nalgebra::Translation3::new(0.0, 0.0, 0.7),

@@ -125,3 +125,26 @@ pub(crate) fn vectors(values: &[f32]) -> Vec<Vector> {
     let threes = values.as_chunks::<3>().0.iter();
     threes.map(|three| Vector::from(*three)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_a_tenth_to_sixty_four_pixels_apart() {
+        for (cell, fits) in [
+            (0.1, true),
+            (64.0, true),
+            (0.09, false),
+            (64.1, false),
+            (f32::NAN, false),
+        ] {
+            let bytes = f32::to_le_bytes(cell);
+            let mut reader = Reader {
+                section: "CELL",
+                bytes: &bytes,
+            };
+            assert_eq!(reader.cell_px().is_ok(), fits, "{cell}");
+        }
+    }
+}

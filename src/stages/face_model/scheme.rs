@@ -110,6 +110,13 @@ mod tests {
     use super::*;
 
     #[test]
+    fn eyes_are_as_far_apart_as_their_outer_corners() {
+        let mut points = [[7.0, 7.0]; LANDMARKS];
+        (points[36], points[45]) = ([10.0, 50.0], [40.0, 90.0]);
+        assert_eq!(outer_eye_distance(&points), 50.0);
+    }
+
+    #[test]
     fn mirroring_twice_changes_nothing() {
         for i in 0..LANDMARKS {
             assert_eq!(MIRROR[MIRROR[i]], i, "landmark {i}");

@@ -282,6 +282,70 @@ mod tests {
     }
 
     #[test]
+    fn a_face_is_judged_as_a_whole_by_its_parts_and_by_their_better_half() {
+        let own: [f32; LANDMARKS] = core::array::from_fn(|i| match i {
+            27..36 => 3.0,
+            36..48 => 1.0,
+            48.. => -1.0,
+            _ => -2.0,
+        });
+        let mut fit = FaceFit {
+            view: View {
+                log_scale: 6.5,
+                rotation: Default::default(),
+                shift: [0.0; 2],
+                inverse_distance: 1.4,
+            },
+            shape: [0.0; MAX_MODES],
+        };
+        fit.shape[..2].copy_from_slice(&[2.0, -4.0]);
+        let unlikely = 20.0 / MAX_MODES as f32;
+        let mean = (27.0 + 12.0 - 20.0 - 54.0) / 68.0;
+        let upper = (27.0 + 12.0 - 13.0) / 34.0;
+        let (parts, better) = (19.0 / 41.0, 39.0 / 21.0);
+        let expected = [mean, -2.0, unlikely, 1.0, upper, parts, better];
+        for (found, expected) in face_inputs(&own, &fit).into_iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+        assert!((logistic(2.0) - 0.880_797).abs() < 1e-6 && logistic(0.0) == 0.5);
+    }
+
+    #[test]
+    fn each_landmark_is_judged_by_its_own_patch() {
+        let mut model = ConfidenceModel {
+            mean: vec![1.0; FEATURES],
+            weights: vec![0.0; FEATURES],
+            ..ConfidenceModel::default()
+        };
+        for k in 0..LANDMARKS {
+            model.weights[k * PATCH + k] = k as f32;
+        }
+        let found = discriminants(&model, &vec![3.0; FEATURES]);
+        assert_eq!(found, core::array::from_fn(|k| 2.0 * k as f32));
+    }
+
+    #[test]
+    fn a_stages_step_is_its_bias_and_what_image_and_start_say() {
+        let (rows, patch) = (2, 5);
+        let mut stage = CascadeStage {
+            cell_px: 5.0,
+            mean: vec![0.25; FEATURES],
+            weights: vec![0; rows * FEATURES].into(),
+            scales: vec![0.01; rows * LANDMARKS],
+            prior: vec![0.0, 0.5, 0.0, 0.0],
+            bias: vec![0.1, 0.2],
+        };
+        stage.weights.to_mut()[FEATURES + patch * PATCH] = 100;
+        let mut solver = Solver::default();
+        solver.features.fill(0.75);
+        let (mut columns, mut step) = ([0.0; MAX_PARAMETERS], [0.0; MAX_PARAMETERS]);
+        columns[1] = 3.0;
+        solver.update(&stage, &columns, &mut step);
+        // 0.1 + 0.5 · 3, and 0.2 + 100 · 0.01 · (0.75 - 0.25).
+        assert!((step[0] - 1.6).abs() < 1e-5 && (step[1] - 0.7).abs() < 1e-5);
+    }
+
+    #[test]
     fn a_dot_product_is_the_sum_of_the_products() {
         let mut random = fastrand::Rng::with_seed(1);
         let weights: [i8; PATCH] = core::array::from_fn(|_| random.i8(..));

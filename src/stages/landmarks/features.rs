@@ -322,6 +322,29 @@ mod tests {
     }
 
     #[test]
+    fn the_gradients_of_a_slope_add_up_over_all_but_the_border() {
+        let slope = |i: usize| 0.3 * (i % WINDOW) as f32 + 0.4 * (i / WINDOW) as f32;
+        let window: Vec<f32> = (0..WINDOW * WINDOW).map(slope).collect();
+        let mut cells = vec![[0.0; ORIENTATIONS]; MAP * MAP];
+        let total = spread(&window, &Region::WHOLE, &mut cells);
+        // Differences over two pixels.
+        let expected = (WINDOW - 2).pow(2) as f32 * 2.0 * 0.5;
+        assert!((total / expected - 1.0).abs() < 1e-3, "{total} {expected}");
+    }
+
+    #[test]
+    fn patches_are_interpolated_and_repeat_the_border() {
+        let row = |from: f32| [from, from + 1.0].map(|value| [value; ORIENTATIONS]);
+        let value = between(&row(1.0), &row(5.0), 0, 0.25, 0.5);
+        assert_eq!(value, [3.25; ORIENTATIONS]);
+        // Cells are two pixels wide, and the last but one is the last that has a next.
+        for (middle, cell) in [(-900.0, 10), (900.0, 48)] {
+            let cells = cell_positions(middle, 5.0, &(20..100));
+            assert!(cells.iter().all(|(found, _)| *found == cell), "{cells:?}");
+        }
+    }
+
+    #[test]
     fn brightness_and_contrast_do_not_matter() {
         let landmarks = [[93.0, 90.0]; LANDMARKS];
         let patches = |gain, cell_px| {

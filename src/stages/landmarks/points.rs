@@ -47,3 +47,21 @@ impl Landmarks {
             .map(|point| camera.colour_pixel(&(sensor_from_face * point)));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::Rigid;
+
+    #[test]
+    fn a_certain_face_is_fully_trusted_and_lies_where_the_camera_sees_it() {
+        let mut face = Landmarks::certain([Point::new(0.02, 0.01, 0.0); LANDMARKS]);
+        assert_eq!(face.confidence, 1.0);
+        assert_eq!(face.point_confidence, [1.0; LANDMARKS]);
+        let camera = Camera::default();
+        let pose = SensorFromFace::assume_frames(Rigid::translation(0.1, 0.0, 0.8));
+        face.reproject(&pose, &camera);
+        let expected = camera.colour_pixel(&Point::new(0.12, 0.01, 0.8));
+        assert_eq!(face.pixels, [expected; LANDMARKS]);
+    }
+}

@@ -45,3 +45,37 @@ pub fn surface_offsets(
     });
     offsets.collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::Rigid;
+    use crate::landmarks::relief::tests::plane;
+
+    #[test]
+    fn a_surface_before_a_larger_face_is_nearer_by_as_much_at_the_models_size() {
+        let camera = Camera::default();
+        let (size, slope) = (1.25, 0.2);
+        let depth = plane(&camera, slope);
+        // The face's origin is a centimetre behind the surface, which falls back to its right.
+        let pose = SensorFromFace::assume_frames(Rigid::translation(0.0, 0.0, 0.81));
+        let head: [Point; LANDMARKS] =
+            core::array::from_fn(|i| Point::new(0.001 * i as f32, 0.03, 0.004));
+        let turn = Vector::new(0.2, -0.3, 0.1);
+        let inputs = inputs(&[1.5, -2.5], &turn, &head, size, &depth, &camera, &pose);
+        assert_eq!(inputs[..2], [1.5, -2.5]);
+        for (found, expected) in inputs[2..8].iter().zip([0.2, -0.3, 0.1, 0.04, 0.09, -0.06]) {
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+        assert_eq!(inputs.len(), 8 + SITES);
+        // The sensor's steps are 2 mm here.
+        for (by, site) in inputs[8..].iter().zip(sites(&head)) {
+            let nearer = (0.01 - slope * site.x * size) / size + site.z;
+            assert!((by - nearer).abs() < 0.0012, "{by} {nearer} at {site}");
+        }
+        // Beside the plane nothing is measured.
+        let away = SensorFromFace::assume_frames(Rigid::translation(3.0, 0.0, 0.81));
+        let none = surface_offsets(&head, size, &depth, &camera, &away);
+        assert!(none.iter().all(|by| by.is_nan()));
+    }
+}

@@ -92,13 +92,13 @@ pub fn is_hidden(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::base::geometry::Rigid;
     use crate::frame::NO_DEPTH;
 
     /// A depth image of the plane z = 0.8 m + slope · x, in the camera's whole steps.
-    fn plane(camera: &Camera, slope: f32) -> Box<[u16; PIXELS]> {
+    pub(in crate::landmarks) fn plane(camera: &Camera, slope: f32) -> Box<[u16; PIXELS]> {
         let mut depth = vec![NO_DEPTH; PIXELS].into_boxed_slice();
         for (i, raw) in depth.iter_mut().enumerate() {
             let ray = camera.point((i % WIDTH) as f32, (i / WIDTH) as f32, 1.0);
@@ -141,6 +141,15 @@ mod tests {
         for (z, hidden) in [(0.03, true), (0.01, false), (0.0, false), (-0.03, false)] {
             let place = Point::new(0.01, 0.02, z);
             assert_eq!(is_hidden(&depth, &camera, &pose, &place), hidden, "{z}");
+        }
+        // A hand before what is to the right of the middle only.
+        let mut beside = plane(&camera, 0.0);
+        for row in beside.chunks_exact_mut(WIDTH) {
+            row[WIDTH / 2 + 5..].fill(camera.raw_from_m(0.7).round() as u16);
+        }
+        for (x, hidden) in [(-0.03, false), (0.03, true)] {
+            let place = Point::new(x, 0.02, 0.0);
+            assert_eq!(is_hidden(&beside, &camera, &pose, &place), hidden, "{x}");
         }
         let nothing: Box<[u16; PIXELS]> = vec![NO_DEPTH; PIXELS].try_into().expect("long");
         let place = Point::new(0.0, 0.0, 0.03);

@@ -57,6 +57,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn after_half_a_second_or_a_step_back_the_filter_starts_anew() {
+        let cutoffs = Cutoffs {
+            still_hz: 1.0,
+            per_speed: 2.0,
+            speed_hz: 1.0,
+        };
+        for (second_us, starts) in [(1_400_000, false), (1_600_000, true), (900_000, true)] {
+            let mut filter = ShapeFilter::new(cutoffs);
+            filter.follow(&[0.0; MAX_MODES], Timestamp::from_us(1_000_000));
+            let b = filter.follow(&[1.0; MAX_MODES], Timestamp::from_us(second_us));
+            // A deviation in 0.4 s: a speed of 2.5, smoothed to 1.79, a cut-off of 4.58 Hz and so a gain of 0.92.
+            let expected = if starts { 1.0 } else { 0.92 };
+            assert!((b[0] - expected).abs() < 0.002, "{second_us}: {}", b[0]);
+        }
+    }
+
+    #[test]
     fn noise_is_smoothed_and_a_step_passes() {
         let mut random = fastrand::Rng::with_seed(3);
         let mut filter = ShapeFilter::new(Cutoffs {

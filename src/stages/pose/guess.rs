@@ -56,6 +56,21 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_first_guess_is_in_the_middle_of_the_image_of_the_head() {
+        // Seen at -0.1 to 0.1 from the axis, the right side twice as far away.
+        let on_ray = |slope: f32, z: f32| Point::new(slope * z, slope * z, z);
+        let middle = on_ray(-0.01, 1.0);
+        let cloud = [
+            on_ray(-0.1, 1.0),
+            middle,
+            on_ray(0.05, 2.0),
+            on_ray(0.1, 2.0),
+        ];
+        let [guess, ..] = guesses(&cloud, 0).expect("a cloud");
+        assert_eq!(guess.translation.vector, middle.coords);
+    }
+
+    #[test]
     fn a_face_anywhere_in_a_head_is_within_reach_of_a_guess() {
         // A plane 16 cm wide and 20 cm high at 80 cm.
         let cloud: Vec<Point> = (0..41 * 33)

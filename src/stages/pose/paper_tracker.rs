@@ -205,3 +205,23 @@ impl PaperTracker {
         Some(HeadFromSensor::assume_frames(best.target_from_moving))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_face_is_from_hairline_to_chin_and_before_the_ears() {
+        for (x, y, z, expected) in [
+            (0.0, 0.0, 0.0, true),
+            (0.079, 0.0, 0.0, true),
+            (-0.081, 0.0, 0.0, false),
+            (0.0, -0.061, 0.0, false),
+            (0.0, 0.061, 0.0, false),
+            (0.0, 0.0, 0.059, true),
+            (0.0, 0.0, 0.061, false),
+        ] {
+            assert_eq!(is_face(&Point::new(x, y, z)), expected, "{x} {y} {z}");
+        }
+    }
+}

@@ -279,6 +279,7 @@ const MAX_SHIFT_M: f32 = 0.04;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::geometry::Rotation;
     use crate::pose::anchor::tests::half_egg;
 
     /// A live point of the middle of the face, as deep as `z`, and the pose that lays it on the head `off` metres before its
@@ -378,6 +379,41 @@ mod tests {
             let p = Point::new(x, y, 0.0);
             assert_eq!((is_middle(&p), is_nose(&p)), (middle, nose), "{x} {y}");
         }
+    }
+
+    #[test]
+    fn the_share_of_the_face_that_is_covered_is_the_same_near_and_far() {
+        let head = half_egg();
+        let anchor = Anchor::new(&head).expect("a head");
+        let shape = HeadShape::standard(anchor.points.len());
+        // Of a head turned by 40 degrees, what faces the camera by so much and is above so much.
+        let covered = |z: f32, facing: f32, most_y: f32| {
+            let turn = Rotation::from_axis_angle(&Vector::y_axis(), 0.7);
+            let pose = Rigid::from_parts(Vector::new(0.0, 0.0, z).into(), turn);
+            let is_seen = |p: &Point, n: &Vector| {
+                let ray = (pose * p).coords.normalize();
+                p.y < most_y && (pose.rotation * n).dot(&ray) < -facing
+            };
+            let seen = head.iter().filter(|(p, n)| is_seen(p, n));
+            let cloud: Vec<Point> = seen.map(|(p, _)| pose * p).collect();
+            let fit = PlaneFit {
+                head_from_sensor: HeadFromSensor::assume_frames(pose.inverse()),
+                scale: 1.0,
+                agreement: 1.0,
+                agreement_above_beard: 1.0,
+                support: 1.0,
+                agreeing: 500,
+                information: SMatrix::zeros(),
+            };
+            let mut hit = vec![false; anchor.points.len()];
+            coverage(&anchor, &shape, &cloud, &fit, &mut hit).middle
+        };
+        // What looks away from the camera is not missed, and the upper half of the face is half.
+        assert!(covered(0.7, 0.2, 1.0) > 0.99);
+        let half = covered(0.7, 0.2, 0.02);
+        assert!((0.4..0.7).contains(&half), "{half}");
+        let [near, far] = [0.7, 2.1].map(|z| covered(z, 0.75, 1.0));
+        assert!(near < 0.95 && (near - far).abs() < 0.05, "{near} {far}");
     }
 
     #[test]

@@ -425,11 +425,8 @@ mod tests {
         PlaneTracker::new(&Settings::default(), Arc::new(anchor))
     }
 
-    #[test]
-    fn confidence_is_agreement_times_coverage() {
-        let mut tracker = tracker();
-        let head = cloud(&placed(0.0, 0.0, 0.0), 0.0, 1);
-        let fit = |agreement: f32, agreeing: u32| PlaneFit {
+    fn fit(agreement: f32, agreeing: u32) -> PlaneFit {
+        PlaneFit {
             head_from_sensor: SensorFromHead::assume_frames(placed(0.0, 0.0, 0.0)).inverse(),
             scale: 1.0,
             agreement,
@@ -437,7 +434,25 @@ mod tests {
             support: 1.0,
             agreeing,
             information: SMatrix::zeros(),
+        }
+    }
+
+    #[test]
+    fn a_search_prefers_agreement_a_large_face_and_a_covered_middle() {
+        let score = |agreement, agreeing, middle| {
+            let covered = Coverage { middle, nose: 1.0 };
+            super::score(&fit(agreement, agreeing), &covered)
         };
+        let usual = score(0.6, 400, 0.8);
+        assert!(score(0.7, 400, 0.8) > usual && score(0.6, 400, 0.9) > usual);
+        // Four times the points are worth twice the agreement.
+        assert!((score(0.3, 1600, 0.8) - usual).abs() < 1e-4);
+    }
+
+    #[test]
+    fn confidence_is_agreement_times_coverage() {
+        let mut tracker = tracker();
+        let head = cloud(&placed(0.0, 0.0, 0.0), 0.0, 1);
         assert!(
             tracker
                 .accepted(&head.points, &fit(0.46, 120), 0.6)
@@ -495,13 +510,8 @@ mod tests {
         for frame in 1..=70 {
             // Larger each time, so that a lesson moves the scale.
             tracker.pending = Some(PlaneFit {
-                head_from_sensor: SensorFromHead::assume_frames(placed(0.0, 0.0, 0.0)).inverse(),
                 scale: 1.0 + 0.001 * frame as f32,
-                agreement: 0.8,
-                agreement_above_beard: 0.8,
-                support: 1.0,
-                agreeing: 500,
-                information: SMatrix::zeros(),
+                ..fit(0.8, 500)
             });
             let before = tracker.shape.log_scale;
             tracker.learn(&head);
@@ -520,13 +530,8 @@ mod tests {
     #[test]
     fn the_best_results_are_kept_in_order() {
         let fit = |support: f32, name: f32| PlaneFit {
-            head_from_sensor: HeadFromSensor::identity(),
-            scale: 1.0,
-            agreement: name,
-            agreement_above_beard: name,
             support,
-            agreeing: 0,
-            information: nalgebra::SMatrix::zeros(),
+            ..fit(name, 0)
         };
         let mut best = Best::<3>::new();
         best.offer(None);

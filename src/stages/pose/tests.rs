@@ -174,6 +174,47 @@ fn a_search_may_take_two_frames() {
 }
 
 #[test]
+fn a_head_that_walks_between_the_halves_of_a_search_is_found_where_it_is() {
+    let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
+    let seen = |x: f32| {
+        let place = Rigid::translation(x, 0.0, 0.0) * placed(10.0, 0.0, 0.0);
+        let mut seen = cloud(&place, 0.002, 1);
+        seen.centre = crate::base::geometry::mean(seen.points.iter().copied());
+        (place, seen)
+    };
+    let at = |k: u64| Timestamp::from_us(k * 33_333);
+    assert!(tracker.find(&seen(0.0).1, at(0), 1).0.is_none());
+    let (place, second) = seen(0.06);
+    let found = tracker.find(&second, at(1), 1).0.expect("the second half");
+    let apart = found.sensor_from_head.translation.vector - place.translation.vector;
+    assert!(apart.norm() < 0.004, "{apart}");
+}
+
+#[test]
+fn the_papers_method_follows_a_head_that_moves_two_centimetres_a_frame() {
+    let settings = Settings {
+        method: Method::Paper,
+        smoothing: Smoothing::Off,
+        ..Settings::default()
+    };
+    let mut tracker = PoseTracker::new(settings, &half_egg()).unwrap();
+    for k in 0..8 {
+        let place = Rigid::translation(0.02 * k as f32, 0.0, 0.0) * placed(10.0, 5.0, 0.0);
+        let at = Timestamp::from_us(k * 33_333);
+        let found = tracker.track(&cloud(&place, 0.002, k), at).expect("a head");
+        let apart = found.sensor_from_head.translation.vector - place.translation.vector;
+        assert!(apart.norm() < 0.006, "{apart} in frame {k}");
+    }
+    // An empty cloud is a lost head.
+    let nothing = HeadCloud::default();
+    assert!(
+        tracker
+            .track(&nothing, Timestamp::from_us(300_000))
+            .is_none()
+    );
+}
+
+#[test]
 fn a_wall_and_nothing_are_refused() {
     let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
     let mut wall = HeadCloud::default();

@@ -253,7 +253,7 @@ mod tests {
         let still = Vector::zeros();
         let time = |ms: u64| Timestamp::from_us(1_000_000 + ms * 1000);
         let pose = |x: f32, yaw: f32| {
-            let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
+            let turn = rotation_from_yaw_pitch_roll(0.3 + yaw, 0.0, 0.0);
             SensorFromHead::from_parts(Vector::new(x, 0.0, 0.8), turn)
         };
         assert!(trail.predicted(time(0), &still).is_none());

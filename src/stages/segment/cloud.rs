@@ -269,3 +269,25 @@ fn gather_blocks(
     }
     true
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_block_holds_the_readings_that_are_like_its_middle_one() {
+        let mut depth: Box<[u16; PIXELS]> = vec![600; PIXELS].try_into().expect("PIXELS long");
+        // The right half of a block, and its middle with it, is nearer.
+        for row in 40..44 {
+            depth[row * WIDTH + 102..row * WIDTH + 104].fill(500);
+        }
+        let sum = block_sums(&depth, (100, 40), 4, 400..700, 20);
+        assert_eq!((sum.count, sum.raws), (8, 8 * 500));
+        let (cols, rows) = (4 * (102 + 103), 2 * (40 + 41 + 42 + 43));
+        assert_eq!((sum.cols, sum.rows), (cols, rows));
+        // In place of a middle out of range the nearest one within counts.
+        depth[42 * WIDTH + 102] = 300;
+        let sum = block_sums(&depth, (100, 40), 4, 400..700, 20);
+        assert_eq!((sum.count, sum.raws), (7, 7 * 500));
+    }
+}

@@ -206,3 +206,19 @@ pub struct HeadCloud {
     /// Depth pixels of the head before thinning.
     pub pixels: u32,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_is_as_far_as_two_of_its_samples_that_agree() {
+        let camera = Camera::default();
+        let depth = |samples| cell_depth(samples, &camera, 10, 700);
+        let mean = |raws: [u16; 2]| raws.map(|raw| camera.depth_m(raw)).iter().sum::<f32>() / 2.0;
+        assert_eq!(depth([640, 600, 604, 660]), mean([600, 604]));
+        // One alone is stray, and what is behind the foreground is not counted.
+        assert_eq!(depth([600, 640, 650, 660]), 0.0);
+        assert_eq!(depth([700, 701, 702, 703]), 0.0);
+    }
+}

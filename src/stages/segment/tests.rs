@@ -4,6 +4,8 @@ use super::regions::CELL_PX;
 use super::*;
 use crate::base::capacity::HEAD_POINTS;
 use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::base::frames::SensorFromHead;
+use crate::base::geometry::{Point, Rigid};
 
 /// Nearest surface of simple solids along each pixel's ray.
 struct World {
@@ -97,6 +99,48 @@ fn a_person_gives_one_head_of_the_right_position_and_size() {
         assert!(head.points.len() > HEAD_POINTS / 4);
         assert_eq!(segmenter.heads().len(), 1);
     }
+}
+
+#[test]
+fn a_head_gathered_around_its_pose_is_as_large_as_the_head() {
+    let camera = Camera::default();
+    let (mut cloud, z) = (HeadCloud::default(), 0.9);
+    let world = World {
+        solids: person(0.05, -0.03, z),
+        panels: vec![WALL],
+    };
+    let pose = Rigid::translation(0.05, -0.03, z - 0.095);
+    let pose = SensorFromHead::assume_frames(pose);
+    let frame = world.frame(&camera);
+    assert!(cloud::gather_at_pose(
+        &frame.depth,
+        &camera,
+        &pose,
+        1.0,
+        &mut cloud
+    ));
+    let PixelRect { x0, y0, x1, y1 } = cloud.rect;
+    let [wide, high] = [x1 - x0, y1 - y0].map(|px| f32::from(px) * z / camera.depth_focal_px());
+    assert!(
+        (0.13..0.18).contains(&wide) && (0.2..0.26).contains(&high),
+        "{wide} {high}"
+    );
+    let off = cloud.centre - Point::new(0.05, -0.03, z - 0.06);
+    assert!(off.norm() < 0.02, "{off}");
+}
+
+#[test]
+fn a_layers_end_that_crosses_somebody_moves_behind_them() {
+    let camera = Camera::default();
+    let mut segmenter = Segmenter::new(Settings::default());
+    let mut frame = Frame::default();
+    // Somebody lying: evenly from 0.7 m to 1.2 m.
+    let [near, far] = [0.7, 1.2].map(|z| camera.raw_from_m(z) as usize);
+    for (i, raw) in frame.depth.iter_mut().enumerate() {
+        *raw = (near + i % (far - near)) as u16;
+    }
+    let end = segmenter.foreground_end(&frame, &camera);
+    assert!(end.abs_diff(far) < 3, "{end} {far}");
 }
 
 #[test]

@@ -264,6 +264,16 @@ mod tests {
             .collect();
         // Gone for ten seconds then, or a hundred, and for twenty since.
         assert_eq!(said, [(2, 30.0, 0.032), (0, 120.0, 0.03)]);
+        let sealed = |mut text: String| {
+            let end = text.trim_end().rfind('\n').map_or(0, |at| at + 1);
+            text.truncate(end);
+            let sum = crc32(text.as_bytes());
+            text + &format!("checksum {sum:08x}\n")
+        };
+        for (slot, is_one) in [(USERS - 1, true), (USERS, false)] {
+            let moved = text.replacen("person 2 ", &format!("person {slot} "), 1);
+            assert_eq!(read(&sealed(moved), clock).is_ok(), is_one, "{slot}");
+        }
         for (number, broken) in [(1, "lip_gap x"), (2, "lip_gap x")] {
             let at = text
                 .match_indices("lip_gap")
@@ -272,10 +282,7 @@ mod tests {
                 .0;
             let mut damaged = text.clone();
             damaged.replace_range(at..at + broken.len(), broken);
-            let end = damaged.trim_end().rfind('\n').map_or(0, |at| at + 1);
-            damaged.truncate(end);
-            damaged += &format!("checksum {:08x}\n", crc32(damaged.as_bytes()));
-            match read(&damaged, clock) {
+            match read(&sealed(damaged), clock) {
                 Err(told) => assert!(told.starts_with(&format!("person {number}: ")), "{told}"),
                 other => panic!("{:?}", other.map(|people| people.len())),
             }

@@ -61,6 +61,10 @@ fn filters_restart_when_weights_fade_in() {
         calm[59]
     );
     assert_eq!(grinning, calm);
+    // Faded in after six tenths of a second, and the same from then on.
+    for (early, late) in calm[20].iter().zip(&calm[59]) {
+        assert!((early - late).abs() < 0.02, "{early} {late}");
+    }
 }
 
 #[test]

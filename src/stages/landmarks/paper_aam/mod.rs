@@ -226,3 +226,37 @@ impl PaperAamFitter {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::Rigid;
+    use crate::face_model::FaceModel;
+
+    #[test]
+    fn lips_follow_depth_less_what_the_nose_deviates_from_its_mean() {
+        let mut fitter = PaperAamFitter::new(&FaceModel::shipped().paper_aam).expect("a model");
+        let camera = Camera::default();
+        let pose = SensorFromHead::assume_frames(Rigid::translation(0.0, 0.0, 0.8));
+        let start = Placement::from_pose(&camera, &pose).expect("in view").start;
+        let fit = fitter.solver.cold(&start);
+        let mut lips = |seen: u16, plane_m: f32| {
+            let raw = camera.raw_from_m(plane_m).round() as u16;
+            let depth: Box<[u16; PIXELS]> = vec![raw; PIXELS].try_into().expect("PIXELS long");
+            fitter.landmarks.head = fitter.solver.head(&fit);
+            let before = fitter.landmarks.head[UPPER_LIP[0]];
+            fitter.seen = seen;
+            fitter.correct_protrusion(&fit, &start, &depth, &camera, &pose);
+            (
+                fitter.landmarks.head[UPPER_LIP[0]].z - before.z,
+                camera.depth_m(raw),
+            )
+        };
+        let (first, there) = lips(1, 0.796);
+        let (second, nearer) = lips(2, 0.786);
+        // All of the face comes nearer; the nose's mean by half of that, and the rest is taken for the pose's error.
+        let expected = 0.5 * (nearer - there);
+        let moved = second - first;
+        assert!((moved - expected).abs() < 5e-4, "{moved} {expected}");
+    }
+}

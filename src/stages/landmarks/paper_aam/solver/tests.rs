@@ -195,6 +195,21 @@ fn a_planted_face_is_found_from_beside_it_and_nothing_where_there_is_none() {
 }
 
 #[test]
+fn points_that_the_model_can_show_are_shown() {
+    let solver = Solver::new(known());
+    let depth = frontal();
+    let truth = planted(
+        &solver,
+        &depth.moved(&[0.2, 0.3, -0.3, 0.2, 0.3, 0.3]),
+        [1.0, -0.7],
+    );
+    let mut fit = solver.cold(&depth);
+    solver.fit_points(&truth.shape, &mut fit, &depth);
+    let left = apart(&fit.shape, &truth.shape);
+    assert!(left < 0.1, "{left} pixels");
+}
+
+#[test]
 fn every_step_lowers_the_whole_cost() {
     let model = known();
     let mut solver = Solver::new(model.clone());
