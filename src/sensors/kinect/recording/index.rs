@@ -315,6 +315,12 @@ mod tests {
     }
 
     #[test]
+    fn pictures_of_the_same_time_are_in_order() {
+        let back = |text| steps_back(&Index::parse(text).depth);
+        assert_eq!(back("d-0-100.pgm\nd-0-100.pgm\nd-0-101.pgm\n"), 0);
+    }
+
+    #[test]
     fn the_order_of_the_index_does_not_matter_to_the_pairs() {
         let seconds = |i: u32| 4_294_000_000u32.wrapping_add(i.wrapping_mul(60_000_000));
         let (mut mixed, mut sorted, mut colour) = (String::new(), String::new(), String::new());
