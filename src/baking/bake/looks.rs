@@ -331,6 +331,37 @@ mod tests {
     }
 
     #[test]
+    fn a_point_has_its_texel_s_colour_and_none_at_a_hole() {
+        let mut mesh = super::super::mesh::tests::sheet(2, 1.0);
+        mesh.uv = vec![[0.25, 0.75], [0.75, 0.75]];
+        // Above: a colour, and a hole to the right of it.
+        let mut picture = RgbaImage::new(2, 2);
+        picture.put_pixel(0, 0, image::Rgba([255, 102, 51, 255]));
+        let of = vec![Some(Surface {
+            colour: [1.0, 1.0, 0.0],
+            opacity: 1.0,
+            picture: Some(picture),
+        })];
+        let surfaces = Surfaces { mesh: &mesh, of };
+        let at = |uv: u32| {
+            let corner = Corner {
+                uv: Some(uv),
+                ..Corner::bare(0)
+            };
+            surfaces.at(0, [corner; 3], [0.5, 0.25, 0.25])
+        };
+        let colour = at(0).expect("a colour");
+        let expected = [255.0, 102.0, 0.0];
+        assert!(
+            colour
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| (a - b).abs() < 1e-6)
+        );
+        assert!(at(1).is_none());
+    }
+
+    #[test]
     fn nothing_is_read_through_pipes_devices_or_out_of_the_folder() {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("head");

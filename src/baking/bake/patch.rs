@@ -429,6 +429,21 @@ mod tests {
     }
 
     #[test]
+    fn vrm_0_faces_away_from_the_front_of_gltf() {
+        for (back, along) in [(false, 1.0), (true, -1.0)] {
+            let mut glb = build(&sheet(3, 0.1), &[], 1.0, false, None);
+            if back {
+                glb.json["extensions"]["VRM"] = serde_json::json!({});
+            }
+            let (_, imported) = ImportedGltf::read(Glb::parse(&glb.emit()).unwrap()).unwrap();
+            assert_eq!(
+                imported.front() * Vec3::new(1.0, 2.0, 3.0),
+                Vec3::new(along, 2.0, 3.0 * along)
+            );
+        }
+    }
+
+    #[test]
     fn shapes_join_those_a_file_has_and_namesakes_keep_their_numbers() {
         let sheet = sheet(5, 0.1);
         let old = [

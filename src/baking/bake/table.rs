@@ -100,3 +100,20 @@ fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
     let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(left), turn);
     Some(Isometry3::rotation_wrt_point(turn, head.hinge.into()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_a_shape_belong_together_wherever_they_are() {
+        let text = "shape,vertex,dx,dy,dz\na,0,1,2,3\nb,1,0,0,1\na,2,0,1,0\n";
+        let targets = targets(text, Path::new("table.csv"), 3, false).expect("a table");
+        let found = targets
+            .iter()
+            .map(|t| (t.name.as_str(), t.controls.as_slice()));
+        let a = [(0, Vec3::new(1.0, 2.0, 3.0)), (2, Vec3::y())];
+        let b = [(1, Vec3::z())];
+        assert!(found.eq([("a", &a[..]), ("b", &b[..])]));
+    }
+}

@@ -283,6 +283,22 @@ mod tests {
     }
 
     #[test]
+    fn a_plate_is_thin_at_any_size() {
+        for side in [0.01, 1.0, 100.0_f64] {
+            // A closed box of so much of its width: area and six times the volume.
+            let is_plate = |thick: f64| {
+                let part = Part {
+                    area: (2.0 + 4.0 * thick) * side.powi(2),
+                    moment: 6.0 * thick * side.powi(3),
+                    ..Part::default()
+                };
+                part.is_plate()
+            };
+            assert!(is_plate(0.001) && !is_plate(0.1), "{side}");
+        }
+    }
+
+    #[test]
     fn faces_that_look_inwards_are_turned_whichever_they_are_and_linings_are_left() {
         let mut mesh = Mesh::default();
         barrel(&mut mesh, Vec3::zeros(), 1.0);
