@@ -93,7 +93,10 @@ mod pressed {
         assert!(output.status.success(), "{said}");
         let csv = String::from_utf8(output.stdout).unwrap();
         let header = csv.lines().next().unwrap();
-        assert!(header.ends_with(",head_y1,g_smile,g_jaw"), "{header}");
+        assert!(
+            header.contains(",head_y1,g_smile,g_jaw,s_brow_L,"),
+            "{header}"
+        );
         let mut names = header.split(',');
         let column = names.position(|name| name == "g_smile").unwrap();
         let smiles = |row: &str| row.split(',').nth(column) == Some("1");

@@ -85,8 +85,7 @@ impl<'ast> Visit<'ast> for Places {
             }
             Expr::Index(index) => {
                 if let Expr::Binary(both) = &*index.index
-                    && matches!(both.op, BinOp::Add(_))
-                    && self.text(&both.right) == "1"
+                    && [self.text(&both.op), self.text(&both.right)] == ["+", "1"]
                 {
                     self.swap(&index.index, &index.index, self.text(&both.left));
                 }

@@ -92,6 +92,8 @@ sections! { stages: s
             Kind::number(&mut s.stages.landmarks.cascade.min_confidence, 0.0, 1.0, "");
         still_hz: "Cut-off of the shape filter on a still face; lower is steadier." =>
             Kind::number(&mut s.stages.landmarks.cascade.steadiness.still_hz, 0.05, 30.0, "Hz");
+        visibility: "Whether covered regions (mask, dark glasses) are recognised: their units rest and their pixels do not count (cascade)." =>
+            Kind::Bool(&mut s.stages.landmarks.cascade.visibility);
     }
     learning: "How each person's ranges are learned." {
         method: "The robust learner, or sections 2.2 to 2.6 of the paper to the letter." =>

@@ -435,3 +435,16 @@ pub fn verdict(shapes: &[Shape], defects: &[Vec<String>]) -> String {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_has_its_heights_and_goes_on_level_beyond_its_ends() {
+        let line = [[1.0, 0.0], [3.0, 4.0], [7.0, 2.0]].map(|[x, y]| Vec3::new(x, y, 0.0));
+        for (x, y) in [(0.0, 0.0), (2.0, 2.0), (4.0, 3.5), (8.0, 2.0)] {
+            assert_eq!(height(&line, x), y, "{x}");
+        }
+    }
+}

@@ -52,6 +52,8 @@ defaults! {
         pub min_confidence: f32 = 0.5,
         /// Averaging time of the face's size, seconds.
         pub size_time_s: f32 = 10.0,
+        /// Whether regions that something covers are recognised ([`Visibility`]).
+        pub visibility: bool = true,
         /// Temporal filter of the shape; speeds in standard deviations per second.
         pub steadiness: Cutoffs<f32> = Cutoffs { still_hz: 3.0, per_speed: 2.0, speed_hz: 3.0 },
     }
@@ -210,7 +212,9 @@ impl LandmarkFitter {
         let step_s = step_s.min(EVIDENCE_S);
         let mut visibility = self.visibility.clone();
         let (mut fit, mut confidence, evidence) = run(&visibility);
-        if visibility.is_partial() {
+        if !self.settings.visibility {
+            // Everything counts as seen.
+        } else if visibility.is_partial() {
             if visibility.is_probe_due() {
                 let (fit, _, evidence) = run(&Visibility::default());
                 let turned = fit.view.rotation.angle();

@@ -48,9 +48,9 @@ pub fn surface_offsets(
 
 #[cfg(test)]
 mod tests {
+    use super::relief::plane;
     use super::*;
     use crate::base::geometry::Rigid;
-    use crate::landmarks::relief::tests::plane;
 
     #[test]
     fn a_surface_before_a_larger_face_is_nearer_by_as_much_at_the_models_size() {

@@ -91,22 +91,23 @@ pub fn is_hidden(
     z > 0.2 && z < seen.z - BEFORE_M
 }
 
+/// A depth image of the plane z = 0.8 m + slope · x, in the camera's whole steps.
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) fn plane(camera: &Camera, slope: f32) -> Box<[u16; PIXELS]> {
+    let mut depth = vec![crate::frame::NO_DEPTH; PIXELS].into_boxed_slice();
+    for (i, raw) in depth.iter_mut().enumerate() {
+        let ray = camera.point((i % WIDTH) as f32, (i / WIDTH) as f32, 1.0);
+        let z = 0.8 / (1.0 - slope * ray.x);
+        *raw = camera.raw_from_m(z).round() as u16;
+    }
+    depth.try_into().expect("PIXELS long")
+}
+
+#[cfg(test)]
+mod tests {
     use super::*;
     use crate::base::geometry::Rigid;
     use crate::frame::NO_DEPTH;
-
-    /// A depth image of the plane z = 0.8 m + slope · x, in the camera's whole steps.
-    pub(in crate::landmarks) fn plane(camera: &Camera, slope: f32) -> Box<[u16; PIXELS]> {
-        let mut depth = vec![NO_DEPTH; PIXELS].into_boxed_slice();
-        for (i, raw) in depth.iter_mut().enumerate() {
-            let ray = camera.point((i % WIDTH) as f32, (i / WIDTH) as f32, 1.0);
-            let z = 0.8 / (1.0 - slope * ray.x);
-            *raw = camera.raw_from_m(z).round() as u16;
-        }
-        depth.try_into().expect("PIXELS long")
-    }
 
     #[test]
     fn the_height_of_a_plane_is_measured() {

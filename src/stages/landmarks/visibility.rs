@@ -2,10 +2,10 @@
 //!
 //! A region's evidence is the median discriminant of its landmarks ([`super::cascade::discriminants`]) in a fit that uses all
 //! patches. It is 0.3 or more on most faces, down to -0.3 in backlight, from below and under a beard, and -0.5 to -2 under a mask,
-//! dark glasses or a fringe. Glass much darker than skin counts as no evidence at all. Evidence is averaged over [`AVERAGED_S`]; a region becomes hidden below [`HIDES`] and seen above
-//! [`SHOWS`], whatever is usual for the person: a mask worn from the start hides the mouth. A mouth that loses much of what is usual for
-//! the person becomes hidden too, because white masks with folds look as much like a mouth as bearded lips do. (Expressions lower
-//! the evidence of the other regions as much.)
+//! dark glasses or a fringe. An eye as dark as no lid has none. Evidence is averaged over [`AVERAGED_S`]. A region becomes hidden
+//! below [`HIDES`] and seen above [`SHOWS`], whatever is usual for the person: a mask worn from the start hides the mouth. A mouth
+//! that loses much of what is usual for the person becomes hidden too, because white masks with folds look as much like a mouth as
+//! bearded lips do. (Expressions lower the evidence of the other regions as much.)
 //!
 //! The patches of hidden eyes, of a hidden nose or mouth do not count in the fit, which is then made with all patches too in one of
 //! [`PROBE_FRAMES`] frames, for the evidence. Brows count even if hidden: a fringe moves the fit less than their absence.
@@ -33,10 +33,11 @@ const BESIDE: f32 = 1.0;
 const BROW_HIDES: f32 = -1.0;
 /// The same for hidden brows.
 const BROW_SHOWS: f32 = -0.5;
-/// Evidence of the tip of the chin below which there is a beard. Two bearded people have -3; masks, which bulge less, have -0.9 or more.
-const BEARD: f32 = -1.8;
+/// Evidence of the tip of the chin below which there is a beard. Three bearded people have -2 to -3; masks, which bulge less, have
+/// -0.9 or more.
+const BEARD: f32 = -1.3;
 /// Loss of the mouth's and the nose's evidence by a beard.
-const BEARD_LOSS: f32 = 1.5;
+const BEARD_LOSS: f32 = 2.0;
 /// Loss of a person's usual evidence, beyond the median region's loss, at which the mouth becomes hidden.
 const LOSS_HIDES: f32 = 2.0;
 /// The same, below which a hidden mouth becomes visible again.
