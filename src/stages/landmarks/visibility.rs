@@ -33,9 +33,10 @@ const BESIDE: f32 = 1.0;
 const BROW_HIDES: f32 = -1.0;
 /// The same for hidden brows.
 const BROW_SHOWS: f32 = -0.5;
-/// Evidence of the tip of the chin below which there is a beard. Three bearded people have -2 to -3; masks, which bulge less, have
-/// -0.9 or more.
-const BEARD: f32 = -1.3;
+/// Evidence of the tip of the chin below which there is a beard: two bearded people have -3, masks -1.8 or more.
+const BEARD: f32 = -2.4;
+/// Evidence of the chin and of the base of the nose below which there is a beard with a moustache: a mask leaves one of them alone.
+const MOUSTACHE: [f32; 2] = [-1.2, 0.7];
 /// Loss of the mouth's and the nose's evidence by a beard.
 const BEARD_LOSS: f32 = 2.0;
 /// Loss of a person's usual evidence, beyond the median region's loss, at which the mouth becomes hidden.
@@ -96,9 +97,11 @@ pub fn evidence(
     window: &[f32],
     points: &[[f32; 2]; LANDMARKS],
 ) -> [f32; REGIONS] {
-    let mut evidence =
+    let mut evidence: [f32; REGIONS] =
         core::array::from_fn(|k| median(discriminants, VISIBLE_REGIONS[k].1.clone()));
-    if median(discriminants, CHIN_TIP) < BEARD {
+    let chin = median(discriminants, CHIN_TIP);
+    let has_moustache = chin < MOUSTACHE[0] && evidence[NOSE] < MOUSTACHE[1];
+    if chin < BEARD || has_moustache {
         evidence[NOSE] += BEARD_LOSS;
         evidence[MOUTH] += BEARD_LOSS;
     }
