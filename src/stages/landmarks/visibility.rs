@@ -17,6 +17,8 @@ use core::ops::Range;
 use super::window::WINDOW;
 use crate::base::capacity::{LANDMARKS, REGIONS};
 use crate::base::defaults;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
 use crate::face_model::scheme::{LOWER_JAW, VISIBLE_REGIONS};
 
 /// Averaging time of the evidence, seconds.
