@@ -29,12 +29,12 @@ const BOUNDS: [f32; 2] = [-2.0, 4.0];
 const HIDES: f32 = -0.5;
 /// Evidence above which a hidden region becomes visible again.
 const SHOWS: f32 = 0.3;
-/// Additional evidence needed beside a hidden region that is usually covered together.
-const BESIDE: f32 = 1.0;
-/// The same for brows, of which strands of hair hide a part.
+/// Evidence below which a brow becomes hidden: strands of hair hide a part of it and lower its evidence.
 const BROW_HIDES: f32 = -1.0;
-/// The same for hidden brows.
+/// Evidence above which a hidden brow becomes visible again.
 const BROW_SHOWS: f32 = -0.5;
+/// Additional evidence that a region needs beside a hidden one that is usually covered with it.
+const BESIDE: f32 = 1.0;
 /// Evidence of the tip of the chin below which there is a beard: two bearded people have -3, masks -1.8 or more.
 const BEARD: f32 = -2.4;
 /// Evidence of the chin and of the base of the nose below which there is a beard with a moustache: a mask leaves one of them alone.
