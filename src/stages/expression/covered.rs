@@ -13,8 +13,10 @@
 //! (`mien-studio evaluate --heads --rows mouth --people 4 --seconds 36`). In the second world's `occlude` the error is 0.038 in
 //! the frames that change, against 0.050 measured through the hand; scenes without a hand do not change.
 //!
+//! A mouth that the picture does not show ([`crate::landmarks::visibility`]: a mask) is covered too, whatever depth says.
+//!
 //! Memory: three sets of weights. Cost: negligible. Degenerate: a mouth that stays covered decays to rest; one of permanently
-//! low confidence (beard, mask) counts as covered only below its usual confidence.
+//! low confidence (a beard) is covered by an object only below its usual confidence.
 
 use super::regions::{MOUTH as MOUTH_REGION, RegionSet};
 use crate::base::capacity::UNITS;

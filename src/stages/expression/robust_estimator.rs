@@ -91,9 +91,11 @@ pub(super) struct RobustEstimator {
     mouth: CoveredMouth,
     /// How far each region is seen in the last frame.
     seen: [f32; REGIONS],
-    /// Regions that each input, reading and column needs.
+    /// Regions that each input needs.
     input_regions: [RegionSet; INPUTS],
+    /// Regions that each reading needs.
     reading_regions: [RegionSet; UNITS],
+    /// Regions that each column needs.
     column_regions: [RegionSet; UNITS],
 }
 

@@ -61,7 +61,7 @@ defaults! {
 
 /// Least confidence of a face found by [`LandmarkFitter::search_face`], without a confirmed depth pose.
 const MIN_FOUND: f32 = 0.8;
-/// Longest time for which a fit counts as evidence of what is hidden, seconds.
+/// Longest time that one fit counts for when visibility is averaged, seconds: after a loss the last fit may be long ago.
 const EVIDENCE_S: f32 = 0.04;
 /// Least confidence at which the search continues from the last round's pose.
 const MIN_TO_CONTINUE: f32 = 0.2;

@@ -73,21 +73,13 @@ pub const MOUTH: usize = 5;
 /// Both eyes among [`VISIBLE_REGIONS`].
 pub const EYES: [usize; 2] = [2, 3];
 
-/// Median discriminant of some landmarks.
-fn median(discriminants: &[f32; LANDMARKS], landmarks: Range<usize>) -> f32 {
-    let mut values = *discriminants;
-    let values = &mut values[landmarks];
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
-}
+/// Region with which each region is usually covered, if any.
+const COVERED_WITH: [Option<usize>; REGIONS] =
+    [None, None, Some(EYES[1]), Some(EYES[0]), None, Some(NOSE)];
 
-/// Median grey value of the window at some landmarks.
-fn grey(window: &[f32], points: &[[f32; 2]]) -> f32 {
-    let at = |[x, y]: [f32; 2]| {
-        let [col, row] = [x, y].map(|v| v.round().clamp(0.0, (WINDOW - 1) as f32) as usize);
-        window[row * WINDOW + col]
-    };
-    let mut values: heapless::Vec<f32, LANDMARKS> = points.iter().map(|point| at(*point)).collect();
+/// Median of at most one value for each landmark.
+fn median(values: impl Iterator<Item = f32>) -> f32 {
+    let mut values: heapless::Vec<f32, LANDMARKS> = values.collect();
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
@@ -99,17 +91,23 @@ pub fn evidence(
     window: &[f32],
     points: &[[f32; 2]; LANDMARKS],
 ) -> [f32; REGIONS] {
+    let discriminant = |landmarks: Range<usize>| median(discriminants[landmarks].iter().copied());
     let mut evidence: [f32; REGIONS] =
-        core::array::from_fn(|k| median(discriminants, VISIBLE_REGIONS[k].1.clone()));
-    let chin = median(discriminants, CHIN_TIP);
+        core::array::from_fn(|k| discriminant(VISIBLE_REGIONS[k].1.clone()));
+    let chin = discriminant(CHIN_TIP);
     let has_moustache = chin < MOUSTACHE[0] && evidence[NOSE] < MOUSTACHE[1];
     if chin < BEARD || has_moustache {
         evidence[NOSE] += BEARD_LOSS;
         evidence[MOUTH] += BEARD_LOSS;
     }
-    let bridge = grey(window, &points[BRIDGE]);
+    let pixel = |v: f32| v.round().clamp(0.0, (WINDOW - 1) as f32) as usize;
+    let grey = |landmarks: Range<usize>| {
+        let points = points[landmarks].iter();
+        median(points.map(|&[x, y]| window[pixel(y) * WINDOW + pixel(x)]))
+    };
+    let bridge = grey(BRIDGE);
     for eye in EYES {
-        if grey(window, &points[VISIBLE_REGIONS[eye].1.clone()]) < DARK * bridge {
+        if grey(VISIBLE_REGIONS[eye].1.clone()) < DARK * bridge {
             evidence[eye] = BOUNDS[0];
         }
     }
@@ -135,7 +133,7 @@ impl Visibility {
     /// Adds a fit with all patches of a face `turned` from the line of sight (radians), `dt` seconds after the last such fit; whether a
     /// region became hidden whose patches should not count.
     pub fn observe(&mut self, evidence: &[f32; REGIONS], turned: f32, dt: f32) -> bool {
-        let was_partial = self.hidden_landmarks();
+        let unused = self.hidden_landmarks();
         let less = PER_RADIAN * (turned - TURNED_RAD).max(0.0);
         let share = 1.0 - (-dt / AVERAGED_S).exp();
         for (mean, evidence) in self.mean.iter_mut().zip(evidence) {
@@ -148,24 +146,20 @@ impl Visibility {
         let common = sorted[REGIONS / 2].max(0.0) + less;
         let before = self.hidden;
         for (k, hidden) in self.hidden.iter_mut().enumerate() {
-            let (least, most_lost) = match (*hidden, k < BROWS) {
-                (false, false) => (HIDES, LOSS_HIDES),
-                (true, false) => (SHOWS, LOSS_SHOWS),
-                (false, true) => (BROW_HIDES, LOSS_HIDES),
-                (true, true) => (BROW_SHOWS, LOSS_SHOWS),
+            let [hides, shows] = if k < BROWS {
+                [BROW_HIDES, BROW_SHOWS]
+            } else {
+                [HIDES, SHOWS]
+            };
+            let (mut least, most_lost) = if *hidden {
+                (shows, LOSS_SHOWS)
+            } else {
+                (hides, LOSS_HIDES)
             };
             // Glasses cover both eyes; what covers the nose covers the mouth.
-            let beside = match k {
-                2 => 3,
-                3 => 2,
-                MOUTH => NOSE,
-                _ => k,
-            };
-            let least = if beside != k && before[beside] {
-                least + BESIDE
-            } else {
-                least
-            };
+            if COVERED_WITH[k].is_some_and(|other| before[other]) {
+                least += BESIDE;
+            }
             let is_known = k == MOUTH && self.usual_s >= KNOWN_S;
             let is_lost = is_known && losses[k] - common > most_lost;
             *hidden = self.mean[k] < least - less || is_lost;
@@ -176,7 +170,7 @@ impl Visibility {
             *usual += (mean - *usual) * (dt / self.usual_s);
         }
         let now = self.hidden_landmarks();
-        now.iter().zip(was_partial).any(|(now, was)| *now && !was)
+        now.iter().zip(unused).any(|(now, before)| *now && !before)
     }
 
     /// Counts a partial fit; whether a fit with all patches is due.
