@@ -56,20 +56,13 @@ impl Service {
 
     /// As [`Self::start`], and waits until it is ready.
     pub fn ready(folder: &Path, config: &str) -> Self {
-        Self::ready_with(folder, config, &[], Stdio::null(), Stdio::null())
+        Self::start(folder, config).until_ready()
     }
 
-    /// As [`Self::start_with`], and waits until it is ready.
-    pub fn ready_with(
-        folder: &Path,
-        config: &str,
-        words: &[&str],
-        out: impl Into<Stdio>,
-        said: impl Into<Stdio>,
-    ) -> Self {
-        let service = Self::start_with(folder, config, words, out, said);
-        assert_eq!(service.next_but(&["STATUS="]), "READY=1");
-        service
+    /// Waits until it is ready.
+    pub fn until_ready(self) -> Self {
+        assert_eq!(self.next_but(&["STATUS="]), "READY=1");
+        self
     }
 
     /// The next message that is not of this kind.

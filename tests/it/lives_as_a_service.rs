@@ -71,7 +71,8 @@ fn outputs_that_cannot_open_leave_the_old_ones_for_this_reload_and_every_later_o
     let good = format!("[osc]\ntarget = {target:?}\n[status]\npath = \"\"\n");
     let said = folder.path().join("said");
     let log = std::fs::File::create(&said).unwrap();
-    let mut service = Service::ready_with(folder.path(), &good, &[], Stdio::null(), log);
+    let mut service =
+        Service::start_with(folder.path(), &good, &[], Stdio::null(), log).until_ready();
     hear_frames(&socket, 3);
     let (_other, taken) = receiver();
     let port_taken = good.replace(
@@ -140,7 +141,7 @@ fn a_key_that_needs_a_restart_says_so_once() {
     let folder = tempfile::tempdir().unwrap();
     let said = folder.path().join("said");
     let log = std::fs::File::create(&said).unwrap();
-    let mut service = Service::ready_with(folder.path(), "", &[], Stdio::null(), log);
+    let mut service = Service::start_with(folder.path(), "", &[], Stdio::null(), log).until_ready();
     for tilt_deg in ["1.0", "1.0", "2.0"] {
         let config = format!("[sensor]\ntilt_deg = {tilt_deg}\n[users]\nmost = 2\n");
         service.reload(folder.path(), &config);
@@ -219,14 +220,15 @@ fn a_log_and_a_table_that_nobody_reads_stop_neither_the_frames_nor_the_end() {
     let config = format!("[osc]\ntarget = {target:?}\n[serial]\nport = \"/dev/nowhere\"\n");
     let (_reader, pipe) = full_pipe();
     let out = pipe.try_clone().unwrap();
-    let mut service = Service::ready_with(folder.path(), &config, &[], out, pipe);
+    let mut service = Service::start_with(folder.path(), &config, &[], out, pipe).until_ready();
     hear_frames(&socket, 100);
     assert_eq!(service.stop(), Some(0));
 
     // A recording's table is waited for, as long as there is no signal.
     let (_reader, pipe) = std::io::pipe().unwrap();
     let words = ["--fast", "--csv", "-"];
-    let mut service = Service::ready_with(folder.path(), &config, &words, pipe, Stdio::null());
+    let mut service =
+        Service::start_with(folder.path(), &config, &words, pipe, Stdio::null()).until_ready();
     let silence = Some(Duration::from_secs(2));
     service.socket.set_read_timeout(silence).unwrap();
     while service.socket.recv(&mut [0; 512]).is_ok() {}
@@ -243,7 +245,8 @@ fn weights_are_shown_on_a_terminal_only_and_one_that_is_not_read_stops_nothing()
     terminal.set_timeout(PATIENCE).unwrap();
     let name = port.name().unwrap();
     let open = || std::fs::File::options().write(true).open(&name).unwrap();
-    let mut service = Service::ready_with(folder.path(), &config, &["--fast"], open(), open());
+    let mut service =
+        Service::start_with(folder.path(), &config, &["--fast"], open(), open()).until_ready();
     // Three times what it keeps for its reader.
     hear_frames(&socket, 300);
     let mut text = Vec::new();
@@ -274,7 +277,8 @@ fn commands_fill_no_log() {
     );
     let said = folder.path().join("said");
     let log = std::fs::File::create(&said).unwrap();
-    let mut service = Service::ready_with(folder.path(), &config, &[], Stdio::null(), log);
+    let mut service =
+        Service::start_with(folder.path(), &config, &[], Stdio::null(), log).until_ready();
     let forget = b"/face/cmd/forget\0\0\0\0,i\0\0\0\0\0\0";
     // Each sender has its own allowance.
     for sender in 1..=8 {
