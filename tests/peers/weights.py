@@ -175,7 +175,9 @@ def main(model, activations, faces, tables, *names):
           " while the unit is not acted; the median weight while it is acted at full, where the correlation is at least .7.\n")
     scenes_table(scenes, given)
     for title, own in (("By unit, in the worlds that share no code with mien:", False), ("By unit, in our own wild scenes:", True)):
-        units_table(title, [s for s in scenes if s[0].startswith("own") == own], given)
+        of = [s for s in scenes if s[0].startswith("own") == own]
+        if of:
+            units_table(title, of, given)
     print(f"MediaPipe's weight does not move in {', '.join(u for u in units if moves[u] is not None and u not in given) or 'none'};"
           f" mien does not give {', '.join(u for u in units if moves[u] is None) or 'none'}.")
     stills(units, model, faces, tables)
