@@ -64,12 +64,16 @@ def meshed(paths, video=True):
     return found, seconds / max(frames, 1)
 
 
-def reported(table):
-    """Points by frame, of the person reported most: somebody may stand behind."""
+def followed(table):
+    """Rows by frame, of the person reported most: somebody may stand behind."""
     faces = [r for r in score.Run(table).rows if r.face and r.state in score.REPORTED]
     users = [r.user for r in faces]
     most = max(set(users), key=users.count, default=None)
-    return {r.frame: r.points() for r in faces if r.user == most}
+    return {r.frame: r for r in faces if r.user == most}
+
+
+def reported(table):
+    return {k: r.points() for k, r in followed(table).items()}
 
 
 def shifts(points, truth, rows):
@@ -197,4 +201,5 @@ def main():
           + (f" A still face's points jitter by {jitter[0]} and {jitter[1]}." if jitter else ""))
 
 
-main()
+if __name__ == "__main__":
+    main()
