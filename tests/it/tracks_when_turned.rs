@@ -2,6 +2,7 @@
 
 use std::f32::consts::FRAC_PI_2;
 use std::path::Path;
+use std::time::Duration;
 
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
@@ -10,6 +11,7 @@ use mien_sensors::Frame;
 use mien_sensors::kinect::device::Model;
 use mien_sensors::kinect::driver::{Kinect, Settings as KinectSettings};
 use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::live::LiveKinect;
 use mien_sensors::kinect::recording::Recorder;
 use mien_sensors::sensor::Sensor;
 use mien_sensors::turned::upright;
@@ -43,8 +45,10 @@ fn simulated(quarters: u8) -> Simulated {
     Simulated::from(simulator)
 }
 
-/// Pose and weights of each frame; `None` without a face.
-type Run = Vec<Option<(Rigid, Vec<f32>)>>;
+/// Pose and weights of a face.
+type Seen = (Rigid, Vec<f32>);
+/// What each frame shows; `None` without a face.
+type Run = Vec<Option<Seen>>;
 
 fn play(mut source: Box<dyn Sensor>) -> Run {
     let model = FaceModel::shipped();
@@ -76,7 +80,7 @@ fn compare(one: &Run, other: &Run) -> Apart {
     let both: Vec<_> = both
         .filter_map(|(a, b)| a.as_ref().zip(b.as_ref()))
         .collect();
-    let mean = |apart: &dyn Fn(&(Rigid, Vec<f32>), &(Rigid, Vec<f32>)) -> f32| {
+    let mean = |apart: &dyn Fn(&Seen, &Seen) -> f32| {
         both.iter().map(|(a, b)| apart(a, b)).sum::<f32>() / both.len() as f32
     };
     Apart {
@@ -139,6 +143,23 @@ fn the_driver_asks_the_accelerometer_of_every_model() {
         // Nothing is left over for the next message.
         kinect.tilt(5.0).expect("a motor");
     }
+}
+
+#[test]
+fn a_live_kinect_is_turned_as_it_is_found() {
+    let open = || {
+        let mut device = VirtualKinect::new(Model::Xbox1414, "A", |_: &mut KinectFrame| true);
+        device.camera.acceleration = [819, 0, 40];
+        Ok(device)
+    };
+    let mut live = LiveKinect::with_source(open, KinectSettings::default());
+    let status = live.wait_for_first_attempt(Duration::from_secs(10));
+    assert_eq!(status.openings, 1);
+    let native = live.camera.clone();
+    let source = upright(Box::new(live), None);
+    let expected = native.turned(Turn::ThreeQuarters, [640, 480]);
+    assert!(*source.camera() == expected);
+    assert!(source.state().is_live && source.luma_size() == [480; 2]);
 }
 
 /// Records the first frames of a turned Kinect as `mien-studio record` does.

@@ -7,8 +7,8 @@
 //! Depth works without colour: after a second without a pair, depth pictures are delivered without colour; after five seconds, and
 //! then at doubling intervals, the streams are restarted. A silent colour stream does not end depth.
 //!
-//! Errors of LED, tilt, accelerometer and automatic exposure do not stop the pictures. Memory: two pictures of each stream, 1.5 MB, allocated at
-//! opening.
+//! Errors of LED, tilt, accelerometer and automatic exposure do not stop the pictures. Memory: two pictures of each stream,
+//! 1.5 MB, allocated at opening.
 
 use crate::Frame;
 use core::time::Duration;
