@@ -73,6 +73,10 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
 }
 
 fn sensor(lines: &mut Lines, settings: &Settings) {
+    if let Some(turn) = settings.sensor.turned {
+        let text = format_args!("turned by {} degrees, as configured", turn.degrees());
+        lines.say(OK, "sensor", text);
+    }
     let Some((kind, serial)) = source::kind(&settings.sensor.source) else {
         let text = format_args!("using {}; no USB sensor is needed", settings.sensor.source);
         return lines.say(OK, "sensor", text);
@@ -210,6 +214,19 @@ mod tests {
         assert_eq!(verdicts(&text).len(), 6, "{text}");
         assert!(verdicts(&text).iter().all(|word| *word == "OK  "), "{text}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_configured_turn_is_reported() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = folder.path().join("mien.toml");
+        let text = "[sensor]\nsource = \"simulated\"\nturned = 270\n";
+        std::fs::write(&config, text).unwrap();
+        let (text, _) = report(Some(&config));
+        assert!(
+            text.contains("OK    sensor: turned by 270 degrees"),
+            "{text}"
+        );
     }
 
     #[test]

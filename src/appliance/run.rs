@@ -22,6 +22,7 @@ use mien_outputs::table;
 use mien_outputs::{Command, Output, OutputError, Report};
 use mien_sensors::Frame;
 use mien_sensors::sensor::Sensor;
+use mien_sensors::turned::upright;
 use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::FaceModel;
 use mien_stages::users::saved::People;
@@ -78,6 +79,7 @@ impl<'r> Session<'r> {
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;
         let name = run.source.as_ref().unwrap_or(&settings.sensor.source);
         let (source, name) = source::open(name, run.require_device, settings.sensor.device)?;
+        let source = upright(source, settings.sensor.turned);
         let name = name.to_owned();
         let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
         let signals = Signals::watch()?;

@@ -3,6 +3,7 @@
 //! ```text
 //! kinect   the Kinect v1: packets to frames over USB, its calibration, its motor, recordings as libfreenect writes them
 //! rgbd     recordings of any depth camera
+//! turned   any of them on its side or upside down
 //! ```
 
 #![cfg_attr(not(feature = "std"), no_std)]
@@ -18,6 +19,8 @@ pub mod rgbd;
 pub mod sensor;
 #[cfg(feature = "std")]
 pub mod table;
+#[cfg(feature = "std")]
+pub mod turned;
 
 pub use mien_stages::camera;
 pub use mien_stages::frame::{Frame, NO_DEPTH};

@@ -419,6 +419,10 @@ impl Sensor for Rgbd {
         &self.camera
     }
 
+    fn luma_size(&self) -> [usize; 2] {
+        self.picture.frame_size()
+    }
+
     fn state(&self) -> SensorState {
         SensorState {
             frames: self.frames(),

@@ -6,6 +6,7 @@ use std::time::Instant;
 use crate::kinect::driver::Settings;
 use crate::kinect::frame::FrameSink;
 use crate::kinect::registration::Registration;
+use mien_stages::base::capacity::{HEIGHT, WIDTH};
 use mien_stages::base::defaults;
 use mien_stages::base::prelude::*;
 use mien_stages::camera::Camera;
@@ -52,6 +53,17 @@ pub trait Sensor: Send {
 
     /// Counts and times so far. Asked in every frame: allocates nothing.
     fn state(&self) -> SensorState;
+
+    /// Columns and rows of the grey image.
+    fn luma_size(&self) -> [usize; 2] {
+        [WIDTH, HEIGHT]
+    }
+
+    /// What an accelerometer of the resting sensor measures: x to the left in the image, y up, z forward, upwards, in any unit; `None`
+    /// if there is none.
+    fn acceleration(&self) -> Option<[i16; 3]> {
+        None
+    }
 
     /// Calibration of the Kinect behind the frames, if it is one.
     fn registration(&self) -> Option<&Registration> {

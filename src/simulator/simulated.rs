@@ -127,16 +127,22 @@ impl Sensor for Simulated {
     fn registration(&self) -> Option<&Registration> {
         Some(Simulated::registration(self))
     }
+
+    fn acceleration(&self) -> Option<[i16; 3]> {
+        self.kinect.acceleration
+    }
 }
 
 impl From<Simulator> for Simulated {
     /// A sensor with any head, scene and light.
     fn from(simulator: Simulator) -> Self {
+        let acceleration = simulator.sensor().acceleration();
         let drawn = Drawn {
             simulator,
             frames: 0,
         };
-        let device = VirtualKinect::new(Model::Xbox1414, SERIAL, drawn);
+        let mut device = VirtualKinect::new(Model::Xbox1414, SERIAL, drawn);
+        device.camera.acceleration = acceleration;
         let answers = "the virtual Kinect answers every command";
         let mut kinect = Kinect::open(device, Settings::default()).expect(answers);
         kinect.start().expect(answers);

@@ -72,6 +72,9 @@ impl<D: FrameSource> PacketSource for VirtualKinect<D> {
             Request::Motor(request, value) if has_motor => {
                 camera.motor_write(request, value);
             }
+            Request::MotorState(to) if has_motor => {
+                return Ok(answer(camera.motor_state().to_vec(), to));
+            }
             Request::Audio(message) if !has_motor => camera.audio_write(message),
             Request::AudioAnswer(to) if !has_motor => {
                 let message = camera.audio.pop_front().ok_or(DeviceError::TimedOut)?;

@@ -11,6 +11,7 @@
 use crate::base::capacity::RAW_DEPTH_VALUES;
 use crate::base::geometry::{Point, Rigid};
 use crate::base::prelude::*;
+use crate::turn::{Turn, TurnedImage};
 
 /// Nearest and farthest distance of [`Camera::metric`], metres.
 pub const RANGE_M: [f32; 2] = [0.3, 10.0];
@@ -97,6 +98,8 @@ pub struct Camera {
     /// Columns and rows of the depth image.
     size: [usize; 2],
     colour: ColourProjection,
+    /// Depth camera and grey image as the sensor takes them, if it is turned.
+    native: Option<(Pinhole, TurnedImage)>,
 }
 
 impl Camera {
@@ -120,7 +123,37 @@ impl Camera {
             depth,
             size,
             colour,
+            native: None,
         }
+    }
+
+    /// The camera of this sensor turned about its optical axis, whose images are turned upright by [`Turn::turn_upright`]; the sensor
+    /// frame is then upright too. `luma`: columns and rows of the grey image as the sensor takes it.
+    ///
+    /// ```
+    /// # use mien_stages::base::geometry::{Point, Rigid};
+    /// # use mien_stages::camera::{Camera, ColourProjection, Distortion, Pinhole};
+    /// # use mien_stages::turn::Turn;
+    /// # let view = Pinhole { focal: [576.0; 2], centre: [320.0, 240.0] };
+    /// # let (distortion, colour_from_sensor) = (Distortion::default(), Rigid::identity());
+    /// # let colour = ColourProjection::Pinhole { view, distortion, colour_from_sensor };
+    /// # let camera = Camera::metric(view, [640, 480], colour);
+    /// let on_its_side = camera.turned(Turn::Quarter, [640, 480]);
+    /// assert_eq!(on_its_side.depth_size(), [480, 480]);
+    /// // A point above the sensor, which it sees on the right.
+    /// assert_eq!(on_its_side.depth_pixel(&Point::new(0.0, -0.1, 1.0))[0], 240.0);
+    /// ```
+    #[must_use]
+    pub fn turned(mut self, turn: Turn, luma: [usize; 2]) -> Self {
+        let image = |size| TurnedImage { turn, size };
+        let (native, depth) = (self.depth, image(self.size));
+        self.depth = Pinhole {
+            focal: turn.lengths(native.focal),
+            centre: depth.upright_pixel(native.centre),
+        };
+        self.size = depth.upright_size();
+        self.native = (turn != Turn::Upright).then(|| (native, image(luma)));
+        self
     }
 
     /// For a sensor that measures metres: raw values divide [`RANGE_M`] in equal steps of 1/z (1.6 mm at 1 m).
@@ -187,6 +220,17 @@ impl Camera {
 
     /// Grey pixel (column, row) of a point with z > 0, sensor frame, metres.
     pub fn colour_pixel(&self, p: &Point) -> [f32; 2] {
+        match &self.native {
+            None => self.native_colour_pixel(p, &self.depth),
+            Some((depth, luma)) => {
+                let native = luma.turn.native_from_upright(p);
+                luma.upright_pixel(self.native_colour_pixel(&native, depth))
+            }
+        }
+    }
+
+    /// The same for a point in the frame of the sensor as it is mounted, with its `depth` camera.
+    fn native_colour_pixel(&self, p: &Point, depth: &Pinhole) -> [f32; 2] {
         match &self.colour {
             ColourProjection::Pinhole {
                 view,
@@ -197,7 +241,7 @@ impl Camera {
                 displacement,
                 shift: [far, near],
             } => {
-                let [col, row] = self.depth_pixel(p).map(f64::from);
+                let [col, row] = depth.pixel(p).map(f64::from);
                 let [dx, dy] = [0, 1].map(|axis| displacement[axis].value(col, row));
                 let shift = far + near / f64::from(p.z);
                 [(col + dx + 1.0 + shift) as f32, (row + dy + 1.0) as f32]
@@ -273,6 +317,58 @@ mod tests {
             212.0 + 601.0 * p.y / 0.8,
         ];
         assert!((col - expected[0]).abs() < 1e-3 && (row - expected[1]).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_turned_camera_projects_to_the_turned_pixels_of_the_native_one() {
+        let depth = Pinhole {
+            focal: [574.0, 577.0],
+            centre: [318.0, 241.0],
+        };
+        let mut wave = Cubic([[0.0; 4]; 4]);
+        wave.0[0] = [3.0, 0.01, 1e-5, 0.0];
+        wave.0[1] = [-0.02, 2e-5, 0.0, 0.0];
+        let seconds = [
+            ColourProjection::Pinhole {
+                view: Pinhole {
+                    focal: [601.0, 599.0],
+                    centre: [322.0, 236.0],
+                },
+                distortion: Distortion([-0.2, 0.1, 0.001, -0.002, 0.05]),
+                colour_from_sensor: Rigid::translation(-0.025, 0.001, 0.002),
+            },
+            ColourProjection::Polynomial {
+                displacement: Box::new([wave, wave]),
+                shift: [12.0, -14.0],
+            },
+        ];
+        for colour in seconds {
+            let native = Camera::metric(depth, [632, HEIGHT], colour);
+            assert_eq!(native.clone().turned(Turn::Upright, [640, 480]), native);
+            for (turn, size) in [
+                (Turn::Quarter, [480; 2]),
+                (Turn::Half, [632, 480]),
+                (Turn::ThreeQuarters, [480; 2]),
+            ] {
+                let turned = native.clone().turned(turn, [640, 480]);
+                assert_eq!(turned.depth_size(), size);
+                let image = |size| TurnedImage { turn, size };
+                for [x, y, z] in [[0.0, 0.0, 0.5], [0.2, -0.1, 0.8], [-0.1, 0.2, 1.4]] {
+                    let upright = Point::new(x, y, z);
+                    let seen = turn.native_from_upright(&upright);
+                    let near = |a: [f32; 2], b: [f32; 2]| {
+                        let [dx, dy] = [a[0] - b[0], a[1] - b[1]];
+                        assert!(dx.hypot(dy) < 1e-3, "{turn:?}: {a:?}, expected {b:?}");
+                    };
+                    let expected = image([632, 480]).upright_pixel(native.depth_pixel(&seen));
+                    near(turned.depth_pixel(&upright), expected);
+                    let expected = image([640, 480]).upright_pixel(native.colour_pixel(&seen));
+                    near(turned.colour_pixel(&upright), expected);
+                    let [col, row] = turned.depth_pixel(&upright);
+                    assert!((turned.point(col, row, z) - upright).norm() < 1e-5);
+                }
+            }
+        }
     }
 
     #[test]

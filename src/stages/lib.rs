@@ -8,7 +8,7 @@
 //!                                       ▲
 //!                                  face_model
 //!
-//!  base: capacities, geometry, time
+//!  base: capacities, geometry, time          turn: a sensor on its side
 //! ```
 //!
 //! Dependencies point down and to the left, module by module; `tests/it/keeps_its_modules_apart.rs` enforces it.
@@ -25,6 +25,7 @@ extern crate alloc;
 pub mod base;
 pub mod camera;
 pub mod frame;
+pub mod turn;
 
 pub mod segment;
 

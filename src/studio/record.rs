@@ -82,6 +82,9 @@ pub fn record(
         Fault::new("expected frames from a Kinect, found those of another depth camera; copy its recording's folder instead")
     })?;
     let mut recorder = Recorder::create(out, registration, started_unix_s)?;
+    if let Some(axes) = source.acceleration() {
+        recorder.write_acceleration(axes)?;
+    }
     let mut frame = KinectFrame::default();
     let progress = Progress::new("record", (seconds.max(0.0) * 30.0).ceil() as usize);
     let (mut done, mut first) = (Recorded::default(), None);

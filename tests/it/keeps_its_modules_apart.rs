@@ -23,9 +23,10 @@ const CRATES: [&str; 9] = [
 ];
 
 /// The modules of the stages, from the ground up: each uses those before it in this list.
-const STAGES: [&str; 9] = [
+const STAGES: [&str; 10] = [
     "base",
     "frame",
+    "turn",
     "camera",
     "segment",
     "pose",

@@ -50,3 +50,4 @@ mod switches_by_gesture;
 mod talks_to_rigs;
 mod tells_what_is_covered;
 mod tracks_a_head;
+mod tracks_when_turned;

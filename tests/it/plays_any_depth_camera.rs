@@ -8,10 +8,12 @@ use std::process::Command;
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;
 use mien_appliance::source;
+use mien_sensors::turned::upright;
 use mien_sensors::{Frame, NO_DEPTH};
 use mien_stages::base::capacity::WIDTH;
 use mien_stages::base::geometry::Point;
 use mien_stages::face_model::FaceModel;
+use mien_stages::turn::Turn;
 use tempfile::TempDir;
 
 use crate::common;
@@ -78,6 +80,31 @@ fn depth_and_picture_come_at_their_own_size_and_calibration() {
     assert!(!frame.has_colour && frame.luma.iter().all(|&luma| luma == 0));
     assert!(!source.next_frame(&mut frame).unwrap());
     assert_eq!(source.state().skipped, 0);
+}
+
+#[test]
+fn a_camera_on_its_side_comes_upright_at_its_own_size() {
+    let folder = folder();
+    let mut native = source::recording(folder.path()).unwrap();
+    let recording = source::recording(folder.path()).unwrap();
+    let mut source = upright(recording, Some(Turn::ThreeQuarters));
+    let (mut before, mut frame) = (Frame::default(), Frame::default());
+    assert!(native.next_frame(&mut before).unwrap() && source.next_frame(&mut frame).unwrap());
+    // Of 512 columns the middle 480 are the rows now, of the picture's 640 too; clockwise.
+    let (depth, luma) = (source.camera().depth_size(), source.luma_size());
+    assert_eq!((depth, luma), ([424, 480], [360, 480]));
+    for row in 0..480 {
+        for col in [0, 7, 300, 359] {
+            let at = row * WIDTH + col;
+            assert_eq!(
+                frame.depth[at],
+                before.depth[(423 - col) * WIDTH + 16 + row]
+            );
+            assert_eq!(frame.luma[at], before.luma[(359 - col) * WIDTH + 80 + row]);
+        }
+        assert_eq!(frame.depth[row * WIDTH + 424], NO_DEPTH);
+        assert_eq!(frame.luma[row * WIDTH + 639], frame.luma[row * WIDTH + 359]);
+    }
 }
 
 #[test]

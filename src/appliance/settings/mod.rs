@@ -231,6 +231,7 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mien_stages::turn::Turn;
 
     fn parse(text: &str) -> Result<Settings, SettingsError> {
         Settings::parse(text, Path::new("a.toml"))
@@ -250,6 +251,21 @@ mod tests {
         settings.stages.users.hold_s = 1.25;
         settings.sensor.source = "simulated:still".into();
         reads_back(settings);
+    }
+
+    #[test]
+    fn a_choice_of_numbers_needs_no_quotes() {
+        let turned =
+            |value| parse(&format!("[sensor]\nturned = {value}\n")).map(|it| it.sensor.turned);
+        for value in ["90", "\"90\""] {
+            assert_eq!(turned(value), Ok(Some(Turn::Quarter)));
+        }
+        assert_eq!(turned("\"auto\""), Ok(None));
+        for value in ["45", "-90", "90.0", "\"left\""] {
+            let expected =
+                r#"expected sensor.turned to be "auto" or "0" or "90" or "180" or "270""#;
+            assert!(turned(value).unwrap_err().to_string().contains(expected));
+        }
     }
 
     #[test]

@@ -4,8 +4,10 @@ use std::path::Path;
 
 use crate::pipeline;
 use crate::source;
+use mien_sensors::turned::TURNS;
 use mien_stages::base::defaults;
 use mien_stages::base::settings::keyed;
+use mien_stages::turn::Turn;
 
 /// Default path of the status file.
 pub(crate) const STATUS_PATH: &str = "/run/mien/status.json";
@@ -41,6 +43,8 @@ keyed! {
         ),
         /// Face model file; the option --model takes precedence.
         model: String = String::new() => Text("a path, or empty for the built-in model", |_| true),
+        /// Degrees by which the sensor is turned clockwise, as seen by the person in front of it: at 90 a Kinect's foot points to their left. auto asks its accelerometer; without one it counts as upright.
+        turned: Option<Turn> = None => choice(TURNS),
         ..device: source::SensorSettings,
     }
     /// State kept across restarts.

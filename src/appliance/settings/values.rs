@@ -1,6 +1,6 @@
 //! Values of keys: from TOML, each checked, and to TOML.
 
-use toml::de::DeValue;
+use toml::de::{DeInteger, DeValue};
 
 use super::toml_words::{describe, float, toml_string};
 use mien_stages::base::settings::Kind;
@@ -74,8 +74,10 @@ pub(super) fn assign(
                 (least..=most).contains(&texts.len()) && texts.iter().all(|text| valid(text))
             })
             .map(|texts| *slot = texts.into_iter().map(str::to_owned).collect()),
+        // A name that is a number may stand without quotes.
         Kind::Choice(_, names, set) => value
             .as_str()
+            .or_else(|| value.as_integer().map(DeInteger::as_str))
             .and_then(|text| names.iter().position(|name| *name == text))
             .map(set),
     };

@@ -106,6 +106,8 @@ pub enum Request<'a> {
     Reply(&'a mut [u8]),
     /// Vendor request and its value to the motor device (first series only).
     Motor(u8, u16),
+    /// Reads the motor device's state (first series only).
+    MotorState(&'a mut [u8]),
     /// Bulk message to the audio device (later models, if its firmware runs).
     Audio(&'a [u8]),
     /// Reads the audio device's bulk answer.

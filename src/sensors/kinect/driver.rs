@@ -1,4 +1,4 @@
-//! The camera over any [`PacketSource`]: calibration, start, pictures, watchdog, stop; LED and tilt.
+//! The camera over any [`PacketSource`]: calibration, start, pictures, watchdog, stop; LED, tilt, accelerometer.
 //!
 //! Every exchange is bounded: a reply is polled every millisecond for at most a second, and a failed exchange is retried twice with
 //! a new tag. A stream without packets for a second is restarted; if that fails twice in a row, [`KinectError::Silent`] asks the
@@ -7,8 +7,8 @@
 //! Depth works without colour: after a second without a pair, depth pictures are delivered without colour; after five seconds, and
 //! then at doubling intervals, the streams are restarted. A silent colour stream does not end depth.
 //!
-//! Errors of LED, tilt and automatic exposure do not stop the pictures. Memory: two pictures of each stream, 1.5 MB, allocated at
-//! opening.
+//! Errors of LED, tilt, accelerometer and automatic exposure do not stop the pictures. Memory: two pictures of each stream,
+//! 1.5 MB, allocated at opening.
 
 use crate::Frame;
 use core::time::Duration;
@@ -113,6 +113,8 @@ pub struct Kinect<S> {
     settings: Settings,
     /// Calibration of this unit.
     pub registration: Registration,
+    /// What its accelerometer measured at opening, as [`super::motor::acceleration`]; `None` if it could not be asked.
+    pub acceleration: Option<[i16; 3]>,
     tag: u16,
     audio_tag: u32,
     command: Vec<u8>,
@@ -142,6 +144,7 @@ impl<S: PacketSource> Kinect<S> {
             source,
             settings,
             registration: Registration::default(),
+            acceleration: None,
             tag: 0,
             audio_tag: 0,
             command: Vec::with_capacity(64),
@@ -159,6 +162,10 @@ impl<S: PacketSource> Kinect<S> {
         kinect.set_register(register::DEPTH_STREAM, 0)?;
         kinect.set_register(register::COLOUR_STREAM, 0)?;
         kinect.read_calibration()?;
+        kinect.acceleration = kinect
+            .read_acceleration()
+            .inspect_err(|problem| tracing::debug!("accelerometer: {problem}"))
+            .ok();
         if settings.set_tilt
             && let Err(problem) = kinect.tilt(settings.tilt_deg)
         {

@@ -76,6 +76,10 @@ impl Sensor for LiveKinect {
         Some(&self.registration)
     }
 
+    fn acceleration(&self) -> Option<[i16; 3]> {
+        self.acceleration
+    }
+
     fn show_tracking(&self, tracking: bool) {
         LiveKinect::show_tracking(self, tracking);
     }
@@ -102,6 +106,10 @@ impl Sensor for Recording {
         Some(&self.registration)
     }
 
+    fn acceleration(&self) -> Option<[i16; 3]> {
+        self.acceleration
+    }
+
     fn seek(&mut self, number: usize) {
         Recording::seek(self, number);
     }
@@ -112,6 +120,7 @@ mod tests {
     use super::*;
     use crate::kinect::device::Model;
     use crate::kinect::usb_devices::Driver;
+    use mien_stages::turn::Turn;
 
     fn device(model: Model, driver: Driver, trouble: Option<DeviceError>) -> Listed {
         Listed {
@@ -123,6 +132,7 @@ mod tests {
             driver,
             trouble,
             motor: true,
+            turn: Turn::Upright,
         }
     }
 
@@ -136,8 +146,12 @@ mod tests {
                 Driver::Program,
                 Some(DeviceError::Busy(1, 5)),
             ),
+            Listed {
+                turn: Turn::ThreeQuarters,
+                ..device(Model::Xbox1414, Driver::Free, None)
+            },
         ]));
-        let Ok([first, second]) = found.as_deref() else {
+        let Ok([first, second, third]) = found.as_deref() else {
             panic!("two devices");
         };
         assert_eq!(
@@ -149,6 +163,7 @@ mod tests {
             second.line,
             "kinect:A00366A08793039A Kinect for Windows (1517), 480 Mbit/s, bus 1 address 5, in use by a program"
         );
+        assert!(third.line.ends_with(", free, turned by 270 degrees"));
         assert_eq!(first.trouble, None);
         assert_eq!(
             second.trouble.as_deref(),

@@ -57,6 +57,7 @@ defaults! {
         free: Vec<RawPair> = (0..RING).map(|_| RawPair::default()).collect(),
         status: Status = Status::default(),
         registration: Registration = Registration::default(),
+        acceleration: Option<[i16; 3]> = None,
         tracking: bool = false,
         stop: bool = false,
     }
@@ -88,6 +89,8 @@ pub struct LiveKinect {
     pub registration: Registration,
     /// Geometry by this calibration, for the stages.
     pub camera: Camera,
+    /// What the accelerometer of that sensor measured when it was opened.
+    pub acceleration: Option<[i16; 3]>,
 }
 
 impl LiveKinect {
@@ -119,6 +122,7 @@ impl LiveKinect {
             arrived: None,
             registration: Registration::default(),
             camera: Registration::default().camera(),
+            acceleration: None,
         }
     }
 
@@ -138,6 +142,7 @@ impl LiveKinect {
         if self.last.is_none_or(|(former, _)| former != opening) {
             self.registration.clone_from(&inner.registration);
             self.camera = inner.registration.camera();
+            self.acceleration = inner.acceleration;
         }
         self.last = Some((opening, now));
         drop(inner);
@@ -153,6 +158,7 @@ impl LiveKinect {
         let inner = self.shared.wait(wait, attempted);
         self.registration.clone_from(&inner.registration);
         self.camera = inner.registration.camera();
+        self.acceleration = inner.acceleration;
         inner.status.clone()
     }
 
@@ -226,6 +232,7 @@ fn stream<S: PacketSource>(
     inner.status.sensor = Some((source.model(), source.serial().to_owned()));
     inner.status.openings += 1;
     inner.registration = kinect.registration.clone();
+    inner.acceleration = kinect.acceleration;
     drop(inner);
     let result = deliver(shared, &mut kinect, *pictures);
     let failed = result.is_err();

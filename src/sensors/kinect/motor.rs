@@ -26,6 +26,15 @@ pub enum Light {
 pub const SET_LIGHT: u8 = 0x06;
 /// Vendor request that sets the tilt.
 pub const SET_TILT: u8 = 0x31;
+/// Vendor request that reads the motor device's state.
+pub const STATE: u8 = 0x32;
+/// Bytes of that state.
+pub const STATE_BYTES: usize = 10;
+
+/// Acceleration in a state of the motor device: x to the left in the picture, y up, z forward; 819 counts a g, at rest upwards.
+pub fn acceleration(state: &[u8; STATE_BYTES]) -> [i16; 3] {
+    [2, 4, 6].map(|at| i16::from_be_bytes([state[at], state[at + 1]]))
+}
 
 impl Light {
     /// Values for [`SET_LIGHT`] and for the audio device.
@@ -78,6 +87,19 @@ pub mod audio {
         words(&[MAGIC, tag, 0, 0x803b, degrees])
     }
 
+    /// Bytes of the state, which precedes the status.
+    pub const STATE: usize = 104;
+
+    /// Message that asks for the state.
+    pub fn state(tag: u32) -> Vec<u8> {
+        words(&[MAGIC, tag, STATE as u32, 0x8032])
+    }
+
+    /// Acceleration in a state, as [`super::acceleration`].
+    pub fn acceleration(state: &[u8; STATE]) -> [i16; 3] {
+        [16, 20, 24].map(|at| i16::from_le_bytes([state[at], state[at + 1]]))
+    }
+
     /// Whether `bytes` is the status "done" for `tag`.
     pub fn is_done(bytes: &[u8], tag: u32) -> bool {
         bytes.len() == STATUS && bytes == words(&[STATUS_MAGIC, tag, 0])
@@ -110,6 +132,22 @@ mod tests {
             [
                 9, 0x20, 2, 6, 1, 0, 0, 0, 0, 0, 0, 0, 0x3b, 0x80, 0, 0, 0xe1, 0xff, 0xff, 0xff
             ]
+        );
+    }
+
+    #[test]
+    fn acceleration_is_read_from_both_states() {
+        // x = −819, y = 12, z = −3.
+        let state = [0, 0, 0xfc, 0xcd, 0, 12, 0xff, 0xfd, 0, 0];
+        assert_eq!(acceleration(&state), [-819, 12, -3]);
+        let mut state = [0; audio::STATE];
+        for (at, value) in [(16, -819i32), (20, 12), (24, -3)] {
+            state[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        }
+        assert_eq!(audio::acceleration(&state), [-819, 12, -3]);
+        assert_eq!(
+            audio::state(1),
+            [9, 0x20, 2, 6, 1, 0, 0, 0, 0x68, 0, 0, 0, 0x32, 0x80, 0, 0]
         );
     }
 

@@ -4,7 +4,7 @@
 //! | --- | --- |
 //! | `d-<wall s>-<ticks>.pgm` | `P5 640 480 65535`, then raw disparity, u16 little endian (fakenect copies memory) |
 //! | `r-<wall s>-<ticks>.ppm` | `P6 640 480 255`, then RGB |
-//! | `a-<wall s>-<ticks>.dump` | acceleration and tilt; not used |
+//! | `a-<wall s>-<ticks>.dump` | x, y, z of the accelerometer, i16 little endian, and six bytes about the tilt; the first file is used |
 //! | `device.json` | calibration of the sensor; optional, the nominal one without it |
 //!
 //! Ticks are the camera's 60 MHz counter and the only clock used, because wall time depends on when the recording computer handled
@@ -34,10 +34,19 @@ use mien_stages::base::bounded_read::{self, reason};
 use mien_stages::base::capacity::{HEIGHT, WIDTH};
 use mien_stages::base::vectors::with_avx2;
 use mien_stages::camera::Camera;
-use write::{DEVICE_NAME, INDEX_NAME};
+use write::{ACCELERATION_BYTES, DEVICE_NAME, INDEX_NAME};
 
 /// Limits on the index, bytes and pictures: nine hours of both streams at 30 Hz, 1.5 TB.
 const INDEX_MAX: [usize; 2] = [1 << 26, 1 << 21];
+
+/// The first measurement of the accelerometer that the text of an index names, if it can be read: a recording plays without.
+fn acceleration(directory: &Path, text: &str) -> Option<[i16; 3]> {
+    let path = directory.join(index::first_acceleration(text)?);
+    let bytes = bounded_read::read_regular(&path, ACCELERATION_BYTES);
+    let bytes = bytes.inspect_err(|problem| tracing::debug!("{}: {problem}", path.display()));
+    let axes: [u8; 6] = *bytes.ok()?.first_chunk()?;
+    Some([0, 2, 4].map(|at| i16::from_le_bytes([axes[at], axes[at + 1]])))
+}
 
 /// A recording being played.
 pub struct Recording {
@@ -45,6 +54,8 @@ pub struct Recording {
     pub registration: Registration,
     /// Geometry by this calibration, for the stages.
     pub camera: Camera,
+    /// What the accelerometer of the recorded sensor measured at first, as [`super::motor::acceleration`].
+    pub acceleration: Option<[i16; 3]>,
     index: Index,
     next: usize,
     skipped: Skipped,
@@ -80,6 +91,7 @@ impl Recording {
         Ok(Self {
             camera: registration.camera(),
             registration,
+            acceleration: acceleration(directory, &text),
             index,
             next: 0,
             skipped: Skipped::default(),

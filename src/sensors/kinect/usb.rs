@@ -28,6 +28,7 @@ use rusb::ffi::constants::{
 };
 
 use super::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
+use super::motor;
 use super::packet::LONGEST;
 use super::usb_devices::{self, Opened, REQUEST, device_error};
 use mien_stages::base::capacity::{PACKETS, TRANSFERS};
@@ -263,6 +264,10 @@ impl PacketSource for UsbKinect {
             Request::Motor(request, value) => {
                 let motor = motor.as_ref().ok_or(none)?;
                 motor.write_control(0x40, request, value, 0, &[], REQUEST)
+            }
+            Request::MotorState(bytes) => {
+                let motor = motor.as_ref().ok_or(none)?;
+                motor.read_control(0xc0, motor::STATE, 0, 0, bytes, REQUEST)
             }
             Request::Audio(message) => {
                 let audio = audio.as_ref().ok_or(none)?;

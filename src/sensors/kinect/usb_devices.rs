@@ -11,6 +11,8 @@ use std::time::Duration;
 use rusb::{Context, Device, DeviceHandle, Speed, UsbContext};
 
 use super::device::{DeviceError, Model, Stream};
+use super::motor;
+use mien_stages::turn::Turn;
 
 /// Product id of the motor device.
 const MOTOR: u16 = 0x02b0;
@@ -53,6 +55,8 @@ pub struct Listed {
     pub trouble: Option<DeviceError>,
     /// Whether LED and tilt are available: through a motor device, or an audio device with firmware.
     pub motor: bool,
+    /// Its turn, by the accelerometer behind a motor device; upright if it has none or cannot be asked.
+    pub turn: Turn,
 }
 
 /// One line, without the trouble.
@@ -68,7 +72,11 @@ impl core::fmt::Display for Listed {
             Driver::Kernel(name) => write!(f, "driver {name} (detached while mien runs)")?,
             Driver::Program => f.write_str("in use by a program")?,
         }
-        f.write_str(if self.motor { "" } else { ", no motor" })
+        f.write_str(if self.motor { "" } else { ", no motor" })?;
+        match self.turn {
+            Turn::Upright => Ok(()),
+            turn => write!(f, ", turned by {} degrees", turn.degrees()),
+        }
     }
 }
 
@@ -289,7 +297,20 @@ impl Bus {
                 Model::Xbox1414 => self.find_part(device, &[MOTOR]).is_some(),
                 _ => self.audio_with_firmware(device).is_some(),
             },
+            turn: match model {
+                Model::Xbox1414 => self.turn(device).unwrap_or_default(),
+                _ => Turn::Upright,
+            },
         }
+    }
+
+    /// Turn of a camera by its motor device, which answers whoever uses the camera.
+    fn turn(&self, camera: &Device<Context>) -> Option<Turn> {
+        let motor = self.find_part(camera, &[MOTOR])?.open().ok()?;
+        let mut state = [0; motor::STATE_BYTES];
+        let read = motor.read_control(0xc0, motor::STATE, 0, 0, &mut state, REQUEST);
+        let is_whole = read.is_ok_and(|read| read == state.len());
+        is_whole.then(|| Turn::from_acceleration(motor::acceleration(&state)))
     }
 
     fn claim(

@@ -210,6 +210,11 @@ impl Simulator {
         self.exposure = exposure;
     }
 
+    /// Imperfections of the sensor.
+    pub fn sensor(&self) -> &Sensor {
+        &self.sensor
+    }
+
     /// The camera that the frames are drawn with.
     pub fn camera(&self) -> &Camera {
         &self.camera

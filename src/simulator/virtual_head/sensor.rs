@@ -25,6 +25,8 @@ defaults! {
         pub colour_sigma: f32 = 2.0,
         /// Pitch of the sensor about the person, radians; above 0 it is higher and looks down.
         pub above: f32 = 0.0,
+        /// Turn of the sensor about its optical axis, radians; clockwise as seen by the person.
+        pub turned: f32 = 0.0,
     }
 }
 
@@ -43,10 +45,17 @@ impl Sensor {
         [x + dx * bend + sx, y + dy * bend + sy]
     }
 
-    /// Transformation from the frame of a level sensor to this sensor's: a rotation about the seat.
+    /// What its accelerometer measures, 819 counts a g: x to the left in the picture, y up, z forward.
+    pub fn acceleration(&self) -> [i16; 3] {
+        let up = self.viewpoint().rotation * Vector::new(0.0, -1.0, 0.0);
+        [-up.x, -up.y, up.z].map(|axis| (819.0 * axis).round() as i16)
+    }
+
+    /// Transformation from the frame of a level sensor to this sensor's: a rotation about the seat, then one about the optical axis.
     pub(super) fn viewpoint(&self) -> Rigid {
         let turn = Rotation::from_axis_angle(&Vector::x_axis(), self.above);
         let seat = Vector::new(0.0, -0.02, 0.8);
-        Rigid::from_parts((seat - turn * seat).into(), turn)
+        let level = Rigid::from_parts((seat - turn * seat).into(), turn);
+        Rotation::from_axis_angle(&Vector::z_axis(), self.turned) * level
     }
 }

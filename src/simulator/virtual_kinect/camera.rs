@@ -21,6 +21,8 @@ pub struct VirtualCamera {
     pub light: u16,
     /// Last requested tilt, degrees above the horizon.
     pub tilt_deg: f32,
+    /// Measurement of the accelerometer; by default of a level sensor.
+    pub acceleration: [i16; 3],
     /// Pending replies of the audio device, oldest first.
     pub(super) audio: std::collections::VecDeque<Vec<u8>>,
 }
@@ -37,6 +39,7 @@ impl VirtualCamera {
             busy: false,
             light: 0,
             tilt_deg: 0.0,
+            acceleration: [0, 819, 0],
             audio: std::collections::VecDeque::new(),
         }
     }
@@ -132,6 +135,16 @@ impl VirtualCamera {
         }
     }
 
+    /// State of the motor device.
+    pub fn motor_state(&self) -> [u8; motor::STATE_BYTES] {
+        let mut state = [0; motor::STATE_BYTES];
+        for (at, axis) in [2, 4, 6].into_iter().zip(self.acceleration) {
+            state[at..at + 2].copy_from_slice(&axis.to_be_bytes());
+        }
+        state[8] = (2.0 * self.tilt_deg) as i8 as u8;
+        state
+    }
+
     /// Executes a bulk message to the audio device.
     pub fn audio_write(&mut self, message: &[u8]) {
         let (words, _) = message.as_chunks::<4>();
@@ -139,6 +152,13 @@ impl VirtualCamera {
         match word(3) {
             0x10 => self.light = word(4) as u16,
             0x803b => self.tilt_deg = word(4).cast_signed() as f32,
+            0x8032 => {
+                let mut state = vec![0; audio::STATE];
+                for (at, axis) in [16, 20, 24].into_iter().zip(self.acceleration) {
+                    state[at..at + 4].copy_from_slice(&i32::from(axis).to_le_bytes());
+                }
+                self.audio.push_back(state);
+            }
             _ => {}
         }
         self.audio.push_back(audio::status(word(1)));

@@ -17,6 +17,8 @@ use mien_appliance::settings::Settings;
 use mien_appliance::source;
 use mien_sensors::kinect::colour;
 use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::sensor::Sensor;
+use mien_sensors::turned::upright;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
 use mien_stages::base::geometry::{Point, Rigid, yaw_pitch_roll};
 use mien_stages::camera::Camera;
@@ -237,14 +239,14 @@ fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
 }
 
 /// Fits the depth colours of a recording.
-fn fitted(path: &Path, camera: &Camera) -> Result<DepthColours, Fault> {
-    let (mut recording, mut colours) = (source::recording(path)?, DepthColours::default());
+fn fitted(recording: &mut dyn Sensor) -> Result<DepthColours, Fault> {
+    let (camera, mut colours) = (recording.camera().clone(), DepthColours::default());
     let mut frame = KinectFrame::default();
     let frames = recording.state().frames;
     for number in (0..frames).step_by(frames.div_ceil(FITTED).max(1)) {
         recording.seek(number);
         if recording.next_frame(&mut frame)? {
-            colours.add(&frame.depth, camera);
+            colours.add(&frame.depth, &camera);
         }
     }
     Ok(colours.fitted())
@@ -314,11 +316,12 @@ pub(super) fn inspect(
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<Album, Fault> {
-    let mut recording = source::recording(path)?;
+    let open = || Ok::<_, Fault>(upright(source::recording(path)?, settings.sensor.turned));
+    let mut recording = open()?;
     let mut pipeline = Pipeline::new(&settings.stages, recording.camera(), model)?;
     // Separate, as the pipeline skips frames.
     let mut segmenter = Segmenter::new(settings.stages.segment);
-    let colours = fitted(path, pipeline.camera())?;
+    let colours = fitted(&mut *open()?)?;
     let mut drawn = Drawn::new(name, colours, recording.state().frames);
     let mut all: Vec<(f64, Values)> = Vec::new();
     let mut frame = KinectFrame::default();

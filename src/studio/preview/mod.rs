@@ -46,6 +46,8 @@ use mien_baking::bake::recipe::{Recipe, SHIPPED};
 use mien_baking::heads::default_head;
 use mien_baking::heads::hero::Hero;
 use mien_outputs::Command;
+use mien_sensors::turned::upright;
+use mien_stages::turn::Turn;
 use mien_workbench::fault::Fault;
 use mien_workbench::text_files::{self, display_name};
 
@@ -177,8 +179,8 @@ struct Preview {
     own: OnceLock<Option<Arc<[u8]>>>,
     /// Heads shown instead.
     given: Vec<Arc<[u8]>>,
-    /// Recording from which images are shown.
-    recording: Option<PathBuf>,
+    /// Recording from which images are shown, and the turn of its sensor.
+    recording: Option<(PathBuf, Option<Turn>)>,
     /// Units by names of targets, for heads without them.
     units: Value,
 }
@@ -192,9 +194,12 @@ impl Preview {
         }
         let wants_depth = request.parameter("view") == "depth";
         let found = || {
-            if let Some(directory) = &self.recording {
+            if let Some((directory, turn)) = &self.recording {
                 let number = request.parameter("n").parse().ok()?;
-                return Some((number, sensor::recorded(directory, number, wants_depth)?));
+                return Some((
+                    number,
+                    sensor::recorded(directory, *turn, number, wants_depth)?,
+                ));
             }
             let (number, seen) = self.hub.picture()?;
             Some((number, sensor::picture(&seen, wants_depth)?))
@@ -330,7 +335,8 @@ impl Preview {
         if let Feed::Sensor(name) = *feed
             && !["kinect", "simulated"].contains(&source::parts(name).0)
         {
-            recording = Some(name.into());
+            let settings = service::settings(args.config.as_deref())?;
+            recording = Some((name.into(), settings.sensor.turned));
         }
         let session = recording.is_some() || matches!(feed, Feed::Csv(_));
         let hub = Arc::new(Hub::new(session));
@@ -423,7 +429,8 @@ impl Args {
             Feed::Sensor(name) => {
                 let settings = service::settings(self.config.as_deref())?;
                 let model = service::model(self.model.as_deref())?;
-                let (mut source, _) = source::open(name, false, settings.sensor.device)?;
+                let (source, _) = source::open(name, false, settings.sensor.device)?;
+                let mut source = upright(source, settings.sensor.turned);
                 let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
                 Box::new(move || {
                     sensor::follow(&mut *source, &mut pipeline, &preview.hub, &commands);

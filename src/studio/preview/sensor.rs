@@ -17,6 +17,8 @@ use mien_outputs::{Command, Report, numbers};
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::geometry;
 use mien_sensors::sensor::Sensor;
+use mien_sensors::turned::upright;
+use mien_stages::turn::Turn;
 use mien_workbench::picture_files::jpeg;
 
 /// Interval of sending ranges, seconds of the stream.
@@ -121,8 +123,13 @@ pub fn picture(seen: &Seen, wants_depth: bool) -> Option<(bool, Vec<u8>)> {
 }
 
 /// The image of frame `number` of a recording, as [`picture()`]; `None` if damaged or missing.
-pub fn recorded(directory: &Path, number: u64, wants_depth: bool) -> Option<(bool, Vec<u8>)> {
-    let mut recording = source::recording(directory).ok()?;
+pub fn recorded(
+    directory: &Path,
+    turn: Option<Turn>,
+    number: u64,
+    wants_depth: bool,
+) -> Option<(bool, Vec<u8>)> {
+    let mut recording = upright(source::recording(directory).ok()?, turn);
     let mut frame = KinectFrame::default();
     recording.seek(usize::try_from(number).ok()?);
     let found = recording.next_frame(&mut frame).ok()? && frame.index == number;

@@ -4,6 +4,7 @@ use std::sync::Mutex;
 use std::time::Duration;
 
 use mien_sensors::kinect::device::{Model, PacketSource, Request, Stream};
+use mien_sensors::kinect::motor;
 
 use crate::Device;
 use crate::descriptors::{Descriptors, Function};
@@ -78,7 +79,12 @@ impl Session<'_> {
                 let moved = device.request(Request::Motor(request, value));
                 moved.ok().map(|_| vec![])
             }
-            // "Ready?", which is all that its clients ask.
+            (0xc0, Function::Motor) if request == motor::STATE => {
+                let mut state = [0; motor::STATE_BYTES];
+                let n = device.request(Request::MotorState(&mut state));
+                n.ok().map(|n| state[..n].to_vec())
+            }
+            // "Ready?", which is all else that its clients ask.
             (0xc0, Function::Motor) => (request == 0x10).then(|| vec![0x22]),
             _ => None,
         };

@@ -1,5 +1,5 @@
-//! Commands and replies, bounded in time and tries, and on top of them calibration, registers and image sensor. LED and tilt, by
-//! the motor device, or through the audio device of the later models.
+//! Commands and replies, bounded in time and tries, and on top of them calibration, registers and image sensor. LED, tilt and
+//! acceleration, by the motor device, or through the audio device of the later models.
 
 use core::time::Duration;
 
@@ -186,6 +186,33 @@ impl<S: PacketSource> Kinect<S> {
     pub fn tilt(&mut self, degrees: f32) -> Result<(), DeviceError> {
         let value = motor::tilt_value(degrees);
         self.send_to_motor(motor::SET_TILT, value, |tag| audio::tilt(tag, degrees))
+    }
+
+    /// Asks the accelerometer; the result is as [`motor::acceleration`].
+    ///
+    /// # Errors
+    /// If this Kinect has no reachable motor device; the pictures continue.
+    pub fn read_acceleration(&mut self) -> Result<[i16; 3], DeviceError> {
+        if self.source.model() == Model::Xbox1414 {
+            let mut state = [0; motor::STATE_BYTES];
+            let read = self.source.request(Request::MotorState(&mut state))?;
+            let is_whole = read == state.len();
+            return is_whole
+                .then(|| motor::acceleration(&state))
+                .ok_or(DeviceError::TimedOut);
+        }
+        self.audio_tag = self.audio_tag.wrapping_add(1);
+        let message = audio::state(self.audio_tag);
+        self.source.request(Request::Audio(&message))?;
+        let mut answer = [0; 512];
+        let read = self.source.request(Request::AudioAnswer(&mut answer))?;
+        let state = answer[..read.min(answer.len())].first_chunk().copied();
+        // The status follows, unless it was all there is.
+        if state.is_some() {
+            self.source.request(Request::AudioAnswer(&mut answer))?;
+        }
+        let state = state.ok_or(DeviceError::TimedOut)?;
+        Ok(audio::acceleration(&state))
     }
 
     /// Sends a request to the motor device, or the equivalent `message` to the audio device.

@@ -67,6 +67,12 @@ pub(super) fn names(text: &str) -> impl Iterator<Item = &str> {
     lines.filter(|line| line.starts_with("d-") || line.starts_with("r-"))
 }
 
+/// File name of the first measurement of the accelerometer.
+pub(super) fn first_acceleration(text: &str) -> Option<&str> {
+    let mut lines = text.lines().map(str::trim);
+    lines.find(|line| line.starts_with("a-") && !line.contains(['/', '\\']))
+}
+
 /// All pictures of a recording.
 pub(super) struct Index {
     text: String,

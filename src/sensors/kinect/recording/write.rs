@@ -18,6 +18,9 @@ pub(super) const INDEX_NAME: &str = "INDEX.txt";
 /// Name of the file with the sensor's calibration.
 pub(super) const DEVICE_NAME: &str = "device.json";
 
+/// Bytes of a measurement of the accelerometer: libfreenect's tilt state.
+pub(super) const ACCELERATION_BYTES: usize = 12;
+
 /// A recording being written.
 pub struct Recorder {
     directory: PathBuf,
@@ -69,6 +72,21 @@ impl Recorder {
     /// Number of frames written.
     pub fn frames(&self) -> u64 {
         self.frames
+    }
+
+    /// Adds what the sensor's accelerometer measures, so that a turned sensor's recording says so.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write_acceleration(&mut self, axes: [i16; 3]) -> Result<(), RecordingError> {
+        // In the buffer of depth, which the next frame overwrites.
+        let state = &mut self.depth[..ACCELERATION_BYTES];
+        state.fill(0);
+        for (bytes, axis) in state.as_chunks_mut().0.iter_mut().zip(axes) {
+            *bytes = axis.to_le_bytes();
+        }
+        let name = format!("a-{:.6}-0.dump", self.started_unix_s);
+        self.add(&name, "", |recorder| &recorder.depth[..ACCELERATION_BYTES])
     }
 
     /// Appends a frame.

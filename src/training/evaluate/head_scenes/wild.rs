@@ -61,6 +61,7 @@ fn random_sensor(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f
         balance: [1.0 + warm, 1.0 + tint, 1.0 - warm],
         colour_sigma: 2.5,
         above: spread(20.0).to_radians(),
+        turned: 0.0,
     };
     let mut said = "";
     match number % 8 {
