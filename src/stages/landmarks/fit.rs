@@ -177,7 +177,7 @@ impl LandmarkFitter {
         };
         let share = self.update_size(&fit, step_s);
         let moved = view_motion(&placement.start, &fit.view);
-        face.update(&moved, step_s, share, self.visibility.is_partial());
+        face.update(&moved, step_s, share, self.visibility.is_covered());
         let sensor_from_face = *sensor_from_head * face.pose();
         let shape = self.refined(&fit, depth, camera, &sensor_from_face, step_s);
         self.fill_landmarks(luma, &placement, &fit, &shape, &confidence, at);
@@ -205,32 +205,43 @@ impl LandmarkFitter {
         // A face of the last frame needs less confidence.
         let share = self.last_at.map_or(1.0, |_| TRACKED_SHARE);
         let least = self.settings.min_confidence * share;
-        let mut run = |visibility: &Visibility| {
-            scratch.solver.hidden = visibility.hidden_landmarks();
-            self.run(scratch, luma, &placement, &start, visibility.hides_eyes())
+        let mut run = |visibility: &Visibility, is_partial: bool| {
+            scratch.solver.hidden = [false; LANDMARKS];
+            if is_partial {
+                scratch.solver.hidden = visibility.covered_landmarks();
+            }
+            let hides_eyes = is_partial && visibility.hides_eyes();
+            self.run(scratch, luma, &placement, &start, hides_eyes)
         };
         let step_s = step_s.min(EVIDENCE_S);
         let mut visibility = self.visibility.clone();
-        let (mut fit, mut confidence, evidence) = run(&visibility);
+        let is_partial = visibility.is_partial();
+        let (mut fit, mut confidence, evidence) = run(&visibility, is_partial);
         if !self.settings.visibility {
             // Everything counts as seen.
-        } else if visibility.is_partial() {
+        } else if visibility.is_covered() {
             if visibility.is_probe_due() {
-                let (fit, _, evidence) = run(&Visibility::default());
-                let turned = fit.view.rotation.angle();
-                visibility.observe(&evidence, turned, step_s * PROBE_FRAMES as f32);
+                let (own, other) = ((fit, confidence, evidence), run(&visibility, !is_partial));
+                let (partial, full) = if is_partial {
+                    (&own, &other)
+                } else {
+                    (&other, &own)
+                };
+                let dt = step_s * PROBE_FRAMES as f32;
+                visibility.compare(&partial.1.discriminants, &full.1.discriminants, dt);
+                visibility.observe(&full.2, full.0.view.rotation.angle(), dt);
             }
         } else if confidence.face >= least {
             let turned = fit.view.rotation.angle();
             if visibility.observe(&evidence, turned, step_s) {
-                (fit, confidence, _) = run(&visibility);
+                (fit, confidence, _) = run(&visibility, true);
             }
         } else if self.log_size.is_none() {
             // Something may hide a part of this new face.
             for regions in [&[MOUTH_REGION][..], &[NOSE, MOUTH_REGION], &EYES] {
                 let mut partial = Visibility::default();
                 partial.hide(regions);
-                let found = run(&partial);
+                let found = run(&partial, true);
                 if found.1.face >= least {
                     (visibility, (fit, confidence, _)) = (partial, found);
                     break;
@@ -340,7 +351,7 @@ impl LandmarkFitter {
             sensor_from_face,
         );
         // There depth measures what hides the face.
-        let hidden = self.visibility.hidden_landmarks();
+        let hidden = self.visibility.covered_landmarks();
         let first = self.inputs.len().saturating_sub(SITES);
         let offsets = self.inputs[first..].iter_mut().zip(sites_of(&hidden));
         for (offset, _) in offsets.filter(|(_, hidden)| *hidden) {

@@ -7,10 +7,12 @@
 //! that loses much of what is usual for the person becomes hidden too, because white masks with folds look as much like a mouth as
 //! bearded lips do. (Expressions lower the evidence of the other regions as much.)
 //!
-//! The patches of hidden eyes, of a hidden nose or mouth do not count in the fit, which is then made with all patches too in one of
-//! [`PROBE_FRAMES`] frames, for the evidence. Brows count even if hidden: a fringe moves the fit less than their absence.
+//! The patches of hidden eyes, of a hidden nose or mouth do not count in the fit, as long as this partial fit agrees with the visible
+//! landmarks at least as well as a fit with all patches: thick rims or a dark beard hide a region, but still tell where it is. Both
+//! fits are made and compared in one of [`PROBE_FRAMES`] frames, which gives the evidence too. Brows count even if hidden: a fringe
+//! moves the fit less than their absence.
 //!
-//! Memory: some numbers per person. Cost: medians of 68 numbers; a second fit in one of [`PROBE_FRAMES`] frames of a partial fit.
+//! Memory: some numbers per person. Cost: medians of 68 numbers; a second fit in one of [`PROBE_FRAMES`] frames of a covered face.
 
 use core::ops::Range;
 
@@ -53,7 +55,9 @@ const KNOWN_S: f32 = 2.0;
 const TURNED_RAD: f32 = 0.26;
 /// Loss of evidence with rotation beyond that, per radian.
 const PER_RADIAN: f32 = 4.0;
-/// Frames with a partial fit from one fit with all patches to the next.
+/// Averaging time of the comparison of partial and full fits, seconds.
+const COMPARED_S: f32 = 1.0;
+/// Frames of a covered face from one comparison of both fits to the next.
 pub const PROBE_FRAMES: u32 = 4;
 /// Grey value of an eye's landmarks, relative to the bridge of the nose, below which dark glass covers it. Free eyes have 0.22 or
 /// more, also with dark skin and light from the side.
@@ -125,6 +129,8 @@ defaults! {
         usual_s: f32 = 0.0,
         hidden: [bool; REGIONS] = [false; REGIONS],
         seen: [f32; REGIONS] = [1.0; REGIONS],
+        /// Mean discriminant of the visible landmarks in partial fits minus that in full ones.
+        advantage: f32 = 0.0,
         frames: u32 = 0,
     }
 }
@@ -133,7 +139,7 @@ impl Visibility {
     /// Adds a fit with all patches of a face `turned` from the line of sight (radians), `dt` seconds after the last such fit; whether a
     /// region became hidden whose patches should not count.
     pub fn observe(&mut self, evidence: &[f32; REGIONS], turned: f32, dt: f32) -> bool {
-        let unused = self.hidden_landmarks();
+        let unused = self.covered_landmarks();
         let less = PER_RADIAN * (turned - TURNED_RAD).max(0.0);
         let share = 1.0 - (-dt / AVERAGED_S).exp();
         for (mean, evidence) in self.mean.iter_mut().zip(evidence) {
@@ -169,14 +175,29 @@ impl Visibility {
         for ((_, mean), usual) in visible.filter(|((hidden, _), _)| !**hidden) {
             *usual += (mean - *usual) * (dt / self.usual_s);
         }
-        let now = self.hidden_landmarks();
+        let now = self.covered_landmarks();
+        if now != unused {
+            self.advantage = 0.0;
+        }
         now.iter().zip(unused).any(|(now, before)| *now && !before)
     }
 
-    /// Counts a partial fit; whether a fit with all patches is due.
+    /// Counts a frame of a covered face; whether both fits are due.
     pub fn is_probe_due(&mut self) -> bool {
         self.frames += 1;
         self.frames.is_multiple_of(PROBE_FRAMES)
+    }
+
+    /// Compares the discriminants of a partial and a full fit of the same frame, `dt` seconds after the last comparison.
+    pub fn compare(&mut self, partial: &[f32; LANDMARKS], full: &[f32; LANDMARKS], dt: f32) {
+        let covered = self.covered_landmarks();
+        let (mut sum, mut count) = (0.0, 0.0);
+        for ((partial, full), _) in (partial.iter().zip(full).zip(covered)).filter(|pair| !pair.1) {
+            (sum, count) = (sum + partial - full, count + 1.0);
+        }
+        if count > 0.0 {
+            self.advantage += (sum / count - self.advantage) * (1.0 - (-dt / COMPARED_S).exp());
+        }
     }
 
     /// A frame without a face: the fits before it may have been beside the face.
@@ -194,9 +215,14 @@ impl Visibility {
         }
     }
 
+    /// Whether a region is hidden whose patches may not count.
+    pub fn is_covered(&self) -> bool {
+        self.covered_landmarks().contains(&true)
+    }
+
     /// Whether the patches of some region do not count.
     pub fn is_partial(&self) -> bool {
-        self.hidden_landmarks().contains(&true)
+        self.is_covered() && self.advantage >= 0.0
     }
 
     /// Whether both eyes are hidden.
@@ -209,8 +235,8 @@ impl Visibility {
         self.hides_eyes() && self.hidden[MOUTH]
     }
 
-    /// Landmarks whose patches do not count.
-    pub fn hidden_landmarks(&self) -> [bool; LANDMARKS] {
+    /// Landmarks of hidden regions, without the brows.
+    pub fn covered_landmarks(&self) -> [bool; LANDMARKS] {
         let mut landmarks = [false; LANDMARKS];
         let regions = VISIBLE_REGIONS.into_iter().enumerate();
         for (region, (_, points)) in regions.skip(BROWS) {
@@ -248,7 +274,7 @@ mod tests {
     fn play(visibility: &mut Visibility, seconds: f32, mouth: f32) -> [f32; REGIONS] {
         let mut seen = [0.0; REGIONS];
         for _ in 0..(seconds / DT).round() as usize {
-            if !visibility.is_partial() {
+            if !visibility.is_covered() {
                 visibility.observe(&masked(mouth), 0.0, DT);
             } else if visibility.is_probe_due() {
                 visibility.observe(&masked(mouth), 0.0, DT * PROBE_FRAMES as f32);
@@ -263,7 +289,7 @@ mod tests {
         let mut visibility = Visibility::default();
         let seen = play(&mut visibility, 0.3, -1.2);
         assert_eq!(seen, [1.0, 1.0, 1.0, 1.0, 1.0, 0.0]);
-        let hidden = visibility.hidden_landmarks();
+        let hidden = visibility.covered_landmarks();
         assert!(hidden[48] && hidden[67] && hidden[8] && !hidden[47] && !hidden[33]);
         // It stays hidden for as long as it is worn.
         assert_eq!(play(&mut visibility, 600.0, -1.2), seen);
@@ -314,7 +340,7 @@ mod tests {
             for _ in 0..30 {
                 visibility.observe(&masked(-1.2), turned, DT);
             }
-            assert_eq!(visibility.is_partial(), is_hidden, "{turned} rad");
+            assert_eq!(visibility.is_covered(), is_hidden, "{turned} rad");
         }
     }
 
@@ -323,7 +349,7 @@ mod tests {
         let mut visibility = Visibility::default();
         let mut fringe = FREE;
         fringe[..BROWS].fill(-1.5);
-        assert!(!visibility.observe(&fringe, 0.0, 1.0) && !visibility.is_partial());
+        assert!(!visibility.observe(&fringe, 0.0, 1.0) && !visibility.is_covered());
         assert_eq!(visibility.fade(1.0), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
     }
 

@@ -25,22 +25,22 @@ use crate::base::prelude::*;
 pub(crate) const MAX_LOG_SCALE: f64 = 0.15;
 
 /// Weight of the standard head in an offset's mean, frames, against single noisy frames.
-const PRIOR_FRAMES: f32 = 4.0;
+const PRIOR_FRAMES: f32 = 1.0;
 
 /// Largest cosine between viewing ray and normal of an anchor point that faces the camera.
 pub(crate) const FACING: f32 = -0.15;
 
 /// Largest distance of a live point that is learned from, metres: farther ones are hands, hair or the neck.
-const MAX_RESIDUAL_M: f32 = 0.010;
+const MAX_RESIDUAL_M: f32 = 0.008;
 
 /// Share of the neighbours' mean mixed in per frame: at unseen points, and at seen ones.
-const SMOOTHING_SHARES: (f32, f32) = (0.08, 0.01);
+const SMOOTHING_SHARES: (f32, f32) = (0.08, 0.001);
 
 /// Length of the scale's running mean, frames.
 const SCALE_MEMORY_FRAMES: f64 = 300.0;
 
 /// Length of an offset's running mean, frames.
-const MEMORY_FRAMES: f32 = 150.0;
+const MEMORY_FRAMES: f32 = 1000.0;
 /// Length of an offset's running mean where the size is derived from the offsets, frames: shorter, so that they settle first.
 const SIZE_MEMORY_FRAMES: f32 = 50.0;
 
