@@ -20,6 +20,8 @@ pub(super) struct Observation<'a> {
     pub(super) landmarks: &'a Landmarks,
     /// Rotation of the face in the sensor frame.
     pub(super) rotation: &'a Rotation,
+    /// Distance of the face from the sensor, metres.
+    pub(super) distance_m: f64,
     /// Length by which measures are divided, metres.
     pub(super) divisor: f32,
     /// Measures divided by it.

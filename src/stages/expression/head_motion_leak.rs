@@ -9,7 +9,7 @@
 //! Deviations in eye distances, rotations in radians about the person's mean. Memory: 160 bytes an input. Cost: a Cholesky
 //! decomposition of 3 × 3 a frame and input. Degenerate: without evidence only the shrinkage applies.
 
-use nalgebra::{Cholesky, Matrix3, Vector3};
+use nalgebra::{Cholesky, Matrix4, Vector3, Vector4};
 
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
@@ -19,8 +19,12 @@ use crate::base::prelude::*;
 const OUTLYING: f64 = 0.03;
 /// Penalty on slopes, rad² s.
 const PENALTY: f64 = 0.2 / 30.0;
+/// Factor on the logarithm of the distance, which varies more than rotations do.
+const LN_DISTANCE_SCALE: f64 = 0.5;
 /// Limit of a rotation component, radians: beyond, the slope is not constant.
-const FARTHEST: f64 = 0.15;
+const FARTHEST: f64 = 0.6;
+/// Rotation from the mean at which the standard deviation is doubled, radians.
+const DOUBLES_RAD: f64 = 0.3;
 /// Seconds of rest at which half of the slope is subtracted.
 const HALF_KNOWN_S: f64 = 6.7;
 /// Initial standard deviation, eye distances.
@@ -32,24 +36,29 @@ const SIZE_TO_DEVIATION: f64 = 1.25;
 /// Time constant of the mean rotation, seconds.
 const MEAN_S: f64 = 30.0;
 
-/// Mean rotation of a person's head.
+/// A person's usual rotation and distance.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Turn {
-    mean: Vector3<f64>,
+    mean: Vector4<f64>,
     seconds: f64,
 }
 
 impl Turn {
-    /// A rotation vector (radians) relative to the mean, clamped to [`FARTHEST`] per component.
-    pub(super) fn about_mean(&self, rotation: &Vector3<f64>) -> Vector3<f64> {
-        (rotation - self.mean).map(|turn| turn.clamp(-FARTHEST, FARTHEST))
+    /// The motion of a head with this rotation vector (radians) at a distance (metres).
+    pub(super) fn motion(rotation: &Vector3<f64>, distance_m: f64) -> Vector4<f64> {
+        rotation.push(LN_DISTANCE_SCALE * distance_m.max(0.1).ln())
     }
 
-    /// Adds a frame's rotation vector.
-    pub(super) fn observe(&mut self, rotation: &Vector3<f64>, dt: f64) {
+    /// A motion relative to the mean, clamped to [`FARTHEST`] per component.
+    pub(super) fn about_mean(&self, motion: &Vector4<f64>) -> Vector4<f64> {
+        (motion - self.mean).map(|turn| turn.clamp(-FARTHEST, FARTHEST))
+    }
+
+    /// Adds a frame's motion.
+    pub(super) fn observe(&mut self, motion: &Vector4<f64>, dt: f64) {
         self.seconds = (self.seconds + dt).min(MEAN_S);
         if self.seconds > 0.0 {
-            self.mean += (rotation - self.mean) * (dt / self.seconds);
+            self.mean += (motion - self.mean) * (dt / self.seconds);
         }
     }
 }
@@ -58,9 +67,9 @@ defaults! {
     /// Learned head-motion leakage and drift of one input.
     #[derive(Clone, Copy, Debug)]
     pub(super) struct HeadMotionLeak {
-        gram: Matrix3<f64> = Matrix3::zeros(),
-        right: Vector3<f64> = Vector3::zeros(),
-        slope: Vector3<f64> = Vector3::zeros(),
+        gram: Matrix4<f64> = Matrix4::zeros(),
+        right: Vector4<f64> = Vector4::zeros(),
+        slope: Vector4<f64> = Vector4::zeros(),
         seconds: f64 = 0.0,
         deviation: f64 = ASSUMED,
         /// Accumulated [`outlying`] with the slope subtracted, and without.
@@ -76,12 +85,12 @@ fn outlying(deviation: f64) -> f64 {
 
 impl HeadMotionLeak {
     /// A deviation without the effect of head rotation.
-    fn without_head_motion(&self, deviation: f64, turn: &Vector3<f64>) -> f64 {
+    fn without_head_motion(&self, deviation: f64, turn: &Vector4<f64>) -> f64 {
         deviation - self.seconds / (self.seconds + HALF_KNOWN_S) * self.slope.dot(turn)
     }
 
     /// The part of a deviation that is expression.
-    pub(super) fn expression_part(&self, deviation: f64, turn: &Vector3<f64>) -> f64 {
+    pub(super) fn expression_part(&self, deviation: f64, turn: &Vector4<f64>) -> f64 {
         let [with, without] = self.costs;
         let deviation = if with < without {
             self.without_head_motion(deviation, turn)
@@ -89,14 +98,15 @@ impl HeadMotionLeak {
             deviation
         };
         let square = deviation * deviation;
-        deviation * square / (square + self.deviation * self.deviation)
+        let spread = self.deviation * (1.0 + turn.norm_squared() / (DOUBLES_RAD * DOUBLES_RAD));
+        deviation * square / (square + spread * spread)
     }
 
     /// Learns from a frame's deviation; older evidence is halved every `half_life_s` (0: never).
     pub(super) fn observe(
         &mut self,
         deviation: f64,
-        turn: &Vector3<f64>,
+        turn: &Vector4<f64>,
         dt: f64,
         half_life_s: f64,
     ) {
@@ -116,7 +126,7 @@ impl HeadMotionLeak {
         ];
         self.deviation +=
             (SIZE_TO_DEVIATION * left.abs() - self.deviation) * (is_rest / DEVIATION_S);
-        let gram = self.gram + Matrix3::from_diagonal_element(PENALTY);
+        let gram = self.gram + Matrix4::from_diagonal_element(PENALTY);
         if let Some(gram) = Cholesky::new(gram) {
             self.slope = gram.solve(&self.right);
         }
@@ -134,7 +144,7 @@ mod tests {
         let mut resting = HeadMotionLeak::default();
         for frame in 0..1800 {
             let seconds = f64::from(frame) * DT;
-            let turn = Vector3::new(0.1 * (0.7 * seconds).sin(), 0.0, 0.0);
+            let turn = Vector4::new(0.1 * (0.7 * seconds).sin(), 0.0, 0.0, 0.0);
             let act = if frame / 30 % 5 == 4 { acts } else { 0.0 };
             resting.observe(rest(turn.x) + act, &turn, DT, 300.0);
         }
@@ -143,7 +153,7 @@ mod tests {
 
     #[test]
     fn leakage_of_a_nod_is_removed() {
-        let nod = Vector3::new(0.1, 0.0, 0.0);
+        let nod = Vector4::new(0.1, 0.0, 0.0, 0.0);
         let resting = a_minute(|pitch| 0.2 * pitch, 0.15);
         assert!(resting.expression_part(0.02, &nod).abs() < 0.002);
         assert!((resting.expression_part(0.17, &nod) - 0.15).abs() < 0.01);
@@ -156,20 +166,20 @@ mod tests {
         let before = a_minute(|pitch| 0.2 * pitch, 0.15);
         let mut after = before;
         // Ten seconds at rest, of a head that looks ahead.
-        after.observe(0.0, &Vector3::zeros(), 10.0, 10.0);
+        after.observe(0.0, &Vector4::zeros(), 10.0, 10.0);
         assert_eq!(after.gram, before.gram * 0.5);
         assert_eq!(after.right, before.right * 0.5);
         assert!((after.seconds - (0.5 * before.seconds + 10.0)).abs() < 1e-9);
         assert_eq!(after.costs, before.costs.map(|cost| 0.5 * cost));
         // A second at three hundredths, where it counts as half an expression.
         let mut surprised = HeadMotionLeak::default();
-        surprised.observe(OUTLYING, &Vector3::zeros(), 1.0, 0.0);
+        surprised.observe(OUTLYING, &Vector4::zeros(), 1.0, 0.0);
         assert_eq!(surprised.costs, [0.5; 2]);
     }
 
     #[test]
     fn large_deviations_pass_and_drift_shrinks() {
-        let still = Vector3::zeros();
+        let still = Vector4::zeros();
         let resting = a_minute(|_| 0.01, 0.0);
         assert!(resting.expression_part(0.15, &still) > 0.145);
         assert!(resting.expression_part(0.01, &still) < 0.005);
@@ -178,7 +188,7 @@ mod tests {
     #[test]
     fn a_useless_slope_is_not_subtracted() {
         let mut resting = a_minute(|pitch| 0.2 * pitch, 0.0);
-        let nod = Vector3::new(0.1, 0.0, 0.0);
+        let nod = Vector4::new(0.1, 0.0, 0.0, 0.0);
         let before = resting.expression_part(0.1, &nod);
         // Costs under which subtracting the slope makes rest no better.
         resting.costs = [1.0, 0.5];

@@ -256,6 +256,7 @@ impl Expression {
         let is_another = self.estimator.observe(&Observation {
             landmarks,
             rotation: &sensor_from_face.rotation,
+            distance_m: f64::from(sensor_from_face.translation.vector.norm()),
             divisor,
             measures: self.weights.measures,
             omega,

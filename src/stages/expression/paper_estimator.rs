@@ -131,6 +131,7 @@ mod tests {
             estimator.observe(&Observation {
                 landmarks: &landmarks,
                 rotation: &Rotation::identity(),
+                distance_m: 1.0,
                 divisor: 1.0,
                 measures,
                 omega: 1.0,

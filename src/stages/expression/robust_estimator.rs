@@ -8,7 +8,7 @@
 
 use alloc::sync::Arc;
 
-use nalgebra::Vector3;
+use nalgebra::Vector4;
 
 use super::covered::CoveredMouth;
 use super::estimator::{Estimator, FADE_S, Observation, UsedRange, is_warming, without_cross_talk};
@@ -69,8 +69,8 @@ pub(super) struct RobustEstimator {
     /// Effect of the head's rotation on measures and lengths.
     leaks: [HeadMotionLeak; LEARNT_MEASURES + LENGTHS],
     turn: Turn,
-    /// Rotation of the head in the last frame.
-    rotation: Vector3<f64>,
+    /// Rotation and distance of the head in the last frame.
+    motion: Vector4<f64>,
     /// Deviations from rest in the last frame, as they were seen.
     raw: [f64; INPUTS],
     /// The part of them that is expression or glance.
@@ -123,7 +123,7 @@ impl RobustEstimator {
             values: [0.0; INPUTS],
             leaks: [HeadMotionLeak::default(); LEARNT_MEASURES + LENGTHS],
             turn: Turn::default(),
-            rotation: Vector3::zeros(),
+            motion: Vector4::zeros(),
             raw: [0.0; INPUTS],
             deviations: [0.0; INPUTS],
             readings: [0.0; UNITS],
@@ -213,8 +213,8 @@ impl RobustEstimator {
 
     /// Readings of all units from the deviations.
     fn read(&mut self, frame: &Observation<'_>) {
-        self.rotation = frame.rotation.scaled_axis().cast();
-        let turn = self.turn.about_mean(&self.rotation);
+        self.motion = Turn::motion(&frame.rotation.scaled_axis().cast(), frame.distance_m);
+        let turn = self.turn.about_mean(&self.motion);
         self.deviations = self.raw;
         for (deviation, leak) in self.deviations.iter_mut().zip(&self.leaks) {
             *deviation = leak.expression_part(*deviation, &turn);
@@ -255,11 +255,11 @@ impl RobustEstimator {
 
     /// Learns the head's effect on the inputs, and the range of each reading.
     fn learn_ranges(&mut self, frame: &Observation<'_>) {
-        self.turn.observe(&self.rotation, frame.dt);
+        self.turn.observe(&self.motion, frame.dt);
         if frame.present_s <= RESTS_KNOWN_S {
             return;
         }
-        let turn = self.turn.about_mean(&self.rotation);
+        let turn = self.turn.about_mean(&self.motion);
         let inputs = self.raw.iter().zip(&self.input_regions);
         for (leak, (&raw, regions)) in self.leaks.iter_mut().zip(inputs) {
             if raw.is_finite() && regions.seen(&self.seen) == 1.0 {

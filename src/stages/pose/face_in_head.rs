@@ -50,6 +50,8 @@ pub struct FaceInHead {
     turned_s: f32,
     /// Seconds averaged with all of the face visible.
     whole_s: f32,
+    /// Whether a part of the face was hidden in the last fit.
+    pub(super) is_partial: bool,
     /// Mean position of the face's origin, across the line of sight only.
     shift: Vector,
     /// Difference of the last fit from the head pose, given the mean: `sensor_from_head * image_residual` is the head pose according to
@@ -65,6 +67,7 @@ impl Default for FaceInHead {
             turn: Rotation::identity(),
             turned_s: 0.0,
             whole_s: 0.0,
+            is_partial: false,
             shift: Vector::zeros(),
             image_residual: None,
             next_offset: 0,
@@ -97,6 +100,7 @@ impl FaceInHead {
     /// Averages a fit that ended `moved` from its start, a frame of `step_s` seconds; `share` is the frame's share in the mean shift.
     /// A partly hidden face (`is_partial`) turns the fit by some degrees, so it counts only for a person not seen otherwise.
     pub fn update(&mut self, moved: &Rigid, step_s: f32, share: f32, is_partial: bool) {
+        self.is_partial = is_partial;
         if is_partial && self.whole_s >= KNOWN_S {
             self.image_residual = None;
             return;

@@ -234,7 +234,10 @@ impl PoseTracker {
         let residual = self.face.image_residual().filter(|_| is_confident);
         let fused =
             residual.and_then(|residual| self.trail.fuse(&(pose.sensor_from_head * residual)));
-        self.tracker.learn(cloud);
+        // What covers a face is no part of its shape.
+        if !self.face.is_partial {
+            self.tracker.learn(cloud);
+        }
         // The face knows better than hair where the head is.
         if let Some(misalignment) = is_new.then(|| self.face.take_misalignment()).flatten() {
             self.correct(&misalignment);

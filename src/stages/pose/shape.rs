@@ -40,7 +40,7 @@ const SMOOTHING_SHARES: (f32, f32) = (0.08, 0.001);
 const SCALE_MEMORY_FRAMES: f64 = 300.0;
 
 /// Length of an offset's running mean, frames.
-const MEMORY_FRAMES: f32 = 1000.0;
+const MEMORY_FRAMES: f32 = 300.0;
 /// Length of an offset's running mean where the size is derived from the offsets, frames: shorter, so that they settle first.
 const SIZE_MEMORY_FRAMES: f32 = 50.0;
 
