@@ -18,9 +18,9 @@ use super::refine;
 use super::relief;
 use super::steady::ShapeFilter;
 use super::view::View;
-use super::visibility::{EYES, MOUTH as MOUTH_REGION, NOSE, PROBE_FRAMES, Visibility, evidence};
+use super::visibility::{EYES, Evidence, MOUTH as MOUTH_REGION, NOSE, PROBE_FRAMES, Visibility};
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_image};
-use crate::base::capacity::{LANDMARKS, PIXELS, REGIONS};
+use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::defaults;
 use crate::base::frames::{Head, Motion, SensorFromFace, SensorFromHead};
 use crate::base::geometry::{Rigid, Vector};
@@ -290,7 +290,7 @@ impl LandmarkFitter {
         placement: &Placement,
         depth: &View,
         hides_eyes: bool,
-    ) -> (FaceFit, FitConfidence, [f32; REGIONS]) {
+    ) -> (FaceFit, FitConfidence, Evidence) {
         let Scratch {
             window,
             maps,
@@ -311,7 +311,7 @@ impl LandmarkFitter {
         // The last stages use finer patches and all modes.
         let fit = solver.run(&self.warm, &self.shape, maps, &near, depth);
         let confidence = solver.confidence(&self.confidence, &self.shape, maps, &fit);
-        let evidence = evidence(&confidence.discriminants, window, &solver.window);
+        let evidence = Evidence::new(&confidence.discriminants, window, &solver.window);
         (fit, confidence, evidence)
     }
 

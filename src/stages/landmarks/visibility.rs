@@ -25,6 +25,8 @@ use crate::face_model::scheme::{LOWER_JAW, VISIBLE_REGIONS};
 
 /// Averaging time of the evidence, seconds.
 const AVERAGED_S: f32 = 0.25;
+/// Averaging time of the chin's evidence, seconds: a beard stays.
+const CHIN_S: f32 = 1.0;
 /// Bounds of a frame's evidence.
 const BOUNDS: [f32; 2] = [-2.0, 4.0];
 /// Evidence below which a region becomes hidden.
@@ -88,34 +90,43 @@ fn median(values: impl Iterator<Item = f32>) -> f32 {
     *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
-/// Evidence of every region: the median discriminant of its landmarks, without the effect of a beard; an eye as dark as no lid is
-/// hidden. `window`: grey values around the face; `points`: the landmarks in it, window pixels.
-pub fn evidence(
-    discriminants: &[f32; LANDMARKS],
-    window: &[f32],
-    points: &[[f32; 2]; LANDMARKS],
-) -> [f32; REGIONS] {
-    let discriminant = |landmarks: Range<usize>| median(discriminants[landmarks].iter().copied());
-    let mut evidence: [f32; REGIONS] =
-        core::array::from_fn(|k| discriminant(VISIBLE_REGIONS[k].1.clone()));
-    let chin = discriminant(CHIN_TIP);
-    let has_moustache = chin < MOUSTACHE[0] && evidence[NOSE] < MOUSTACHE[1];
-    if chin < BEARD || has_moustache {
-        evidence[NOSE] += BEARD_LOSS;
-        evidence[MOUTH] += BEARD_LOSS;
-    }
-    let pixel = |v: f32| v.round().clamp(0.0, (WINDOW - 1) as f32) as usize;
-    let grey = |landmarks: Range<usize>| {
-        let points = points[landmarks].iter();
-        median(points.map(|&[x, y]| window[pixel(y) * WINDOW + pixel(x)]))
-    };
-    let bridge = grey(BRIDGE);
-    for eye in EYES {
-        if grey(VISIBLE_REGIONS[eye].1.clone()) < DARK * bridge {
-            evidence[eye] = BOUNDS[0];
+/// Evidence of one fit with all patches.
+#[derive(Clone, Copy, Debug)]
+pub struct Evidence {
+    /// Of each region.
+    pub regions: [f32; REGIONS],
+    /// Of the tip of the chin.
+    pub chin: f32,
+}
+
+impl Evidence {
+    /// The median discriminant of each region's landmarks; an eye as dark as no lid is hidden. `window`: grey values around the face;
+    /// `points`: the landmarks in it, window pixels.
+    pub fn new(
+        discriminants: &[f32; LANDMARKS],
+        window: &[f32],
+        points: &[[f32; 2]; LANDMARKS],
+    ) -> Self {
+        let discriminant =
+            |landmarks: Range<usize>| median(discriminants[landmarks].iter().copied());
+        let mut regions: [f32; REGIONS] =
+            core::array::from_fn(|k| discriminant(VISIBLE_REGIONS[k].1.clone()));
+        let pixel = |v: f32| v.round().clamp(0.0, (WINDOW - 1) as f32) as usize;
+        let grey = |landmarks: Range<usize>| {
+            let points = points[landmarks].iter();
+            median(points.map(|&[x, y]| window[pixel(y) * WINDOW + pixel(x)]))
+        };
+        let bridge = grey(BRIDGE);
+        for eye in EYES {
+            if grey(VISIBLE_REGIONS[eye].1.clone()) < DARK * bridge {
+                regions[eye] = BOUNDS[0];
+            }
+        }
+        Self {
+            regions,
+            chin: discriminant(CHIN_TIP),
         }
     }
-    evidence
 }
 
 defaults! {
@@ -124,6 +135,9 @@ defaults! {
     pub struct Visibility {
         /// Mean evidence.
         mean: [f32; REGIONS] = [0.0; REGIONS],
+        /// Mean evidence of the chin, and the seconds averaged.
+        chin: f32 = 0.0,
+        chin_s: f32 = 0.0,
         /// Usual evidence of the person's regions while they are seen, and the seconds averaged.
         usual: [f32; REGIONS] = [0.0; REGIONS],
         usual_s: f32 = 0.0,
@@ -138,15 +152,18 @@ defaults! {
 impl Visibility {
     /// Adds a fit with all patches of a face `turned` from the line of sight (radians), `dt` seconds after the last such fit; whether a
     /// region became hidden whose patches should not count.
-    pub fn observe(&mut self, evidence: &[f32; REGIONS], turned: f32, dt: f32) -> bool {
+    pub fn observe(&mut self, evidence: &Evidence, turned: f32, dt: f32) -> bool {
         let unused = self.covered_landmarks();
         let less = PER_RADIAN * (turned - TURNED_RAD).max(0.0);
         let share = 1.0 - (-dt / AVERAGED_S).exp();
-        for (mean, evidence) in self.mean.iter_mut().zip(evidence) {
+        for (mean, evidence) in self.mean.iter_mut().zip(evidence.regions) {
             *mean += (evidence.clamp(BOUNDS[0], BOUNDS[1]) - *mean) * share;
         }
+        self.chin_s = (self.chin_s + dt).min(CHIN_S);
+        self.chin += (evidence.chin - self.chin) * (dt / self.chin_s);
+        let mean = self.without_beard();
         // Light, blur and distance lower all regions.
-        let losses: [f32; REGIONS] = core::array::from_fn(|k| self.usual[k] - self.mean[k]);
+        let losses: [f32; REGIONS] = core::array::from_fn(|k| self.usual[k] - mean[k]);
         let mut sorted = losses;
         sorted.sort_unstable_by(f32::total_cmp);
         let common = sorted[REGIONS / 2].max(0.0) + less;
@@ -168,10 +185,10 @@ impl Visibility {
             }
             let is_known = k == MOUTH && self.usual_s >= KNOWN_S;
             let is_lost = is_known && losses[k] - common > most_lost;
-            *hidden = self.mean[k] < least - less || is_lost;
+            *hidden = mean[k] < least - less || is_lost;
         }
         self.usual_s = (self.usual_s + dt).min(USUAL_S);
-        let visible = self.hidden.iter().zip(&self.mean).zip(&mut self.usual);
+        let visible = self.hidden.iter().zip(&mean).zip(&mut self.usual);
         for ((_, mean), usual) in visible.filter(|((hidden, _), _)| !**hidden) {
             *usual += (mean - *usual) * (dt / self.usual_s);
         }
@@ -180,6 +197,17 @@ impl Visibility {
             self.advantage = 0.0;
         }
         now.iter().zip(unused).any(|(now, before)| *now && !before)
+    }
+
+    /// Mean evidence without the effect of a beard.
+    fn without_beard(&self) -> [f32; REGIONS] {
+        let mut mean = self.mean;
+        let has_moustache = self.chin < MOUSTACHE[0] && mean[NOSE] < MOUSTACHE[1];
+        if self.chin < BEARD || has_moustache {
+            mean[NOSE] += BEARD_LOSS;
+            mean[MOUTH] += BEARD_LOSS;
+        }
+        mean
     }
 
     /// Counts a frame of a covered face; whether both fits are due.
@@ -202,9 +230,9 @@ impl Visibility {
 
     /// A frame without a face: the fits before it may have been beside the face.
     pub fn interrupt(&mut self) {
-        let means = self.mean.iter_mut().zip(&self.usual).zip(&self.hidden);
-        for ((mean, usual), _) in means.filter(|(_, hidden)| !**hidden) {
-            *mean = mean.max(*usual);
+        let clean = self.without_beard();
+        for k in (0..REGIONS).filter(|&k| !self.hidden[k]) {
+            self.mean[k] += (self.usual[k] - clean[k]).max(0.0);
         }
     }
 
@@ -264,10 +292,14 @@ mod tests {
     const DT: f32 = 1.0 / 30.0;
     const FREE: [f32; REGIONS] = [2.0; REGIONS];
 
-    fn masked(evidence: f32) -> [f32; REGIONS] {
+    fn evidence(regions: [f32; REGIONS]) -> Evidence {
+        Evidence { regions, chin: 0.0 }
+    }
+
+    fn masked(mouth: f32) -> Evidence {
         let mut all = FREE;
-        all[MOUTH] = evidence;
-        all
+        all[MOUTH] = mouth;
+        evidence(all)
     }
 
     /// Plays `seconds` of fits with this evidence of the mouth, as the fitter makes them.
@@ -328,7 +360,7 @@ mod tests {
         let mut visibility = Visibility::default();
         for n in 0..600 {
             let level = if n < 300 { 3.5 } else { 0.4 };
-            visibility.observe(&[level; REGIONS], 0.0, DT);
+            visibility.observe(&evidence([level; REGIONS]), 0.0, DT);
             assert_eq!(visibility.fade(DT), [1.0; REGIONS]);
         }
     }
@@ -349,7 +381,7 @@ mod tests {
         let mut visibility = Visibility::default();
         let mut fringe = FREE;
         fringe[..BROWS].fill(-1.5);
-        assert!(!visibility.observe(&fringe, 0.0, 1.0) && !visibility.is_covered());
+        assert!(!visibility.observe(&evidence(fringe), 0.0, 1.0) && !visibility.is_covered());
         assert_eq!(visibility.fade(1.0), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
     }
 
@@ -363,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn evidence_is_a_median_but_for_beards_and_dark_glass() {
+    fn evidence_is_a_median_but_for_dark_glass() {
         let mut discriminants = [0.0; LANDMARKS];
         for (k, value) in [
             (42, 5.0),
@@ -378,18 +410,48 @@ mod tests {
         // The landmarks are in a row of the window.
         let points = core::array::from_fn(|k| [k as f32, 3.0]);
         let mut window = vec![100.0; WINDOW * WINDOW];
-        let found = evidence(&discriminants, &window, &points);
-        assert_eq!(found[EYES[0]], 2.0);
-        assert_eq!(found[EYES[1]], 0.0);
-        // A beard.
+        let found = Evidence::new(&discriminants, &window, &points);
+        assert_eq!(found.regions[EYES[0]], 2.0);
+        assert_eq!(found.regions[EYES[1]], 0.0);
         discriminants[6..9].fill(-3.0);
-        assert_eq!(
-            evidence(&discriminants, &window, &points)[MOUTH],
-            BEARD_LOSS
-        );
+        assert_eq!(Evidence::new(&discriminants, &window, &points).chin, -3.0);
         // Dark glass before the left eye.
         window[3 * WINDOW + 42..][..6].fill(10.0);
-        let found = evidence(&discriminants, &window, &points);
+        let found = Evidence::new(&discriminants, &window, &points).regions;
         assert_eq!([found[EYES[0]], found[EYES[1]]], [BOUNDS[0], 0.0]);
+    }
+
+    #[test]
+    fn a_beard_is_no_mask() {
+        let bearded = Evidence {
+            chin: BEARD - 0.1,
+            ..masked(-1.2)
+        };
+        let mut visibility = Visibility::default();
+        for _ in 0..60 {
+            visibility.observe(&bearded, 0.0, DT);
+        }
+        assert!(!visibility.is_covered());
+        // A mask whose chin looks like a beard for a moment.
+        let mut visibility = Visibility::default();
+        for n in 0..300 {
+            let frame = if n % 30 < 5 { bearded } else { masked(-1.2) };
+            visibility.observe(&frame, 0.0, DT);
+            assert!(n < 30 || visibility.is_covered(), "frame {n}");
+        }
+    }
+
+    #[test]
+    fn a_full_fit_that_agrees_better_is_used() {
+        let mut visibility = Visibility::default();
+        play(&mut visibility, 1.0, -1.2);
+        assert!(visibility.is_partial());
+        let (mut better, full) = ([0.0; LANDMARKS], [1.0; LANDMARKS]);
+        // What is hidden does not count.
+        better[48..].fill(9.0);
+        visibility.compare(&better, &full, 0.1);
+        assert!(visibility.is_covered() && !visibility.is_partial());
+        visibility.compare(&full, &[0.0; LANDMARKS], 2.0);
+        assert!(visibility.is_partial());
     }
 }
