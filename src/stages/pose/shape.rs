@@ -261,9 +261,9 @@ mod tests {
         let mut shape = HeadShape::standard(3);
         (shape.seen, shape.offset) = (vec![0.5, 1.0, 12.0], vec![0.001, 0.001, 0.003]);
         assert_eq!(shape.measured(0), None);
-        // Of five frames' worth one was seen; of sixteen twelve.
-        assert!((shape.measured(1).unwrap() - 0.005).abs() < 1e-8);
-        assert!((shape.measured(2).unwrap() - 0.004).abs() < 1e-8);
+        // Of two frames' worth one was seen; of thirteen twelve.
+        assert!((shape.measured(1).unwrap() - 0.002).abs() < 1e-8);
+        assert!((shape.measured(2).unwrap() - 0.00325).abs() < 1e-8);
         for (frames, sigma) in [(0.0, 0.06), (30.0, 0.03), (1e6, 0.004)] {
             shape.frames = frames;
             assert!((shape.scale_sigma() - sigma).abs() < 1e-12);
