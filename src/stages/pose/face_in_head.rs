@@ -101,8 +101,14 @@ impl FaceInHead {
     /// A partly hidden face (`is_partial`) turns the fit by some degrees, so it counts only for a person not seen otherwise.
     pub fn update(&mut self, moved: &Rigid, step_s: f32, share: f32, is_partial: bool) {
         self.is_partial = is_partial;
+        // Larger values are errors of the depth pose.
+        let usual = HeadFromFace::assume_frames(Rigid::new(
+            self.shift.cap_magnitude(MISALIGNED_M),
+            self.turn.scaled_axis().cap_magnitude(MISALIGNED_RAD),
+        ));
+        let seen = HeadFromFace::assume_frames(*self.pose() * moved);
+        self.image_residual = Some(seen * usual.inverse());
         if is_partial && self.whole_s >= KNOWN_S {
-            self.image_residual = None;
             return;
         }
         if !is_partial {
@@ -111,13 +117,6 @@ impl FaceInHead {
             }
             self.whole_s += step_s;
         }
-        // Larger values are errors of the depth pose.
-        let usual = HeadFromFace::assume_frames(Rigid::new(
-            self.shift.cap_magnitude(MISALIGNED_M),
-            self.turn.scaled_axis().cap_magnitude(MISALIGNED_RAD),
-        ));
-        let seen = HeadFromFace::assume_frames(*self.pose() * moved);
-        self.image_residual = Some(seen * usual.inverse());
         self.shift += self.turn * moved.translation.vector * share;
         self.turned_s = (self.turned_s + step_s).min(TURN_TIME_S);
         let share = (step_s / self.turned_s.max(step_s)).clamp(0.0, 1.0);
