@@ -214,6 +214,7 @@ impl LandmarkFitter {
             self.run(scratch, luma, &placement, &start, hides_eyes)
         };
         let step_s = step_s.min(EVIDENCE_S);
+        let far = sensor_from_face.translation.vector.norm();
         let mut visibility = self.visibility.clone();
         let is_partial = visibility.is_partial();
         let (mut fit, mut confidence, evidence) = run(&visibility, is_partial);
@@ -229,11 +230,11 @@ impl LandmarkFitter {
                 };
                 let dt = step_s * PROBE_FRAMES as f32;
                 visibility.compare(&partial.1.discriminants, &full.1.discriminants, dt);
-                visibility.observe(&full.2, full.0.view.rotation.angle(), dt);
+                visibility.observe(&full.2, [full.0.view.rotation.angle(), far], dt);
             }
         } else if confidence.face >= least {
-            let turned = fit.view.rotation.angle();
-            if visibility.observe(&evidence, turned, step_s) {
+            let view = [fit.view.rotation.angle(), far];
+            if visibility.observe(&evidence, view, step_s) {
                 (fit, confidence, _) = run(&visibility, true);
             }
         } else if self.log_size.is_none() {

@@ -57,6 +57,10 @@ const KNOWN_S: f32 = 2.0;
 const TURNED_RAD: f32 = 0.26;
 /// Loss of evidence with rotation beyond that, per radian.
 const PER_RADIAN: f32 = 4.0;
+/// Distance beyond which any face has less evidence, because its patches are magnified, metres.
+const FAR_M: f32 = 1.3;
+/// Loss of evidence with distance beyond that, per metre.
+const PER_METRE: f32 = 1.5;
 /// Averaging time of the comparison of partial and full fits, seconds.
 const COMPARED_S: f32 = 1.0;
 /// Frames of a covered face from one comparison of both fits to the next.
@@ -150,11 +154,11 @@ defaults! {
 }
 
 impl Visibility {
-    /// Adds a fit with all patches of a face `turned` from the line of sight (radians), `dt` seconds after the last such fit; whether a
-    /// region became hidden whose patches should not count.
-    pub fn observe(&mut self, evidence: &Evidence, turned: f32, dt: f32) -> bool {
+    /// Adds a fit with all patches of a face `turned` from the line of sight (radians) and `far` away (metres), `dt` seconds after the
+    /// last such fit; whether a region became hidden whose patches should not count.
+    pub fn observe(&mut self, evidence: &Evidence, [turned, far]: [f32; 2], dt: f32) -> bool {
         let unused = self.covered_landmarks();
-        let less = PER_RADIAN * (turned - TURNED_RAD).max(0.0);
+        let less = PER_RADIAN * (turned - TURNED_RAD).max(0.0) + PER_METRE * (far - FAR_M).max(0.0);
         let share = 1.0 - (-dt / AVERAGED_S).exp();
         for (mean, evidence) in self.mean.iter_mut().zip(evidence.regions) {
             *mean += (evidence.clamp(BOUNDS[0], BOUNDS[1]) - *mean) * share;
@@ -290,6 +294,8 @@ mod tests {
     use super::*;
 
     const DT: f32 = 1.0 / 30.0;
+    /// A frontal face.
+    const NEAR: [f32; 2] = [0.0, 0.7];
     const FREE: [f32; REGIONS] = [2.0; REGIONS];
 
     fn evidence(regions: [f32; REGIONS]) -> Evidence {
@@ -307,9 +313,9 @@ mod tests {
         let mut seen = [0.0; REGIONS];
         for _ in 0..(seconds / DT).round() as usize {
             if !visibility.is_covered() {
-                visibility.observe(&masked(mouth), 0.0, DT);
+                visibility.observe(&masked(mouth), NEAR, DT);
             } else if visibility.is_probe_due() {
-                visibility.observe(&masked(mouth), 0.0, DT * PROBE_FRAMES as f32);
+                visibility.observe(&masked(mouth), NEAR, DT * PROBE_FRAMES as f32);
             }
             seen = visibility.fade(DT);
         }
@@ -360,7 +366,7 @@ mod tests {
         let mut visibility = Visibility::default();
         for n in 0..600 {
             let level = if n < 300 { 3.5 } else { 0.4 };
-            visibility.observe(&evidence([level; REGIONS]), 0.0, DT);
+            visibility.observe(&evidence([level; REGIONS]), NEAR, DT);
             assert_eq!(visibility.fade(DT), [1.0; REGIONS]);
         }
     }
@@ -370,9 +376,20 @@ mod tests {
         for (turned, is_hidden) in [(0.2, true), (0.6, false)] {
             let mut visibility = Visibility::default();
             for _ in 0..30 {
-                visibility.observe(&masked(-1.2), turned, DT);
+                visibility.observe(&masked(-1.2), [turned, 0.7], DT);
             }
             assert_eq!(visibility.is_covered(), is_hidden, "{turned} rad");
+        }
+    }
+
+    #[test]
+    fn a_distant_face_needs_less_evidence() {
+        for (far, is_hidden) in [(1.2, true), (1.8, false)] {
+            let mut visibility = Visibility::default();
+            for _ in 0..30 {
+                visibility.observe(&masked(-1.0), [0.0, far], DT);
+            }
+            assert_eq!(visibility.is_covered(), is_hidden, "{far} m");
         }
     }
 
@@ -381,7 +398,7 @@ mod tests {
         let mut visibility = Visibility::default();
         let mut fringe = FREE;
         fringe[..BROWS].fill(-1.5);
-        assert!(!visibility.observe(&evidence(fringe), 0.0, 1.0) && !visibility.is_covered());
+        assert!(!visibility.observe(&evidence(fringe), NEAR, 1.0) && !visibility.is_covered());
         assert_eq!(visibility.fade(1.0), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
     }
 
@@ -429,14 +446,14 @@ mod tests {
         };
         let mut visibility = Visibility::default();
         for _ in 0..60 {
-            visibility.observe(&bearded, 0.0, DT);
+            visibility.observe(&bearded, NEAR, DT);
         }
         assert!(!visibility.is_covered());
         // A mask whose chin looks like a beard for a moment.
         let mut visibility = Visibility::default();
         for n in 0..300 {
             let frame = if n % 30 < 5 { bearded } else { masked(-1.2) };
-            visibility.observe(&frame, 0.0, DT);
+            visibility.observe(&frame, NEAR, DT);
             assert!(n < 30 || visibility.is_covered(), "frame {n}");
         }
     }
