@@ -88,6 +88,23 @@ fn view_motion(start: &View, end: &View) -> Rigid {
     Rigid::from_parts(across.into(), back * end.rotation)
 }
 
+/// A fit, its confidence, and the evidence of each region's visibility.
+type Fitted = (FaceFit, FitConfidence, Evidence);
+
+/// The first confident fit of a new face of which something may hide a part, and which part that is. `run`: a partial fit.
+fn find_partly_hidden(
+    run: &mut impl FnMut(&Visibility, bool) -> Fitted,
+    least: f32,
+) -> Option<(Visibility, Fitted)> {
+    let hidden = [&[MOUTH_REGION][..], &[NOSE, MOUTH_REGION], &EYES];
+    hidden.into_iter().find_map(|regions| {
+        let mut partial = Visibility::default();
+        partial.hide(regions);
+        let found = run(&partial, true);
+        (found.1.face >= least).then_some((partial, found))
+    })
+}
+
 /// Fits the landmarks of one face, frame by frame.
 pub struct LandmarkFitter {
     settings: Settings,
@@ -237,17 +254,10 @@ impl LandmarkFitter {
             if visibility.observe(&evidence, view, step_s) {
                 (fit, confidence, _) = run(&visibility, true);
             }
-        } else if self.log_size.is_none() {
-            // Something may hide a part of this new face.
-            for regions in [&[MOUTH_REGION][..], &[NOSE, MOUTH_REGION], &EYES] {
-                let mut partial = Visibility::default();
-                partial.hide(regions);
-                let found = run(&partial, true);
-                if found.1.face >= least {
-                    (visibility, (fit, confidence, _)) = (partial, found);
-                    break;
-                }
-            }
+        } else if self.log_size.is_none()
+            && let Some(found) = find_partly_hidden(&mut run, least)
+        {
+            (visibility, (fit, confidence, _)) = found;
         }
         if confidence.face < least || visibility.hides_face() {
             return None;
@@ -282,8 +292,8 @@ impl LandmarkFitter {
         None
     }
 
-    /// Runs all stages from the mean shape at the view `depth`; fit, confidence, and evidence of each region's visibility. Without the patches of the eyes each update is so much smaller that
-    /// the first stages run twice.
+    /// Runs all stages from the mean shape at the view `depth`. Without the patches of the eyes each update is so much smaller that the
+    /// first stages run twice.
     fn run(
         &self,
         scratch: &mut Scratch,
@@ -291,7 +301,7 @@ impl LandmarkFitter {
         placement: &Placement,
         depth: &View,
         hides_eyes: bool,
-    ) -> (FaceFit, FitConfidence, Evidence) {
+    ) -> Fitted {
         let Scratch {
             window,
             maps,

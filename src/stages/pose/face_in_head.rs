@@ -98,7 +98,7 @@ impl FaceInHead {
     }
 
     /// Averages a fit that ended `moved` from its start, a frame of `step_s` seconds; `share` is the frame's share in the mean shift.
-    /// A partly hidden face (`is_partial`) turns the fit by some degrees, so it counts only for a person not seen otherwise.
+    /// A partly hidden face (`is_partial`) turns the fit by some degrees, so it changes the mean only for a person not seen otherwise.
     pub fn update(&mut self, moved: &Rigid, step_s: f32, share: f32, is_partial: bool) {
         self.is_partial = is_partial;
         // Larger values are errors of the depth pose.
