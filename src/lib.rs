@@ -10,6 +10,7 @@
 //! mien-outputs     weights as CSV, OSC, serial frames and others
 //! mien-appliance   the program `mien`: pipeline for all people, settings, service, status
 //! mien-workbench   files, errors, progress
+//! mien-linear      sparse and dense symmetric systems, through faer
 //! mien-baking      heads and their blendshapes
 //! mien-training    training of the face model, evaluation against ground truth
 //! mien-studio      the commands of `mien-studio`

@@ -10,13 +10,14 @@ use std::fs;
 use std::path::Path;
 
 /// The crates below `src`.
-const CRATES: [&str; 9] = [
+const CRATES: [&str; 10] = [
     "stages",
     "sensors",
     "simulator",
     "outputs",
     "appliance",
     "workbench",
+    "linear",
     "baking",
     "training",
     "studio",

@@ -26,7 +26,7 @@ fn firmware() -> impl Iterator<Item = (Module, String)> {
     let files = files().into_iter();
     files
         .filter(|(module, _)| {
-            let workstation = ["workbench", "baking", "training", "studio"];
+            let workstation = ["workbench", "linear", "baking", "training", "studio"];
             module
                 .first()
                 .is_none_or(|name| !workstation.contains(&name.as_str()))

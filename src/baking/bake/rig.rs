@@ -53,7 +53,6 @@ pub fn bake(
     prior: Option<&Prior>,
     done: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Shape>, Fault> {
-    faer::set_global_parallelism(faer::Par::Seq);
     // Sums of other shapes come last.
     let (targets, sums) = targets.split_at(targets.partition_point(|t| t.sum.is_none()));
     let rig = Rig::new(head, targets, method, prior)?;

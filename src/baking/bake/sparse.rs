@@ -1,5 +1,5 @@
-//! Symmetric sparse matrices by rows, and Cholesky factors of their principal submatrices through `faer`
-//! (supernodal). The whole matrix is ordered once (AMD); in that order a submatrix never fills in more than the whole
+//! Symmetric sparse matrices by rows, and Cholesky factors of their principal submatrices in supernodes
+//! (`mien_linear::cholesky`). The whole matrix is ordered once (AMD); in that order a submatrix never fills in more than the whole
 //! does.
 //!
 //! Solving is implemented here, a few right-hand sides side by side: faer's own is made for many at once and takes
@@ -8,16 +8,7 @@
 //!
 //! Memory: 12 bytes per stored entry. Cost of a factor: about n^1.5 for meshes.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::amd;
-use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-    factorize_symbolic_cholesky,
-};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Par, Side};
+use mien_linear::cholesky::{Block, Cholesky, Pattern, elimination};
 
 use super::mesh::Vec3;
 use mien_stages::base::vectors::with_avx2;
@@ -112,19 +103,7 @@ impl Rows {
     /// # Panics
     /// If memory is exhausted.
     pub fn elimination(&self) -> Vec<u32> {
-        let n = self.count();
-        let (mut order, mut place) = (vec![0_u32; n], vec![0_u32; n]);
-        let room = amd::order_maybe_unsorted_scratch::<u32>(n, self.columns.len());
-        let stack = &mut MemBuffer::new(room);
-        amd::order_maybe_unsorted(
-            &mut order,
-            &mut place,
-            self.pattern(),
-            amd::Control::default(),
-            MemStack::new(stack),
-        )
-        .expect("memory, and fewer entries than an index can count");
-        order
+        elimination(self.pattern())
     }
 
     /// `Lᵀ W L` for a symmetric matrix `L` and a diagonal `W`.
@@ -194,10 +173,12 @@ impl Rows {
         (upper, lower, given)
     }
 
-    /// The pattern as faer's: by symmetry a row equals a column.
-    fn pattern(&self) -> SymbolicSparseColMatRef<'_, u32> {
-        let n = self.count();
-        SymbolicSparseColMatRef::new_unsorted_checked(n, n, &self.starts, None, &self.columns)
+    /// Where its entries are: by symmetry a row equals a column.
+    fn pattern(&self) -> Pattern<'_> {
+        Pattern {
+            starts: &self.starts,
+            rows: &self.columns,
+        }
     }
 }
 
@@ -242,8 +223,7 @@ fn singular(unknowns: usize) -> Fault {
 
 /// Cholesky factor of the unknowns' part of a symmetric matrix.
 pub struct Factor {
-    symbolic: SymbolicCholesky<u32>,
-    values: Vec<f64>,
+    matrix: Cholesky,
     /// Entries between unknowns and given rows: position, row, value.
     given: Vec<(u32, u32, f64)>,
 }
@@ -259,39 +239,17 @@ impl Factor {
         unknowns: &Unknowns,
         diagonal: impl Fn(usize) -> f64,
     ) -> Result<Self, Fault> {
-        let count = unknowns.rows.len();
-        // faer analyses the upper half of a matrix that it does not reorder, and factors the lower one.
         let (upper, lower, given) = matrix.unknown_part(unknowns, diagonal);
-        let params = CholeskySymbolicParams {
-            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-            ..Default::default()
-        };
-        let (order, pattern) = (SymmetricOrdering::Identity, upper.pattern());
-        let symbolic = factorize_symbolic_cholesky(pattern, Side::Upper, order, params)
-            .map_err(|_| singular(count))?;
-        let mut values = vec![0.0; symbolic.len_val()];
-        let room = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
-        symbolic
-            .factorize_numeric_llt(
-                &mut values,
-                SparseColMatRef::new(lower.pattern(), &lower.values),
-                Side::Lower,
-                Default::default(),
-                Par::Seq,
-                MemStack::new(&mut MemBuffer::new(room)),
-                Default::default(),
-            )
-            .map_err(|_| singular(count))?;
+        let matrix = Cholesky::new(upper.pattern(), lower.pattern(), &lower.values);
         Ok(Self {
-            symbolic,
-            values,
+            matrix: matrix.ok_or_else(|| singular(unknowns.rows.len()))?,
             given,
         })
     }
 
     /// Right-hand sides due to the given rows' values in `field`.
     pub fn pulled<const K: usize>(&self, field: impl Fn(usize) -> [f64; K]) -> Vec<[f64; K]> {
-        let mut out = vec![[0.0; K]; self.symbolic.nrows()];
+        let mut out = vec![[0.0; K]; self.matrix.unknowns()];
         for &(k, row, value) in &self.given {
             subtract(&mut out[k as usize], value, &field(row as usize));
         }
@@ -300,65 +258,34 @@ impl Factor {
 
     /// Solves for `K` right-hand sides in place; a row of `x` has one value of each.
     pub fn solve<const K: usize>(&self, x: &mut [[f64; K]]) {
-        // Without unknowns there are no supernodes.
-        if x.is_empty() {
-            return;
-        }
-        let SymbolicCholeskyRaw::Supernodal(blocks) = self.symbolic.raw() else {
-            unreachable!("supernodes were forced");
-        };
         with_avx2(
             #[inline(always)]
-            || self.substitute(blocks, x),
+            || self.substitute(x),
         );
     }
 
     /// Forward and backward substitution.
     #[inline(always)]
-    fn substitute<const K: usize>(
-        &self,
-        blocks: &SymbolicSupernodalCholesky<u32>,
-        y: &mut [[f64; K]],
-    ) {
+    fn substitute<const K: usize>(&self, y: &mut [[f64; K]]) {
         let mut below: Vec<[f64; K]> = Vec::new();
-        for s in 0..blocks.n_supernodes() {
-            self.block(blocks, s).forwards(y, &mut below);
+        for s in 0..self.matrix.blocks() {
+            Columns(self.matrix.block(s)).forwards(y, &mut below);
         }
-        for s in (0..blocks.n_supernodes()).rev() {
-            self.block(blocks, s).back(y, &mut below);
-        }
-    }
-
-    #[inline(always)]
-    fn block<'a>(&'a self, blocks: &'a SymbolicSupernodalCholesky<u32>, s: usize) -> Block<'a> {
-        let from = blocks.supernode_begin()[s] as usize;
-        Block {
-            from,
-            width: blocks.supernode_end()[s] as usize - from,
-            rows: blocks.supernode(s).pattern(),
-            values: &self.values[blocks.col_ptr_for_val()[s] as usize..],
+        for s in (0..self.matrix.blocks()).rev() {
+            Columns(self.matrix.block(s)).back(y, &mut below);
         }
     }
 }
 
-/// A supernode: adjacent columns with the same rows below the diagonal.
-struct Block<'a> {
-    /// The first column, and first row of the diagonal block.
-    from: usize,
-    /// Number of columns.
-    width: usize,
-    /// Rows below the diagonal block.
-    rows: &'a [u32],
-    /// Values, column by column.
-    values: &'a [f64],
-}
+/// The columns of a supernode, to substitute with.
+struct Columns<'a>(Block<'a>);
 
-impl Block<'_> {
+impl Columns<'_> {
     /// Rows of a column in the diagonal block, and below it.
     #[inline(always)]
     fn column(&self, j: usize) -> (&[f64], &[f64]) {
-        let height = self.width + self.rows.len();
-        self.values[j * height..(j + 1) * height].split_at(self.width)
+        let height = self.0.width + self.0.rows.len();
+        self.0.values[j * height..(j + 1) * height].split_at(self.0.width)
     }
 
     /// The rows below the diagonal block of four columns, side by side.
@@ -373,9 +300,9 @@ impl Block<'_> {
     #[inline(always)]
     fn forwards<const K: usize>(&self, y: &mut [[f64; K]], below: &mut Vec<[f64; K]>) {
         below.clear();
-        below.resize(self.rows.len(), [0.0; K]);
-        let own = &mut y[self.from..self.from + self.width];
-        for j in 0..self.width {
+        below.resize(self.0.rows.len(), [0.0; K]);
+        let own = &mut y[self.0.from..self.0.from + self.0.width];
+        for j in 0..self.0.width {
             let (top, _) = self.column(j);
             let solved = own[j].map(|v| v / top[j]);
             own[j] = solved;
@@ -398,7 +325,7 @@ impl Block<'_> {
                 }
             }
         }
-        for (&r, b) in self.rows.iter().zip(&*below) {
+        for (&r, b) in self.0.rows.iter().zip(&*below) {
             subtract(&mut y[r as usize], 1.0, b);
         }
     }
@@ -407,8 +334,8 @@ impl Block<'_> {
     #[inline(always)]
     fn back<const K: usize>(&self, y: &mut [[f64; K]], below: &mut Vec<[f64; K]>) {
         below.clear();
-        below.extend(self.rows.iter().map(|&r| y[r as usize]));
-        let own = &mut y[self.from..self.from + self.width];
+        below.extend(self.0.rows.iter().map(|&r| y[r as usize]));
+        let own = &mut y[self.0.from..self.0.from + self.0.width];
         let (fours, rest) = own.as_chunks_mut::<4>();
         let count = fours.len();
         for (four, j) in fours.iter_mut().zip((0..).step_by(4)) {
@@ -425,7 +352,7 @@ impl Block<'_> {
                 subtract(one, *l, y);
             }
         }
-        for j in (0..self.width).rev() {
+        for j in (0..self.0.width).rev() {
             let (top, _) = self.column(j);
             let mut solved = own[j];
             for (l, y) in top[j + 1..].iter().zip(&own[j + 1..]) {

@@ -1,18 +1,13 @@
 //! Ridge regression of a few targets on many features: `min Σ |W x + bias − y|² + λ |W|²`.
 //!
-//! Normal equations, solved by a Cholesky factor (`faer`). Samples come in blocks, one column each, features above
-//! targets; threads share the columns of the scatter. `λ` is relative to the mean eigenvalue of the features'
-//! scatter. Memory: the samples, and two and a half scatters, as 32-bit floats. Degenerate: constant features get
-//! weight 0; a single block with fewer samples than features is solved in the dual form.
+//! Normal equations, solved by a Cholesky factor (`mien_linear`). Samples come in blocks, one column each, features
+//! above targets. `λ` is relative to the mean eigenvalue of the features' scatter. Memory: the samples, and two and a
+//! half scatters, as 32-bit floats. Degenerate: constant features get weight 0; a single block with fewer samples than
+//! features is solved in the dual form.
 
-use faer::linalg::matmul::matmul;
-use faer::prelude::Solve;
-use faer::{Accum, Mat, MatRef, Par, Side};
+use mien_linear::normal_equations::{by_features, by_samples};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-
-/// Columns of the scatter that a thread computes at a time.
-const COLUMNS: usize = 256;
 
 /// An affine map: `y = weights (x − mean) + bias`.
 pub struct LinearMap {
@@ -40,15 +35,6 @@ fn centred(blocks: &mut [DMatrix<f32>]) -> DVector<f32> {
     mean
 }
 
-/// Solves `(symmetric + penalty) x = right`; only the lower triangle is read.
-fn solved(mut symmetric: Mat<f32>, penalty: f32, right: Mat<f32>) -> Mat<f32> {
-    for k in 0..symmetric.nrows() {
-        symmetric[(k, k)] += penalty;
-    }
-    let factor = symmetric.llt(Side::Lower);
-    factor.expect("samples are finite").solve(right)
-}
-
 /// Solves the regression of the blocks' last `targets` rows on the others. The blocks lose their mean.
 ///
 /// # Panics
@@ -65,51 +51,10 @@ pub fn ridge(blocks: &mut [DMatrix<f32>], targets: usize, relative_penalty: f32)
         _ => by_features(blocks, features, penalty),
     };
     LinearMap {
-        weights: DMatrix::from_fn(targets, features, |target, k| weights[(k, target)]),
+        weights: weights.transpose(),
         mean: mean.rows(0, features).into_owned(),
         bias: mean.rows(features, targets).into_owned(),
     }
-}
-
-fn view(block: &DMatrix<f32>) -> MatRef<'_, f32> {
-    MatRef::from_column_major_slice(block.as_slice(), block.nrows(), block.ncols())
-}
-
-/// Dual form for fewer samples than features, with the same result (Saunders et al. 1998).
-fn by_samples(block: &DMatrix<f32>, features: usize, penalty: f32) -> Mat<f32> {
-    let (x, y) = view(block).split_at_row(features);
-    x * solved(x.transpose() * x, penalty, y.transpose().to_owned())
-}
-
-/// Primal form, one equation per feature.
-fn by_features(blocks: &[DMatrix<f32>], features: usize, penalty: f32) -> Mat<f32> {
-    let rows = blocks.first().map_or(0, DMatrix::nrows);
-    // Lower triangle only.
-    let part = |first: usize| {
-        let mut sum = Mat::zeros(rows - first, COLUMNS.min(features - first));
-        for block in blocks {
-            let below = view(block).subrows(first, rows - first);
-            let own = below.subrows(0, sum.ncols()).transpose();
-            matmul(&mut sum, Accum::Add, below, own, 1.0, Par::Seq);
-        }
-        sum
-    };
-    let parts = (0..features.div_ceil(COLUMNS)).into_par_iter();
-    let parts: Vec<Mat<f32>> = parts.map(|k| part(k * COLUMNS)).collect();
-    let scatter = |row: usize, column: usize| {
-        let part = &parts[column / COLUMNS];
-        part[(row - column / COLUMNS * COLUMNS, column % COLUMNS)]
-    };
-    let lower = Mat::from_fn(features, features, |row, column| {
-        if row < column {
-            0.0
-        } else {
-            scatter(row, column)
-        }
-    });
-    let moments = Mat::from_fn(features, rows - features, |k, t| scatter(features + t, k));
-    drop(parts);
-    solved(lower, penalty, moments)
 }
 
 #[cfg(test)]
