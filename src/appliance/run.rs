@@ -337,6 +337,10 @@ impl<'r> Session<'r> {
         if let Some(people) = &mut self.people {
             people.save(self.pipeline.people(now), now);
         }
+        // What happened since the last second counts too.
+        let outputs = self.outputs.iter().map(|output| output.tally());
+        let csv = self.csv.iter().map(Output::tally);
+        self.status.write_now(csv.chain(outputs));
         if let Some(live) = self.live {
             live.finish(self.started.elapsed());
         }

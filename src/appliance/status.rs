@@ -141,11 +141,17 @@ impl Status {
     /// Writes both files if a second has passed.
     pub fn write(&mut self, outputs: impl Iterator<Item = Tally> + Clone) {
         let now = Instant::now();
-        let due = self.written.is_none_or(|written| now - written >= PERIOD);
-        let Some(mut files) = self.files.take_if(|_| due) else {
+        if self.written.is_none_or(|written| now - written >= PERIOD) {
+            self.written = Some(now);
+            self.write_now(outputs);
+        }
+    }
+
+    /// Writes both files.
+    pub fn write_now(&mut self, outputs: impl Iterator<Item = Tally> + Clone) {
+        let Some(mut files) = self.files.take() else {
             return;
         };
-        self.written = Some(now);
         let mut text = std::mem::take(&mut self.text);
         let outputs = outputs.map(|tally| self.since_start(tally));
         // Writing to a string cannot fail.
