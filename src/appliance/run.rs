@@ -19,7 +19,7 @@ use crate::terminal::Live;
 use mien_outputs::csv::Csv;
 use mien_outputs::gesture::Gestures;
 use mien_outputs::table;
-use mien_outputs::{Command, Output, OutputError, Report};
+use mien_outputs::{Command, Output, OutputError, Report, Tally};
 use mien_sensors::Frame;
 use mien_sensors::sensor::Sensor;
 use mien_sensors::turned::upright;
@@ -323,9 +323,7 @@ impl<'r> Session<'r> {
                 tracing::info!("receiver asked to {command}");
             }
         }
-        let outputs = self.outputs.iter().map(|output| output.tally());
-        let csv = self.csv.iter().map(Output::tally);
-        self.status.write(csv.chain(outputs));
+        self.status.write(tallies(&self.csv, &self.outputs));
         let now = Instant::now();
         self.manager.feed_watchdog(now);
         self.manager.set_status(state, now);
@@ -338,9 +336,7 @@ impl<'r> Session<'r> {
             people.save(self.pipeline.people(now), now);
         }
         // What happened since the last second counts too.
-        let outputs = self.outputs.iter().map(|output| output.tally());
-        let csv = self.csv.iter().map(Output::tally);
-        self.status.write_now(csv.chain(outputs));
+        self.status.write_now(tallies(&self.csv, &self.outputs));
         if let Some(live) = self.live {
             live.finish(self.started.elapsed());
         }
@@ -349,6 +345,15 @@ impl<'r> Session<'r> {
             tracing::warn!(frames, "damaged frames were skipped");
         }
     }
+}
+
+/// What the table and every output have sent.
+fn tallies<'a>(
+    csv: &'a Option<Csv<Rows>>,
+    outputs: &'a [Box<dyn Output>],
+) -> impl Iterator<Item = Tally> + Clone + 'a {
+    let outputs = outputs.iter().map(|output| output.tally());
+    csv.iter().map(Output::tally).chain(outputs)
 }
 
 fn send_switches(gestures: &mut Gestures, outputs: &mut [Box<dyn Output>]) {

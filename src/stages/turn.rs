@@ -129,7 +129,7 @@ impl TurnedImage {
     /// Turns the image upright. Pixels beyond it become `beyond`, or repeat its border.
     fn turn_upright<T: Copy>(&self, pixels: &mut [T; PIXELS], beyond: Option<T>) {
         let ([columns, rows], [first, kept]) = (self.upright_size(), self.kept());
-        // The square that contains what is kept before and after the turn; the image is then at one end of it.
+        // The kept pixels lie in this square before and after the turn. Afterwards the image is at one end of it.
         let side = kept.max(self.size[1]);
         let [left, top] = match self.turn {
             Turn::Upright => return,

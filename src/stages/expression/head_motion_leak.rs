@@ -1,13 +1,14 @@
-//! Motion of an input without expression: leakage of head rotation, and drift.
+//! Motion of an input without expression: leakage of the head's rotation and distance, and drift.
 //!
-//! Landmarks slide slightly on a face as the head turns, differently on each face, and a resting face drifts. Both are learnt
-//! per input near rest: the slope of its deviation over the head's rotation by recursive ridge regression, in which expressions
+//! Landmarks slide slightly on a face as the head turns or moves away, differently on each face, and a resting face drifts. Both are
+//! learnt per input near rest: the slope of its deviation over the head's motion by recursive ridge regression, in which expressions
 //! are outliers of little weight (M-estimation; Geman & McClure 1987), and the standard deviation s of the remainder d. The
 //! slope is subtracted in proportion to its evidence, unless rest is no better for it. Of the remainder, d · d²/(d² + s²) is
-//! kept: the shrinkage of a sparse signal in noise.
+//! kept: the shrinkage of a sparse signal in noise. s grows with the distance of the motion from its mean, where slopes are not constant.
 //!
-//! Deviations in eye distances, rotations in radians about the person's mean. Memory: 160 bytes an input. Cost: a Cholesky
-//! decomposition of 3 × 3 a frame and input. Degenerate: without evidence only the shrinkage applies.
+//! Deviations in eye distances; motion: a rotation vector (radians) and the scaled logarithm of the distance, about the person's mean.
+//! Memory: 224 bytes an input. Cost: a Cholesky decomposition of 4 × 4 a frame and input. Degenerate: without evidence only the
+//! shrinkage applies.
 
 use nalgebra::{Cholesky, Matrix4, Vector3, Vector4};
 
@@ -17,14 +18,14 @@ use crate::base::prelude::*;
 
 /// Deviation at which [`outlying`] is 0.5, eye distances.
 const OUTLYING: f64 = 0.03;
-/// Penalty on slopes, rad² s.
+/// Penalty on slopes: squared motion times seconds.
 const PENALTY: f64 = 0.2 / 30.0;
 /// Factor on the logarithm of the distance, which varies more than rotations do.
 const LN_DISTANCE_SCALE: f64 = 0.5;
-/// Limit of a rotation component, radians: beyond, the slope is not constant.
+/// Limit of a component of the motion.
 const FARTHEST: f64 = 0.6;
-/// Rotation from the mean at which the standard deviation is doubled, radians.
-const DOUBLES_RAD: f64 = 0.3;
+/// Motion from the mean at which the standard deviation is doubled.
+const DOUBLES: f64 = 0.3;
 /// Seconds of rest at which half of the slope is subtracted.
 const HALF_KNOWN_S: f64 = 6.7;
 /// Initial standard deviation, eye distances.
@@ -33,25 +34,25 @@ const ASSUMED: f64 = 0.015;
 const DEVIATION_S: f64 = 6.7;
 /// Ratio of a normal variable's standard deviation to its mean magnitude.
 const SIZE_TO_DEVIATION: f64 = 1.25;
-/// Time constant of the mean rotation, seconds.
+/// Time constant of the mean motion, seconds.
 const MEAN_S: f64 = 30.0;
 
 /// A person's usual rotation and distance.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Turn {
+pub(super) struct HeadMotion {
     mean: Vector4<f64>,
     seconds: f64,
 }
 
-impl Turn {
+impl HeadMotion {
     /// The motion of a head with this rotation vector (radians) at a distance (metres).
-    pub(super) fn motion(rotation: &Vector3<f64>, distance_m: f64) -> Vector4<f64> {
+    pub(super) fn at(rotation: &Vector3<f64>, distance_m: f64) -> Vector4<f64> {
         rotation.push(LN_DISTANCE_SCALE * distance_m.max(0.1).ln())
     }
 
     /// A motion relative to the mean, clamped to [`FARTHEST`] per component.
     pub(super) fn about_mean(&self, motion: &Vector4<f64>) -> Vector4<f64> {
-        (motion - self.mean).map(|turn| turn.clamp(-FARTHEST, FARTHEST))
+        (motion - self.mean).map(|component| component.clamp(-FARTHEST, FARTHEST))
     }
 
     /// Adds a frame's motion.
@@ -85,20 +86,20 @@ fn outlying(deviation: f64) -> f64 {
 
 impl HeadMotionLeak {
     /// A deviation without the effect of head rotation.
-    fn without_head_motion(&self, deviation: f64, turn: &Vector4<f64>) -> f64 {
-        deviation - self.seconds / (self.seconds + HALF_KNOWN_S) * self.slope.dot(turn)
+    fn without_head_motion(&self, deviation: f64, motion: &Vector4<f64>) -> f64 {
+        deviation - self.seconds / (self.seconds + HALF_KNOWN_S) * self.slope.dot(motion)
     }
 
     /// The part of a deviation that is expression.
-    pub(super) fn expression_part(&self, deviation: f64, turn: &Vector4<f64>) -> f64 {
+    pub(super) fn expression_part(&self, deviation: f64, motion: &Vector4<f64>) -> f64 {
         let [with, without] = self.costs;
         let deviation = if with < without {
-            self.without_head_motion(deviation, turn)
+            self.without_head_motion(deviation, motion)
         } else {
             deviation
         };
         let square = deviation * deviation;
-        let spread = self.deviation * (1.0 + turn.norm_squared() / (DOUBLES_RAD * DOUBLES_RAD));
+        let spread = self.deviation * (1.0 + motion.norm_squared() / (DOUBLES * DOUBLES));
         deviation * square / (square + spread * spread)
     }
 
@@ -106,19 +107,19 @@ impl HeadMotionLeak {
     pub(super) fn observe(
         &mut self,
         deviation: f64,
-        turn: &Vector4<f64>,
+        motion: &Vector4<f64>,
         dt: f64,
         half_life_s: f64,
     ) {
-        let left = self.without_head_motion(deviation, turn);
+        let left = self.without_head_motion(deviation, motion);
         let kept = if half_life_s > 0.0 {
             (-dt / half_life_s).exp2()
         } else {
             1.0
         };
         let is_rest = (1.0 - outlying(left)).powi(2) * dt;
-        self.gram = self.gram * kept + turn * turn.transpose() * is_rest;
-        self.right = self.right * kept + turn * (deviation * is_rest);
+        self.gram = self.gram * kept + motion * motion.transpose() * is_rest;
+        self.right = self.right * kept + motion * (deviation * is_rest);
         self.seconds = self.seconds * kept + is_rest;
         self.costs = [
             self.costs[0] * kept + outlying(left) * dt,
@@ -144,9 +145,9 @@ mod tests {
         let mut resting = HeadMotionLeak::default();
         for frame in 0..1800 {
             let seconds = f64::from(frame) * DT;
-            let turn = Vector4::new(0.1 * (0.7 * seconds).sin(), 0.0, 0.0, 0.0);
+            let motion = Vector4::new(0.1 * (0.7 * seconds).sin(), 0.0, 0.0, 0.0);
             let act = if frame / 30 % 5 == 4 { acts } else { 0.0 };
-            resting.observe(rest(turn.x) + act, &turn, DT, 300.0);
+            resting.observe(rest(motion.x) + act, &motion, DT, 300.0);
         }
         resting
     }
@@ -183,6 +184,30 @@ mod tests {
         let resting = a_minute(|_| 0.01, 0.0);
         assert!(resting.expression_part(0.15, &still) > 0.145);
         assert!(resting.expression_part(0.01, &still) < 0.005);
+    }
+
+    #[test]
+    fn leakage_of_distance_is_removed_and_far_motion_is_noise() {
+        let (mut leak, mut mean) = (HeadMotionLeak::default(), HeadMotion::default());
+        let at = |distance_m| HeadMotion::at(&Vector3::zeros(), distance_m);
+        let rest = |distance_m: f64| 0.05 * (distance_m - 1.0);
+        for frame in 0..3600 {
+            let distance_m = 1.0 + 0.2 * (0.01 * f64::from(frame)).sin();
+            mean.observe(&at(distance_m), DT);
+            leak.observe(
+                rest(distance_m),
+                &mean.about_mean(&at(distance_m)),
+                DT,
+                300.0,
+            );
+        }
+        let motion = mean.about_mean(&at(1.2));
+        assert!(leak.expression_part(rest(1.2), &motion).abs() < 0.002);
+        // The same deviation in a turned face says less.
+        let turned = Vector4::new(0.5, 0.0, 0.0, 0.0);
+        let leak = HeadMotionLeak::default();
+        let near = leak.expression_part(0.03, &Vector4::zeros());
+        assert!(leak.expression_part(0.03, &turned) < 0.5 * near);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use super::covered::CoveredMouth;
 use super::estimator::{Estimator, FADE_S, Observation, UsedRange, is_warming, without_cross_talk};
 use super::features::{self, Feature};
 use super::gaze::corrected_gaze;
-use super::head_motion_leak::{HeadMotionLeak, Turn};
+use super::head_motion_leak::{HeadMotion, HeadMotionLeak};
 use super::measures::{self, Measure};
 use super::newcomer::Newcomer;
 use super::noise::SlowNoise;
@@ -66,9 +66,10 @@ pub(super) struct RobustEstimator {
     inputs: Box<[RobustLearner]>,
     /// What they saw in the last frame: measures without cross-talk, and features.
     values: [f64; INPUTS],
-    /// Effect of the head's rotation on measures and lengths.
+    /// Effect of the head's motion on measures and lengths.
     leaks: [HeadMotionLeak; LEARNT_MEASURES + LENGTHS],
-    turn: Turn,
+    /// The person's usual rotation and distance.
+    usual_motion: HeadMotion,
     /// Rotation and distance of the head in the last frame.
     motion: Vector4<f64>,
     /// Deviations from rest in the last frame, as they were seen.
@@ -122,7 +123,7 @@ impl RobustEstimator {
             inputs: measures.chain(features).collect(),
             values: [0.0; INPUTS],
             leaks: [HeadMotionLeak::default(); LEARNT_MEASURES + LENGTHS],
-            turn: Turn::default(),
+            usual_motion: HeadMotion::default(),
             motion: Vector4::zeros(),
             raw: [0.0; INPUTS],
             deviations: [0.0; INPUTS],
@@ -213,11 +214,11 @@ impl RobustEstimator {
 
     /// Readings of all units from the deviations.
     fn read(&mut self, frame: &Observation<'_>) {
-        self.motion = Turn::motion(&frame.rotation.scaled_axis().cast(), frame.distance_m);
-        let turn = self.turn.about_mean(&self.motion);
+        self.motion = HeadMotion::at(&frame.rotation.scaled_axis().cast(), frame.distance_m);
+        let motion = self.usual_motion.about_mean(&self.motion);
         self.deviations = self.raw;
         for (deviation, leak) in self.deviations.iter_mut().zip(&self.leaks) {
-            *deviation = leak.expression_part(*deviation, &turn);
+            *deviation = leak.expression_part(*deviation, &motion);
         }
         for (value, reading) in self.readings.iter_mut().zip(&self.units.readings) {
             *value = reading.value(&self.deviations);
@@ -255,15 +256,15 @@ impl RobustEstimator {
 
     /// Learns the head's effect on the inputs, and the range of each reading.
     fn learn_ranges(&mut self, frame: &Observation<'_>) {
-        self.turn.observe(&self.motion, frame.dt);
+        self.usual_motion.observe(&self.motion, frame.dt);
         if frame.present_s <= RESTS_KNOWN_S {
             return;
         }
-        let turn = self.turn.about_mean(&self.motion);
+        let motion = self.usual_motion.about_mean(&self.motion);
         let inputs = self.raw.iter().zip(&self.input_regions);
         for (leak, (&raw, regions)) in self.leaks.iter_mut().zip(inputs) {
             if raw.is_finite() && regions.seen(&self.seen) == 1.0 {
-                leak.observe(raw, &turn, frame.dt, self.settings.half_life_s);
+                leak.observe(raw, &motion, frame.dt, self.settings.half_life_s);
             }
         }
         let learners = self.learners.iter_mut().zip(&mut self.drift);
@@ -465,7 +466,7 @@ impl Estimator for RobustEstimator {
         for drift in self.drift.iter_mut().flatten() {
             *drift = SlowNoise::default();
         }
-        self.turn = Turn::default();
+        self.usual_motion = HeadMotion::default();
         self.leaks.fill(HeadMotionLeak::default());
         let filters = self.filters.iter_mut().chain(&mut self.measure_filters);
         filters.for_each(MeasureFilter::reset);

@@ -231,7 +231,7 @@ impl LandmarkFitter {
             self.run(scratch, luma, &placement, &start, hides_eyes)
         };
         let step_s = step_s.min(EVIDENCE_S);
-        let far = sensor_from_face.translation.vector.norm();
+        let distance_m = sensor_from_face.translation.vector.norm();
         let mut visibility = self.visibility.clone();
         let is_partial = visibility.is_partial();
         let (mut fit, mut confidence, evidence) = run(&visibility, is_partial);
@@ -247,10 +247,10 @@ impl LandmarkFitter {
                 };
                 let dt = step_s * PROBE_FRAMES as f32;
                 visibility.compare(&partial.1.discriminants, &full.1.discriminants, dt);
-                visibility.observe(&full.2, [full.0.view.rotation.angle(), far], dt);
+                visibility.observe(&full.2, [full.0.view.rotation.angle(), distance_m], dt);
             }
         } else if confidence.face >= least {
-            let view = [fit.view.rotation.angle(), far];
+            let view = [fit.view.rotation.angle(), distance_m];
             if visibility.observe(&evidence, view, step_s) {
                 (fit, confidence, _) = run(&visibility, true);
             }

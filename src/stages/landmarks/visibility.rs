@@ -154,11 +154,17 @@ defaults! {
 }
 
 impl Visibility {
-    /// Adds a fit with all patches of a face `turned` from the line of sight (radians) and `far` away (metres), `dt` seconds after the
-    /// last such fit; whether a region became hidden whose patches should not count.
-    pub fn observe(&mut self, evidence: &Evidence, [turned, far]: [f32; 2], dt: f32) -> bool {
+    /// Adds a fit with all patches of a face `turned` from the line of sight (radians) at `distance_m`, `dt` seconds after the last
+    /// such fit; whether a region became hidden whose patches should not count.
+    pub fn observe(
+        &mut self,
+        evidence: &Evidence,
+        [turned, distance_m]: [f32; 2],
+        dt: f32,
+    ) -> bool {
         let unused = self.covered_landmarks();
-        let less = PER_RADIAN * (turned - TURNED_RAD).max(0.0) + PER_METRE * (far - FAR_M).max(0.0);
+        let less =
+            PER_RADIAN * (turned - TURNED_RAD).max(0.0) + PER_METRE * (distance_m - FAR_M).max(0.0);
         let share = 1.0 - (-dt / AVERAGED_S).exp();
         for (mean, evidence) in self.mean.iter_mut().zip(evidence.regions) {
             *mean += (evidence.clamp(BOUNDS[0], BOUNDS[1]) - *mean) * share;
