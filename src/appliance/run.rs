@@ -51,7 +51,7 @@ struct Session<'r> {
     source: Source,
     pipeline: Pipeline,
     signals: Signals,
-    csv: Option<Csv<Rows>>,
+    /// The table of `--csv`, if given, then those of the configuration.
     outputs: Vec<Box<dyn Output>>,
     gestures: Gestures,
     status: Status,
@@ -85,13 +85,13 @@ impl<'r> Session<'r> {
         let signals = Signals::watch()?;
         let csv = run.csv.as_deref();
         let csv = csv.map(|to| csv_table(to, &signals, &*source, &pipeline, &settings));
-        let csv = match csv.transpose() {
+        let mut outputs: Vec<_> = match csv.transpose() {
             // Stopped while waiting for a reader.
             Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(None),
-            csv => csv?,
+            csv => csv?.into_iter().collect(),
         };
-        let outputs = table::open(&settings.outputs, &pipeline.unit_names())?;
-        if outputs.is_empty() && csv.is_none() {
+        outputs.extend(table::open(&settings.outputs, &pipeline.unit_names())?);
+        if outputs.is_empty() {
             tracing::warn!(
                 "nothing is sent, because no output is enabled and --csv is not given; enable an output in the configuration (see `mien print-config`)"
             );
@@ -113,7 +113,6 @@ impl<'r> Session<'r> {
             source,
             pipeline,
             signals,
-            csv,
             outputs,
             gestures,
             status,
@@ -157,7 +156,7 @@ impl<'r> Session<'r> {
         self.manager.notify("READY=1");
     }
 
-    /// Reads the configuration; if it changed, which is returned, reopens all outputs and rebuilds changed stages. An error
+    /// Reads the configuration; if it changed, which is returned, reopens its outputs and rebuilds changed stages. An error
     /// changes nothing.
     fn reload(&mut self) -> Result<bool, Failure> {
         let config = self.run.config.as_deref();
@@ -188,11 +187,11 @@ impl<'r> Session<'r> {
         self.settings = new;
         let (gestures, status) = gestures_and_status(&self.settings, &self.name, &self.pipeline);
         let before = std::mem::replace(&mut self.status, status);
-        let tallies = self.outputs.iter().map(|output| output.tally());
-        self.status.continue_from(before, tallies);
+        // The table goes on; the replaced outputs close and free their ports.
+        let table = usize::from(self.run.csv.is_some());
+        let replaced: Vec<_> = self.outputs.splice(table.., opened).collect();
+        self.status.continue_from(before, tallies(&replaced));
         self.gestures = gestures;
-        // The old outputs close and free their ports.
-        self.outputs = opened;
         self.people = people_file(&self.settings, &*self.source);
         Ok(true)
     }
@@ -235,9 +234,8 @@ impl<'r> Session<'r> {
         };
         self.gestures.observe(std::slice::from_mut(&mut nobody));
         send_switches(&mut self.gestures, &mut self.outputs);
-        // The CSV has rows for frames only.
         for output in &mut self.outputs {
-            output.send(&nobody)?;
+            output.send_absence(&nobody)?;
         }
         self.status.observe(&nobody, None);
         self.pipeline.forget_older(self.now());
@@ -261,14 +259,6 @@ impl<'r> Session<'r> {
         self.gestures.observe(&mut reports);
         for report in &mut reports {
             report.latency_us = latency_us.try_into().unwrap_or(u32::MAX);
-            if let Some(Err(problem)) = self.csv.as_mut().map(|csv| csv.send(report)) {
-                // The table is the purpose of playing a recording; a live run must keep its outputs.
-                if !self.source.state().is_live {
-                    return Err(problem.into());
-                }
-                tracing::error!("{problem}; the CSV ends here, the run continues");
-                self.csv = None;
-            }
             for output in &mut self.outputs {
                 output.send(report)?;
             }
@@ -323,7 +313,7 @@ impl<'r> Session<'r> {
                 tracing::info!("receiver asked to {command}");
             }
         }
-        self.status.write(tallies(&self.csv, &self.outputs));
+        self.status.write(tallies(&self.outputs));
         let now = Instant::now();
         self.manager.feed_watchdog(now);
         self.manager.set_status(state, now);
@@ -336,7 +326,7 @@ impl<'r> Session<'r> {
             people.save(self.pipeline.people(now), now);
         }
         // What happened since the last second counts too.
-        self.status.write_now(tallies(&self.csv, &self.outputs));
+        self.status.write_now(tallies(&self.outputs));
         if let Some(live) = self.live {
             live.finish(self.started.elapsed());
         }
@@ -347,13 +337,9 @@ impl<'r> Session<'r> {
     }
 }
 
-/// What the table and every output have sent.
-fn tallies<'a>(
-    csv: &'a Option<Csv<Rows>>,
-    outputs: &'a [Box<dyn Output>],
-) -> impl Iterator<Item = Tally> + Clone + 'a {
-    let outputs = outputs.iter().map(|output| output.tally());
-    csv.iter().map(Output::tally).chain(outputs)
+/// What every output has sent.
+fn tallies(outputs: &[Box<dyn Output>]) -> impl Iterator<Item = Tally> + Clone {
+    outputs.iter().map(|output| output.tally())
 }
 
 fn send_switches(gestures: &mut Gestures, outputs: &mut [Box<dyn Output>]) {
@@ -406,7 +392,7 @@ fn csv_table(
     source: &dyn Sensor,
     pipeline: &Pipeline,
     settings: &Settings,
-) -> Result<Csv<Rows>, OutputError> {
+) -> Result<Box<dyn Output>, OutputError> {
     let pipe = match to.as_os_str() == "-" {
         true => Pipe::from_stream(io::stdout()),
         false => Pipe::create(to, &signals.stop),
@@ -415,5 +401,5 @@ fn csv_table(
     let rows = rows.map_err(OutputError::Csv)?;
     let (units, gestures) = (pipeline.unit_names(), settings.outputs.gesture_names());
     let csv = Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)?;
-    Ok(csv.with_reduction(source.state().reduced))
+    Ok(Box::new(csv.with_reduction(source.state().reduced)))
 }

@@ -205,6 +205,11 @@ impl<W: Write> Output for Csv<W> {
         Ok(())
     }
 
+    /// The table has rows for frames only.
+    fn send_absence(&mut self, _: &Report) -> Result<(), OutputError> {
+        Ok(())
+    }
+
     fn tally(&self) -> Tally {
         self.tally
     }

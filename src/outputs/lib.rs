@@ -155,6 +155,14 @@ pub trait Output {
     /// error.
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
 
+    /// Sends a report of nobody while no frames come, as a report of a frame by default.
+    ///
+    /// # Errors
+    /// As [`Self::send`].
+    fn send_absence(&mut self, nobody: &Report) -> Result<(), OutputError> {
+        self.send(nobody)
+    }
+
     /// Reports a gesture that went on or off, or repeats its state; ignored by default.
     fn switch(&mut self, _: &gesture::Switch<'_>) {}
 

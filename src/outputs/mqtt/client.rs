@@ -46,7 +46,7 @@ pub(super) fn run(
         payload: String::with_capacity(4096),
     };
     let (mut back_off, mut failure_logged) = (BackOff::new(PAUSES), false);
-    loop {
+    while !shared.stop.load(Ordering::Relaxed) {
         let end = Stream::connect(&config.settings.broker, &config.trust).and_then(|stream| {
             let now = Instant::now();
             let mut connection = Connection {
@@ -57,7 +57,6 @@ pub(super) fn run(
                 draft: &mut draft,
                 out: &mut out,
                 accepted: false,
-
                 last_received: now,
                 last_write: now,
                 last_ping: now,
@@ -89,19 +88,17 @@ pub(super) fn run(
             let (broker, pause_s) = (&config.settings.broker, PAUSES[1].as_secs());
             tracing::warn!("MQTT broker {broker}: {end}; retrying every {pause_s} s");
         }
-        if wait_for_retry(back_off.pause(), &mut messages, shared, &mut waker) {
-            return;
-        }
+        wait_for_retry(back_off.pause(), &mut messages, shared, &mut waker);
     }
 }
 
-/// Waits for the next attempt, recording changes meanwhile; returns whether to stop.
+/// Waits for the next attempt, recording changes meanwhile, or until asked to stop.
 fn wait_for_retry(
     pause: Duration,
     messages: &mut Messages,
     shared: &Shared,
     waker: &mut Waker,
-) -> bool {
+) {
     let again = Instant::now() + pause;
     while Instant::now() < again && !shared.stop.load(Ordering::Relaxed) {
         let left = again.saturating_duration_since(Instant::now()).as_millis() as i32;
@@ -110,7 +107,6 @@ fn wait_for_retry(
         waker.clear();
         messages.update(shared);
     }
-    shared.stop.load(Ordering::Relaxed)
 }
 
 struct Connection<'a> {
