@@ -3,6 +3,9 @@
 //! Numbers have a fixed number of decimals, so that equal values give equal bytes. A missing or non-finite value is an empty
 //! field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
 
+#[cfg(feature = "studio")]
+mod columns;
+
 use core::fmt::Write as _;
 #[cfg(feature = "std")]
 use std::io::Write;
@@ -10,6 +13,8 @@ use std::io::Write;
 #[cfg(feature = "std")]
 use super::{Output, OutputError, Tally};
 use super::{Report, TrackingState};
+#[cfg(feature = "studio")]
+pub use columns::Columns;
 use mien_stages::base::capacity::{LANDMARKS, REGIONS};
 use mien_stages::base::prelude::*;
 use mien_stages::face_model::scheme::VISIBLE_REGIONS;
@@ -19,10 +24,26 @@ use mien_stages::landmarks::Landmarks;
 const FINE: usize = 6;
 /// Decimals of pixels and confidences.
 const COARSE: usize = 4;
-/// Names of the sides of the head's box, depth pixels: first column and row, one past the last.
-const BOX: [&str; 4] = ["x0", "y0", "x1", "y1"];
+/// The first columns.
+const FIRST: [&str; 5] = ["frame", "time_us", "user", "state", "confidence"];
+/// Columns of the pose.
+const POSE: [&str; 7] = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"];
+/// Start of the columns of weights.
+const WEIGHT: &str = "w_";
+/// Columns of the head's box, depth pixels: first column and row, one past the last.
+const BOX: [&str; 4] = ["head_x0", "head_y0", "head_x1", "head_y1"];
 /// Bytes of the longest field: the largest f32 written out, with its comma.
 const FIELD_BYTES: usize = 52;
+
+/// Columns of the 68 points.
+fn point_columns() -> impl Iterator<Item = String> {
+    (0..LANDMARKS).flat_map(|i| [format!("x{i}"), format!("y{i}")])
+}
+
+/// Columns of how far each region can be seen.
+fn seen_columns() -> [String; REGIONS] {
+    VISIBLE_REGIONS.map(|(region, _)| format!("s_{region}"))
+}
 
 /// Formats rows as text, one at a time in a reused buffer.
 pub struct Rows {
@@ -38,25 +59,18 @@ impl Rows {
     /// Starts with the header row. `measures` are names with or without `m_`; `units` and `gestures` are names without `w_` and
     /// `g_`.
     pub fn new(measures: &[&str], units: &[&str], gestures: &[&str]) -> Self {
-        let names = (0..LANDMARKS).map(|i| format!("x{i},y{i}"));
+        let names = [&FIRST[..], &POSE].concat().into_iter().map(str::to_owned);
+        let names = names.chain(point_columns());
         let names = names.chain((0..LANDMARKS).map(|i| format!("c{i}")));
         let plain = measures.iter().map(|m| m.strip_prefix("m_").unwrap_or(m));
         let names = names.chain(plain.map(|measure| format!("m_{measure}")));
-        let names = names.chain(units.iter().map(|unit| format!("w_{unit}")));
-        let names = names.chain(BOX.map(|side| format!("head_{side}")));
+        let names = names.chain(units.iter().map(|unit| format!("{WEIGHT}{unit}")));
+        let names = names.chain(BOX.map(str::to_owned));
         let names = names.chain(gestures.iter().map(|gesture| format!("g_{gesture}")));
-        let names = names.chain(
-            VISIBLE_REGIONS
-                .iter()
-                .map(|(region, _)| format!("s_{region}")),
-        );
-        let mut row =
-            String::from("frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw");
-        names.for_each(|name| row += &format!(",{name}"));
+        let names: Vec<String> = names.chain(seen_columns()).collect();
+        let mut row = names.join(",");
         row.push('\n');
-        let names = measures.len() + units.len() + gestures.len();
-        let fields = 12 + 3 * LANDMARKS + names + BOX.len() + REGIONS;
-        row.reserve(fields * FIELD_BYTES);
+        row.reserve(names.len() * FIELD_BYTES);
         Self {
             row,
             measures: measures.len(),

@@ -29,6 +29,8 @@ pub mod mailbox;
 #[cfg(feature = "wires")]
 pub mod mqtt;
 pub mod osc;
+#[cfg(feature = "studio")]
+pub mod received;
 mod report;
 pub mod serial;
 #[cfg(feature = "std")]

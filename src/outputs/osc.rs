@@ -26,6 +26,8 @@ pub mod faceosc;
 mod listener;
 pub mod packet;
 pub mod parameters;
+#[cfg(feature = "studio")]
+mod receiver;
 #[cfg(feature = "std")]
 pub(super) mod udp;
 pub mod vmc;
@@ -49,10 +51,25 @@ use mien_stages::base::settings::keyed;
 use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 use packet::Argument;
+#[cfg(feature = "studio")]
+pub use receiver::Receiver;
 #[cfg(feature = "wires")]
 pub(super) use wire::Sender;
 use wire::Wire;
 pub use wire::{Datagrams, Targets, is_prefix};
+
+/// Words of the addresses: of the box, of a user, of a gesture.
+const SCHEMA: &str = "schema";
+const ALIVE: &str = "alive";
+const FRAME: &str = "frame";
+const AU: &str = "au";
+const POSE: &str = "pose";
+const PRESENT: &str = "present";
+const FROZEN: &str = "frozen";
+const SEEN: &str = "seen";
+const RANGE: &str = "range";
+const MIEN: &str = "mien";
+const GESTURE: &str = "gesture";
 
 /// Interval at which the unit names are repeated for receivers that join later, seconds.
 const SCHEMA_PERIOD_S: f64 = 5.0;
@@ -198,26 +215,29 @@ impl Osc {
             Argument::Float(report.latency_us as f32 * 1e-3),
         ];
         user.count = next(user.count);
-        wire.message(format_args!("/{slot}/frame"), head);
+        wire.message(format_args!("/{slot}/{FRAME}"), head);
         let (vector, scalar) = (self.style != Style::Scalar, self.style != Style::Vector);
         if user.known && vector {
             let weights = user.weights.shown().map(Argument::Float);
-            wire.message(format_args!("/{slot}/au"), weights);
+            wire.message(format_args!("/{slot}/{AU}"), weights);
         }
         if user.known && scalar {
             for (name, weight) in self.units.iter().zip(user.weights.shown()) {
-                wire.message(format_args!("/{slot}/au/{name}"), [Argument::Float(weight)]);
+                wire.message(
+                    format_args!("/{slot}/{AU}/{name}"),
+                    [Argument::Float(weight)],
+                );
             }
         }
         if let Some(pose) = self.view.pose_numbers(report) {
-            wire.message(format_args!("/{slot}/pose"), pose.map(Argument::Float));
+            wire.message(format_args!("/{slot}/{POSE}"), pose.map(Argument::Float));
         }
         let changed = (user.present, user.frozen) != (present, report.frozen);
         (user.present, user.frozen) = (present, report.frozen);
         // `due` is called even on a change, which restarts the interval.
         let is_due = user.presence.due(report.at, ALIVE_PERIOD_S) || changed;
         if is_due {
-            for (what, is) in [("present", present), ("frozen", report.frozen)] {
+            for (what, is) in [(PRESENT, present), (FROZEN, report.frozen)] {
                 let argument = Argument::Int(is.into());
                 wire.message(format_args!("/{slot}/{what}"), [argument]);
             }
@@ -227,7 +247,7 @@ impl Osc {
         let sent = core::mem::replace(&mut user.seen, seen);
         for (k, share) in seen.iter().flatten().enumerate() {
             if is_due || sent.is_none_or(|sent| sent[k] != *share) {
-                let address = format_args!("/{slot}/seen/{}", VISIBLE_REGIONS[k].0);
+                let address = format_args!("/{slot}/{SEEN}/{}", VISIBLE_REGIONS[k].0);
                 wire.message(address, [Argument::Float(f32::from(*share) / 100.0)]);
             }
         }
@@ -237,7 +257,7 @@ impl Osc {
             for (name, range) in self.units.iter().zip(report.ranges) {
                 let numbers = [range.low, range.rest, range.high, range.readiness];
                 let numbers = numbers.map(finite);
-                let address = format_args!("/{slot}/range/{name}");
+                let address = format_args!("/{slot}/{RANGE}/{name}");
                 wire.message(address, numbers.map(Argument::Float));
             }
         }
@@ -247,7 +267,7 @@ impl Osc {
     fn write_schema(&mut self) {
         let names = self.units.iter().map(|name| Argument::Text(name));
         let arguments = core::iter::once(Argument::Int(SCHEMA_VERSION)).chain(names);
-        self.wire.message(format_args!("/schema"), arguments);
+        self.wire.message(format_args!("/{SCHEMA}"), arguments);
     }
 
     fn send_alive(&mut self, report: &Report) {
@@ -257,7 +277,7 @@ impl Osc {
             Argument::Float(report.at.as_us() as f32 * 1e-6),
         ];
         self.alive_count = next(self.alive_count);
-        self.wire.message(format_args!("/alive"), arguments);
+        self.wire.message(format_args!("/{ALIVE}"), arguments);
         self.wire.flush();
     }
 }
@@ -307,7 +327,7 @@ impl Output for Osc {
 
     fn switch(&mut self, switch: &Switch<'_>) {
         if gesture::ENABLED {
-            let address = format_args!("/mien/gesture/{switch}");
+            let address = format_args!("/{MIEN}/{GESTURE}/{switch}");
             self.wire.send_single(address, switch.is_on.into());
         }
     }

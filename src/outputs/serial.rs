@@ -26,6 +26,8 @@ mod encoder;
 mod line;
 #[cfg(feature = "std")]
 mod port;
+#[cfg(feature = "studio")]
+mod receiver;
 mod settings;
 
 pub use encoder::Encoder;
@@ -34,4 +36,6 @@ pub use line::Line;
 pub use port::Serial;
 #[cfg(feature = "std")]
 pub use port::{STABLE_NAMES, stable_name};
+#[cfg(feature = "studio")]
+pub use receiver::Receiver;
 pub use settings::{Settings, Style};

@@ -93,12 +93,7 @@ pub(super) fn run(
 }
 
 /// Waits for the next attempt, recording changes meanwhile, or until asked to stop.
-fn wait_for_retry(
-    pause: Duration,
-    messages: &mut Messages,
-    shared: &Shared,
-    waker: &mut Waker,
-) {
+fn wait_for_retry(pause: Duration, messages: &mut Messages, shared: &Shared, waker: &mut Waker) {
     let again = Instant::now() + pause;
     while Instant::now() < again && !shared.stop.load(Ordering::Relaxed) {
         let left = again.saturating_duration_since(Instant::now()).as_millis() as i32;

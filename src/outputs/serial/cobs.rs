@@ -20,6 +20,24 @@ use mien_stages::base::checksum::crc16;
 use mien_stages::base::geometry::Rigid;
 use mien_stages::base::prelude::*;
 
+/// Types of frames.
+pub(super) const WEIGHTS: u8 = 1;
+pub(super) const POSE: u8 = 2;
+pub(super) const GESTURE: u8 = 3;
+pub(super) const HELLO: u8 = 16;
+pub(super) const MORE_NAMES: u8 = 18;
+/// The flag of frozen ranges.
+pub(super) const FROZEN: u8 = 1 << 1;
+/// The flags of the state.
+#[cfg(feature = "studio")]
+pub(super) const STATE: u8 = 0b0100_1101;
+/// Lowest bit of the user's slot in the flags.
+pub(super) const SLOT: u8 = 4;
+/// The byte of a confidence or weight of 1.
+pub(super) const SHARE: f32 = 255.0;
+/// The number of 1 in a quaternion.
+pub(super) const QUATERNION: f32 = 32767.0;
+
 /// A frame before stuffing; leaves room for the stuffing in a line.
 type Payload = heapless::Vec<u8, { LARGEST / 2 }>;
 
@@ -50,10 +68,10 @@ const LONGEST_PAYLOAD: usize = AVR_BUFFER - 4;
 pub(super) fn unit_names(names: &[String], line: &mut Line) -> core::fmt::Result {
     let version = SCHEMA_VERSION as u8;
     let count = u8::try_from(names.len()).map_err(|_| core::fmt::Error)?;
-    let mut payload: Payload = [0x10, version, count].into_iter().collect();
+    let mut payload: Payload = [HELLO, version, count].into_iter().collect();
     for (index, name) in names.iter().enumerate() {
         if payload.len() + 1 + name.len() > LONGEST_PAYLOAD {
-            let next = [0x12, version, index as u8].into_iter().collect();
+            let next = [MORE_NAMES, version, index as u8].into_iter().collect();
             append(core::mem::replace(&mut payload, next), line)?;
         }
         payload.extend([name.len() as u8].into_iter().chain(name.bytes()));
@@ -61,16 +79,21 @@ pub(super) fn unit_names(names: &[String], line: &mut Line) -> core::fmt::Result
     append(payload, line)
 }
 
-/// The flags of a weights frame: state, frozen ranges and slot.
-pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
-    let state = match state {
+/// The flags of a state.
+pub(super) fn state_bits(state: TrackingState) -> u8 {
+    match state {
         TrackingState::Absent => 0,
         TrackingState::Tracking => 1,
         TrackingState::Warming => 1 << 2,
         TrackingState::Held | TrackingState::Lost => 1 << 3,
         TrackingState::Posed => 1 << 3 | 1 << 6,
-    };
-    state | u8::from(report.frozen) << 1 | (report.user.unwrap_or(0) as u8 & 3) << 4
+    }
+}
+
+/// The flags of a weights frame: state, frozen ranges and slot.
+pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
+    let frozen = if report.frozen { FROZEN } else { 0 };
+    state_bits(state) | frozen | (report.user.unwrap_or(0) as u8 & 3) << SLOT
 }
 
 /// Appends a weights frame; confidence and weights are 0…1.
@@ -85,10 +108,18 @@ pub(super) fn weights(
     weights: impl ExactSizeIterator<Item = f32>,
     line: &mut Line,
 ) -> core::fmt::Result {
-    let byte = |value: f32| (value * 255.0).round() as u8;
+    let byte = |value: f32| (value * SHARE).round() as u8;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
     let (confidence, count) = (byte(confidence), weights.len() as u8);
-    let head = [1, number as u8, ms_low, ms_high, flags, confidence, count];
+    let head = [
+        WEIGHTS,
+        number as u8,
+        ms_low,
+        ms_high,
+        flags,
+        confidence,
+        count,
+    ];
     append(head.into_iter().chain(weights.map(byte)).collect(), line)
 }
 
@@ -104,9 +135,9 @@ pub(super) fn pose(
 ) -> core::fmt::Result {
     let position = sensor_from_head.translation.vector * 1000.0;
     // nalgebra keeps quaternions as x, y, z, w.
-    let rotation = sensor_from_head.rotation.coords * 32767.0;
+    let rotation = sensor_from_head.rotation.coords * QUATERNION;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
-    let head = [2, number as u8, ms_low, ms_high];
+    let head = [POSE, number as u8, ms_low, ms_high];
     let numbers = position.iter().chain(rotation.iter());
     let numbers = numbers.flat_map(|value| (value.round() as i16).to_le_bytes());
     append(head.into_iter().chain(numbers).collect(), line)
@@ -118,7 +149,7 @@ pub(super) fn pose(
 /// If there is no room.
 pub(super) fn switch(switch: &Switch<'_>, line: &mut Line) -> core::fmt::Result {
     let user = switch.user.map_or(u8::MAX, |user| user as u8);
-    let head = [3, switch.index as u8, switch.is_on.into(), user];
+    let head = [GESTURE, switch.index as u8, switch.is_on.into(), user];
     let bytes = head.iter().chain(switch.gesture.name.as_bytes());
     append(bytes.copied().collect(), line)
 }

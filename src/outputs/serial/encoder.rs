@@ -10,6 +10,13 @@ use crate::{OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, unit_ra
 use mien_stages::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use mien_stages::base::prelude::*;
 
+/// Names of the sentences of the style `text`.
+pub(super) const HEADER: &str = "AUH";
+pub(super) const WEIGHTS: &str = "AU";
+pub(super) const POSE: &str = "AUP";
+/// The number of a confidence of 1 in the style `text`.
+pub(super) const CONFIDENCE: f32 = 99.0;
+
 /// Encodes reports as bytes for a line, one face at a time.
 pub struct Encoder {
     format: Format,
@@ -187,7 +194,7 @@ impl Format {
         let fit = bytes <= NAMES_MAX
             && match self.style {
                 Style::Text => header.sentence(|line| {
-                    write!(line, "AUH,1,{SCHEMA_VERSION}")?;
+                    write!(line, "{HEADER},1,{SCHEMA_VERSION}")?;
                     names.iter().try_for_each(|name| write!(line, ",{name}"))
                 }),
                 // No header: a plotter would take it for data.
@@ -209,8 +216,9 @@ impl Format {
         match self.style {
             Style::Text => {
                 line.sentence(|line| {
-                    let confidence = (frame.confidence * 99.0).round();
-                    write!(line, "AU,{count},{ms},{},{confidence}", frame.state.code())?;
+                    let confidence = (frame.confidence * CONFIDENCE).round();
+                    let state = frame.state.code();
+                    write!(line, "{WEIGHTS},{count},{ms},{state},{confidence}")?;
                     weights.try_for_each(|weight| {
                         line.write_char(',')?;
                         self.write_weight(weight, line)
@@ -280,7 +288,7 @@ fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> core::fm
     let position = sensor_from_head.translation.vector * 1000.0;
     let (yaw, pitch, roll) = yaw_pitch_roll(&sensor_from_head.rotation);
     let angles = [yaw, pitch, roll].map(|angle| 10.0 * angle.to_degrees());
-    write!(line, "AUP,{count}")?;
+    write!(line, "{POSE},{count}")?;
     // NaN casts to 0.
     let mut numbers = position.iter().chain(&angles);
     numbers.try_for_each(|number| write!(line, ",{}", number.round() as i32))

@@ -5,6 +5,11 @@ use core::fmt::Write;
 /// Capacity, bytes: twice the need of 60 units in the longest style.
 pub(super) const LARGEST: usize = 2048;
 
+/// Checksum of a sentence: the XOR of the bytes between `$` and `*`.
+pub(super) fn checksum(body: &[u8]) -> u8 {
+    body.iter().fold(0, |sum, byte| sum ^ byte)
+}
+
 /// Bytes waiting to be sent.
 #[derive(Clone, Default)]
 pub struct Line(heapless::Vec<u8, LARGEST>);
@@ -47,7 +52,7 @@ impl Line {
         self.all_or_nothing(|line| {
             line.put(b"$")?;
             write(line)?;
-            let checksum = line.0[start + 1..].iter().fold(0, |sum, byte| sum ^ byte);
+            let checksum = checksum(&line.0[start + 1..]);
             write!(line, "*{checksum:02X}\r\n")
         })
     }

@@ -11,8 +11,8 @@ use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
 use super::hub::{Hub, Passed};
-use super::sample::Sample;
 use mien_appliance::settings::Settings;
+use mien_outputs::received::Sample;
 use mien_outputs::table;
 use mien_outputs::{Output, Report, TrackingState};
 use mien_stages::base::geometry::Rigid;
@@ -253,14 +253,12 @@ impl Thread {
     fn pass_on(&mut self, sample: &Sample) {
         let other_is_shown = sample.user.is_some_and(|slot| !self.is_main(slot));
         let pose = sample.pose.map(rigid);
-        let mut states = TrackingState::ALL.into_iter();
-        let state = states.find(|state| state.code() == sample.state);
-        let seen = matches!(sample.state, 1..=3) && sample.weights.len() == self.units.len();
+        let seen = sample.state.has_face() && sample.weights.len() == self.units.len();
         let report = Report {
             frame: sample.number,
             at: Timestamp::from_us((sample.seconds.max(0.0) * 1e6) as u64),
             user: sample.user,
-            state: state.unwrap_or(TrackingState::Absent),
+            state: sample.state,
             none_left: sample.user.is_none(),
             other_is_shown,
             confidence: sample.confidence,

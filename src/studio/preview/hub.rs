@@ -13,7 +13,8 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::sample::{Sample, UnitRange, ranges_json};
+use super::sample::{ranges_json, sample_json};
+use mien_outputs::received::{Receive, Sample, UnitRange};
 use mien_stages::expression::unit_words;
 
 /// Most kept events of a live source: some ten seconds of four users.
@@ -180,9 +181,11 @@ impl Hub {
         let after = next + lines.len() as u64;
         (lines, after)
     }
+}
 
-    /// Sets the names of the units, in the order of the weights, and announces a change.
-    pub fn schema(&self, names: &[String]) {
+impl Receive for Hub {
+    /// Also announces a change.
+    fn schema(&self, names: &[String]) {
         if let Some(onward) = &self.lock().onward {
             let _ = onward.try_send(Passed::Units(names.to_vec()));
         }
@@ -193,9 +196,8 @@ impl Hub {
         self.fact("regions", "schema regions", &regions);
     }
 
-    /// Adds a user's frame.
-    pub fn sample(&self, sample: &Sample) {
-        let line = format!("data: {}\n\n", sample.json());
+    fn sample(&self, sample: &Sample) {
+        let line = format!("data: {}\n\n", sample_json(sample));
         let mut state = self.lock();
         if let Some(onward) = &state.onward {
             // A slow receiver misses frames; nothing waits for it.
@@ -204,20 +206,17 @@ impl Hub {
         self.push(&mut state, line.into());
     }
 
-    /// A user's ranges, in schema order; `None` for those not received.
-    pub fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]) {
+    fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]) {
         let json = ranges_json(slot, ranges);
         self.fact("ranges", &format!("ranges {slot}"), &json);
     }
 
-    /// State of a gesture, of a person or independent of one; repeated regularly.
-    pub fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool) {
+    fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool) {
         let json = json!({"name": name, "u": slot, "on": is_on}).to_string();
         self.fact("gesture", &format!("gesture {name} {slot:?}"), &json);
     }
 
-    /// Counts accepted and refused messages, lines or frames.
-    pub fn count(&self, taken: u64, refused: u64) {
+    fn count(&self, taken: u64, refused: u64) {
         let counts = &mut self.lock().counts;
         counts.received += taken;
         counts.refused += refused;

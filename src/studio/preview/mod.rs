@@ -3,7 +3,7 @@
 //! ```text
 //! OSC │ serial │ CSV │ recording, sensor + pipeline ─► hub ─► server-sent events ─► page (WebGL 2, morphs on the GPU)
 //!
-//! osc, serial, table, sensor   the sources, and the parsers of what they send
+//! osc, serial, table, sensor   the sources; the parsers stand beside the encoders in mien_outputs
 //! sample                       one user at one frame, as JSON
 //! hub                          between one source and any number of pages
 //! http                         requests and answers of a page
@@ -46,6 +46,7 @@ use mien_baking::bake::recipe::{Recipe, SHIPPED};
 use mien_baking::heads::default_head;
 use mien_baking::heads::hero::Hero;
 use mien_outputs::Command;
+use mien_outputs::received::Receive as _;
 use mien_sensors::turned::upright;
 use mien_stages::turn::Turn;
 use mien_workbench::fault::Fault;

@@ -3,44 +3,12 @@
 //! Untrusted numbers are filtered: non-finite ones are omitted, weights are clamped to what a page can draw. Units:
 //! seconds, metres (`sensor_from_head`, quaternion x y z w), pixels of the colour image, milliseconds of latency.
 
-use mien_stages::base::capacity::REGIONS;
+use mien_outputs::received::{Sample, UnitRange};
 use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 use serde_json::{Map, Value, json};
 
 /// Largest weight shown: exaggerated expressions exceed 1.
 const MAX_WEIGHT: f32 = 4.0;
-
-/// One user at one frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Sample {
-    /// Slot; `None` if nobody is there.
-    pub user: Option<usize>,
-    /// Number of the frame.
-    pub number: u64,
-    /// Capture time, seconds.
-    pub seconds: f64,
-    /// Code of the state: 0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed.
-    pub state: u8,
-    /// Confidence, 0…1.
-    pub confidence: f32,
-    /// From the frame's arrival to its output, milliseconds; `None` if unknown.
-    pub latency_ms: Option<f32>,
-    /// Whether learning is frozen.
-    pub frozen: bool,
-    /// `sensor_from_head`: position in metres and quaternion x y z w.
-    pub pose: Option<[f32; 7]>,
-    /// The head in depth pixels: first column and row, one past the last.
-    pub head_box: Option<[u16; 4]>,
-    /// How far each region of the face can be seen, 0…1; `None` if unknown.
-    pub seen: Option<[f32; REGIONS]>,
-    /// Weights in schema order.
-    pub weights: Vec<f32>,
-    /// The 68 points, colour pixels; empty if unknown.
-    pub points: Vec<[f32; 2]>,
-}
-
-/// Low, rest and high end of a unit's range, and how personal it is (0…1, if known).
-pub type UnitRange = ([f32; 3], Option<f32>);
 
 /// A rounded number, `null` if not finite.
 fn number(value: impl Into<f64>, decimals: i32) -> Value {
@@ -57,41 +25,39 @@ fn list(values: impl IntoIterator<Item = f32>, decimals: i32) -> Value {
     values.map(|value| number(value, decimals)).collect()
 }
 
-impl Sample {
-    /// The sample as JSON for the page.
-    pub fn json(&self) -> String {
-        let weights = self.weights.iter().map(|w| w.clamp(0.0, MAX_WEIGHT));
-        let points = self.points.iter().flatten().copied();
-        let pose = self.pose.filter(|p| p.iter().all(|v| v.is_finite()));
-        // Only those that are not wholly seen, as most are.
-        let hidden = self.seen.map(|seen| {
-            let regions = VISIBLE_REGIONS.iter().zip(seen);
-            let hidden = regions.filter(|(_, share)| *share < 1.0);
-            hidden.map(|((name, _), share)| ((*name).to_owned(), number(share.max(0.0), 2)))
-        });
-        let hidden = hidden.map(Iterator::collect::<Map<_, _>>);
-        let mut json = json!({
-            "u": self.user.map_or(-1, |slot| slot as i64),
-            "n": self.number,
-            "t": number(Some(self.seconds).filter(|t| t.is_finite()).unwrap_or(0.0), 4),
-            "s": self.state,
-            "c": number(self.confidence.clamp(0.0, 1.0), 3),
-            "w": list(weights, 3),
-        });
-        for (key, value) in [
-            ("l", self.latency_ms.map(|latency| number(latency, 2))),
-            ("f", self.frozen.then(|| json!(1))),
-            ("p", pose.map(|pose| list(pose, 4))),
-            ("b", self.head_box.map(|sides| json!(sides))),
-            ("v", hidden.filter(|all| !all.is_empty()).map(Value::Object)),
-            ("m", (!self.points.is_empty()).then(|| list(points, 1))),
-        ] {
-            if let Some(value) = value {
-                json[key] = value;
-            }
+/// The sample as JSON for the page.
+pub fn sample_json(sample: &Sample) -> String {
+    let weights = sample.weights.iter().map(|w| w.clamp(0.0, MAX_WEIGHT));
+    let points = sample.points.iter().flatten().copied();
+    let pose = sample.pose.filter(|p| p.iter().all(|v| v.is_finite()));
+    // Only those that are not wholly seen, as most are.
+    let hidden = sample.seen.map(|seen| {
+        let regions = VISIBLE_REGIONS.iter().zip(seen);
+        let hidden = regions.filter(|(_, share)| *share < 1.0);
+        hidden.map(|((name, _), share)| ((*name).to_owned(), number(share.max(0.0), 2)))
+    });
+    let hidden = hidden.map(Iterator::collect::<Map<_, _>>);
+    let mut json = json!({
+        "u": sample.user.map_or(-1, |slot| slot as i64),
+        "n": sample.number,
+        "t": number(Some(sample.seconds).filter(|t| t.is_finite()).unwrap_or(0.0), 4),
+        "s": sample.state.code(),
+        "c": number(sample.confidence.clamp(0.0, 1.0), 3),
+        "w": list(weights, 3),
+    });
+    for (key, value) in [
+        ("l", sample.latency_ms.map(|latency| number(latency, 2))),
+        ("f", sample.frozen.then(|| json!(1))),
+        ("p", pose.map(|pose| list(pose, 4))),
+        ("b", sample.head_box.map(|sides| json!(sides))),
+        ("v", hidden.filter(|all| !all.is_empty()).map(Value::Object)),
+        ("m", (!sample.points.is_empty()).then(|| list(points, 1))),
+    ] {
+        if let Some(value) = value {
+            json[key] = value;
         }
-        json.to_string()
     }
+    json.to_string()
 }
 
 /// A user's ranges as JSON, in the order of the schema; `None` for those not received.
@@ -106,6 +72,7 @@ pub fn ranges_json(user: usize, ranges: &[Option<UnitRange>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mien_stages::users::TrackingState;
 
     #[test]
     fn samples_are_valid_json_for_any_numbers() {
@@ -113,7 +80,7 @@ mod tests {
             user: Some(1),
             number: 7,
             seconds: 0.25,
-            state: 2,
+            state: TrackingState::Tracking,
             confidence: f32::NAN,
             latency_ms: Some(12.5),
             pose: Some([0.0, -0.0, 0.7, 0.0, 0.0, 0.0, 1.0]),
@@ -123,7 +90,7 @@ mod tests {
             points: vec![[1.25, 2.0]],
             frozen: true,
         };
-        let json: serde_json::Value = serde_json::from_str(&sample.json()).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&sample_json(&sample)).unwrap();
         assert_eq!(json["w"], serde_json::json!([0.5, null, 0, 4, 0]));
         assert_eq!(json["p"], serde_json::json!([0, 0, 0.7, 0, 0, 0, 1]));
         assert_eq!(json["b"], serde_json::json!([1, 2, 30, 40]));
@@ -134,7 +101,8 @@ mod tests {
             (&1.into(), &1.into(), &12.5.into())
         );
         assert!(json["c"].is_null());
-        let nobody: serde_json::Value = serde_json::from_str(&Sample::default().json()).unwrap();
+        let nobody: serde_json::Value =
+            serde_json::from_str(&sample_json(&Sample::default())).unwrap();
         assert_eq!(nobody["u"], -1);
         let ranges = ranges_json(0, &[None, Some(([0.1, 0.2, 0.30004], Some(0.5)))]);
         let json: serde_json::Value = serde_json::from_str(&ranges).unwrap();

@@ -9,10 +9,10 @@ use std::sync::mpsc::Receiver;
 use std::time::Instant;
 
 use super::hub::{Hub, Seen};
-use super::sample::Sample;
 use crate::inspect::{DepthColours, colour_picture};
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::source::{self, Pacer};
+use mien_outputs::received::{Receive as _, Sample};
 use mien_outputs::{Command, Report, numbers};
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::geometry;
@@ -33,7 +33,7 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
         user: report.user,
         number: report.frame,
         seconds: report.at.as_us() as f64 * 1e-6,
-        state: report.state.code(),
+        state: report.state,
         confidence: report.confidence,
         latency_ms,
         frozen: report.frozen,
