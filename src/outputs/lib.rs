@@ -36,7 +36,7 @@ pub mod serial;
 #[cfg(feature = "std")]
 pub mod table;
 mod view;
-#[cfg(feature = "wires")]
+#[cfg(any(feature = "studio", feature = "wires"))]
 pub mod web;
 
 use every::Every;

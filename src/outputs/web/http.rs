@@ -1,35 +1,36 @@
-//! Parses input from browsers: HTTP/1.1 requests without bodies (by `httparse`), and WebSocket frames (RFC 6455).
+//! Requests of browsers and heads of replies, for the box's servers and the workstation's: HTTP/1.1 without bodies, parsed by
+//! `httparse`.
 
-use base64::{Engine as _, engine::general_purpose::STANDARD};
-use sha1_smol::Sha1;
+use std::fmt::Display;
+use std::io::Write as _;
+use std::net::IpAddr;
 
-/// Longest request or WebSocket frame accepted, bytes.
-pub(super) const REQUEST: usize = 2048;
 /// Most headers of a request.
 const HEADERS: usize = 48;
-/// Bytes of a WebSocket key: 16 in base 64.
-const KEY: usize = 24;
 
 /// A parsed request.
 #[derive(Debug)]
-pub(super) struct Request<'a> {
-    pub(super) is_post: bool,
+pub struct Request<'a> {
+    /// Whether it is a POST; otherwise it is a GET.
+    pub is_post: bool,
     /// Path without its query.
-    pub(super) path: &'a str,
+    pub path: &'a str,
+    /// Query without its question mark; empty if there is none.
+    pub query: &'a str,
     headers: heapless::Vec<httparse::Header<'a>, HEADERS>,
 }
 
 impl<'a> Request<'a> {
-    /// Parses a request; `None` while incomplete.
+    /// Parses a request of at most `longest` bytes; `None` while incomplete.
     ///
     /// # Errors
     /// The HTTP status with which to refuse it.
-    pub(super) fn read(bytes: &'a [u8]) -> Result<Option<Self>, u16> {
+    pub fn read(bytes: &'a [u8], longest: usize) -> Result<Option<Self>, u16> {
         let mut headers = [httparse::EMPTY_HEADER; HEADERS];
         let mut request = httparse::Request::new(&mut headers);
         match request.parse(bytes) {
             Ok(httparse::Status::Complete(_)) => {}
-            Ok(httparse::Status::Partial) if bytes.len() < REQUEST => return Ok(None),
+            Ok(httparse::Status::Partial) if bytes.len() < longest => return Ok(None),
             Ok(_) | Err(httparse::Error::TooManyHeaders) => return Err(431),
             Err(_) => return Err(400),
         }
@@ -40,9 +41,11 @@ impl<'a> Request<'a> {
             Some("POST") => true,
             _ => return Err(405),
         };
+        let (path, query) = target.split_once('?').unwrap_or((target, ""));
         Ok(Some(Self {
             is_post,
-            path: target.split_once('?').map_or(target, |(path, _)| path),
+            path,
+            query,
             headers: request.headers.iter().copied().collect(),
         }))
     }
@@ -51,7 +54,7 @@ impl<'a> Request<'a> {
     ///
     /// # Errors
     /// 400 if there are several.
-    pub(super) fn header(&self, name: &str) -> Result<Option<&'a str>, u16> {
+    pub fn header(&self, name: &str) -> Result<Option<&'a str>, u16> {
         let is_it = |header: &&httparse::Header| header.name.eq_ignore_ascii_case(name);
         let mut all = self.headers.iter().filter(is_it);
         let value = all.next().map(|header| std::str::from_utf8(header.value));
@@ -61,99 +64,62 @@ impl<'a> Request<'a> {
         value.transpose().map_err(|_| 400)
     }
 
-    /// The reply to a WebSocket key (4.2.2): SHA-1 of the key and a fixed text, in base 64; `None` if no upgrade is requested. Not
-    /// for security: it only shows that the server speaks WebSocket.
+    /// Whether a page of another site sends it, as far as the browser states. `name` is that of this server in the network.
     ///
     /// # Errors
-    /// 400 if there is no such key.
-    pub(super) fn upgrade(&self) -> Result<Option<[u8; 28]>, u16> {
-        let wanted = self.header("upgrade")?;
-        if !wanted.is_some_and(|protocol| protocol.eq_ignore_ascii_case("websocket")) {
-            return Ok(None);
+    /// 421 if it addresses another server, as by a name that another site points at this one (DNS rebinding); 403 if it would
+    /// change something from elsewhere or without the header `X-Mien`, which neither a form nor a link of another site can add,
+    /// and a script only after a preflight, which is not answered.
+    pub fn is_from_elsewhere(&self, name: &str) -> Result<bool, u16> {
+        let host = self.header("host")?;
+        let host = host.filter(|host| is_own(host, name)).ok_or(421_u16)?;
+        let elsewhere = |origin: &str| {
+            let of = origin.strip_prefix("http://");
+            of.is_none_or(|of| !of.eq_ignore_ascii_case(host))
+        };
+        let other = |site: &str| !["same-origin", "none"].contains(&site);
+        let elsewhere = self.header("origin")?.is_some_and(elsewhere)
+            || self.header("sec-fetch-site")?.is_some_and(other);
+        if self.is_post && (elsewhere || self.header("x-mien")?.is_none()) {
+            return Err(403);
         }
-        let key = self.header("sec-websocket-key")?;
-        let key = key.filter(|key| key.len() == KEY).ok_or(400_u16)?;
-        let mut hash = Sha1::from(key);
-        hash.update(b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11");
-        let mut text = [0; 28];
-        let length = STANDARD.encode_slice(hash.digest().bytes(), &mut text);
-        debug_assert_eq!(length, Ok(text.len()));
-        Ok(Some(text))
+        Ok(elsewhere)
     }
 }
 
-/// A WebSocket frame from a page.
-#[derive(Debug, PartialEq, Eq)]
-pub(super) enum Sent {
-    /// A ping, answered with the same bytes.
-    Ping(heapless::Vec<u8, 125>),
-    /// Ignored.
-    Other,
-    Close,
+/// Whether a host, with or without a port, is an IP address, `localhost` or this name, with or without `.local`.
+fn is_own(host: &str, own: &str) -> bool {
+    let split = host.rsplit_once(':');
+    let split = split.filter(|(_, port)| port.parse::<u16>().is_ok());
+    let name = split.map_or(host, |(name, _)| name);
+    let bare = name.trim_matches(['[', ']']);
+    let name = name.to_ascii_lowercase();
+    let label = name.strip_suffix(".local").unwrap_or(&name);
+    bare.parse::<IpAddr>().is_ok()
+        || name == "localhost"
+        || !own.is_empty() && label.eq_ignore_ascii_case(own)
 }
 
-/// The first frame in `bytes`, unmasked, and its length; `None` while incomplete. An invalid or overlong frame closes the
-/// connection.
-pub(super) fn read_frame(bytes: &[u8]) -> Option<(Sent, usize)> {
-    let (&first, &second) = (bytes.first()?, bytes.get(1)?);
-    let (length, at) = match second & 0x7f {
-        126 => (u16::from_be_bytes([*bytes.get(2)?, *bytes.get(3)?]), 4),
-        127 => return Some((Sent::Close, bytes.len())),
-        length => (u16::from(length), 2),
-    };
-    let length = usize::from(length);
-    let control = first & 0x08 != 0;
-    // Frames from pages are masked; control frames are short and unfragmented.
-    let wrong =
-        second & 0x80 == 0 || first & 0x70 != 0 || control && (length > 125 || first & 0x80 == 0);
-    if wrong || at + 4 + length > REQUEST {
-        return Some((Sent::Close, bytes.len()));
-    }
-    let masked = bytes.get(at + 4..at + 4 + length)?;
-    let sent = match first & 0x0f {
-        0 | 1 | 2 | 10 => Sent::Other,
-        9 => {
-            let mask = bytes[at..at + 4].iter().cycle();
-            let plain = masked.iter().zip(mask).map(|(byte, mask)| byte ^ mask);
-            Sent::Ping(plain.collect())
-        }
-        _ => Sent::Close,
-    };
-    Some((sent, at + 4 + length))
-}
-
-/// Appends the header of an unfragmented, unmasked frame.
-pub(super) fn write_frame_header(kind: u8, length: usize, into: &mut Vec<u8>) {
-    into.push(0x80 | kind);
-    if length < 126 {
-        into.push(length as u8);
-    } else {
-        into.push(126);
-        into.extend_from_slice(&(length as u16).to_be_bytes());
-    }
-}
-
-/// Parses bytes as a request and as WebSocket frames, for `tests/fuzz`.
-#[cfg(fuzzing)]
-pub fn fuzz(bytes: &[u8]) {
-    if let Ok(Some(request)) = Request::read(bytes) {
-        let _ = (request.upgrade(), request.header("host"));
-    }
-    let mut rest = &bytes[..bytes.len().min(REQUEST)];
-    while let Some((_, used)) = read_frame(rest).filter(|_| !rest.is_empty()) {
-        rest = &rest[used..];
-    }
+/// Appends the head of a reply; the reason after the status may be empty (RFC 9112, 4). Nothing may be kept: the next reply to
+/// the same request may be another.
+pub fn write_head(to: &mut Vec<u8>, status: u16, headers: impl Display, length: usize) {
+    let _ = write!(
+        to,
+        "HTTP/1.1 {status} \r\n{headers}Content-Length: {length}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
+    );
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const LONGEST: usize = 2048;
+
     #[test]
     fn requests_are_read_and_nonsense_is_refused() {
         let ask = |text: &str| {
             let text = format!("{text}\r\n\r\n");
-            let read = Request::read(text.as_bytes());
+            let read = Request::read(text.as_bytes(), LONGEST);
             read.map(|request| request.map(|one| (one.is_post, one.path.to_owned())))
         };
         for (text, is_post, path) in [
@@ -172,66 +138,15 @@ mod tests {
         ] {
             assert_eq!(ask(text), Err(status), "{text}");
         }
-        assert!(Request::read(b"GET / HTTP/1.1\r\n").unwrap().is_none());
-        let long = format!("GET /{} HTTP/1.1\r\n", "x".repeat(REQUEST));
-        assert_eq!(Request::read(&long.as_bytes()[..REQUEST]).err(), Some(431));
-    }
-
-    #[test]
-    fn an_upgrade_is_answered_as_in_the_standard() {
-        let ask = |headers: &str| {
-            let text = format!("GET / HTTP/1.1\r\n{headers}\r\n\r\n");
-            Request::read(text.as_bytes()).unwrap().unwrap().upgrade()
-        };
-        assert_eq!(
-            ask("upgrade: WebSocket\r\nSEC-WEBSOCKET-KEY: dGhlIHNhbXBsZSBub25jZQ=="),
-            Ok(Some(*b"s3pPLMBiTxaQ9kYGzzhZRbK+xOo="))
+        assert!(
+            Request::read(b"GET / HTTP/1.1\r\n", LONGEST)
+                .unwrap()
+                .is_none()
         );
-        assert_eq!(ask("Host: x"), Ok(None));
-        for bad in [
-            "Upgrade: websocket",
-            "Upgrade: websocket\r\nSec-WebSocket-Key: short",
-        ] {
-            assert_eq!(ask(bad), Err(400));
-        }
-    }
-
-    #[test]
-    fn frames_of_pages_are_read_and_others_close() {
-        let ping = [0x89, 0x83, 1, 2, 3, 4, b'a' ^ 1, b'b' ^ 2, b'c' ^ 3];
-        let (sent, used) = read_frame(&ping).unwrap();
+        let long = format!("GET /{} HTTP/1.1\r\n", "x".repeat(LONGEST));
         assert_eq!(
-            (sent, used),
-            (Sent::Ping(heapless::Vec::from_slice(b"abc").unwrap()), 9)
+            Request::read(&long.as_bytes()[..LONGEST], LONGEST).err(),
+            Some(431)
         );
-        for cut in 0..ping.len() {
-            assert_eq!(read_frame(&ping[..cut]), None);
-        }
-        assert_eq!(
-            read_frame(&[0x81, 0x80, 0, 0, 0, 0]),
-            Some((Sent::Other, 6))
-        );
-        for bad in [
-            &[0x81, 0x00][..],
-            &[0x88, 0x80, 0, 0, 0, 0],
-            &[0x81, 0xff],
-            &[0x81, 0xfe, 0xff, 0xff],
-            &[0xc1, 0x80],
-            &[0x09, 0x80],
-        ] {
-            assert_eq!(
-                read_frame(bad).map(|(sent, _)| sent),
-                Some(Sent::Close),
-                "{bad:?}"
-            );
-        }
-        let mut random = fastrand::Rng::with_seed(5);
-        for _ in 0..100_000 {
-            let bytes: Vec<u8> = (0..random.usize(..40)).map(|_| random.u8(..)).collect();
-            if let Some((_, used)) = read_frame(&bytes) {
-                assert!(used > 0 && used <= bytes.len());
-            }
-            let _ = Request::read(&bytes);
-        }
     }
 }

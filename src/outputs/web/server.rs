@@ -5,7 +5,7 @@
 //! long; a client that reads nothing for [`UNREAD_TIMEOUT`] is disconnected. A client slower than the frames skips to the newest.
 //! Memory: read and write buffers per connection, allocated at start-up.
 
-use std::io::{ErrorKind, Read, Write as _};
+use std::io::{ErrorKind, Read};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::os::fd::{AsRawFd, RawFd};
 use std::sync::Arc;
@@ -14,7 +14,8 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, poll};
 
-use super::http::{REQUEST, Request, Sent, read_frame, write_frame_header};
+use super::frames::{REQUEST, Sent, read_frame, write_frame_header};
+use super::http::{Request, write_head};
 use crate::Command;
 use crate::limits::Listening;
 use crate::mailbox::{Mailbox, Shared, Waker, count, write_queued};
@@ -372,7 +373,7 @@ impl<S: Service> Server<S> {
         let is_full = peers.len() >= STREAMS || theirs.count() >= STREAMS_OF_PEER;
         let connection = &mut self.connections[index];
         self.body.clear();
-        let answer = match Request::read(&connection.received[..connection.length]) {
+        let answer = match Request::read(&connection.received[..connection.length], REQUEST) {
             Ok(None) => return,
             Ok(Some(request)) => self.service.answer(&request, peer, &mut self.body),
             Err(status) => Err(status),
@@ -393,12 +394,4 @@ impl<S: Service> Server<S> {
         write_head(&mut connection.unsent, status, headers, self.body.len());
         connection.reply(Stage::Reply, &[self.body.as_bytes()]);
     }
-}
-
-/// Appends the head of a reply; the reason after the status may be empty (RFC 9112, 4).
-fn write_head(unsent: &mut Vec<u8>, status: u16, headers: &str, length: usize) {
-    let _ = write!(
-        unsent,
-        "HTTP/1.1 {status} \r\n{headers}Content-Length: {length}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
-    );
 }

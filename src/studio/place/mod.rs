@@ -220,7 +220,7 @@ impl LandmarkEditor {
         let points = points
             .filter(|p| p.len() == LANDMARKS && p.iter().all(|&v| self.surface.is_skin(v)))
             .ok_or("expected 68 skin vertices; reload the page")?;
-        match &*request.path {
+        match request.path {
             "/move" => {
                 let (k, mirror) = point(request)?;
                 let ray = vectors(parameter("ray"));
@@ -316,10 +316,10 @@ impl Site for LandmarkEditor {
         }
         let shared = preview::PAGE.iter();
         let shared = shared.filter(|file| SHARED_FILES.contains(&file.0));
-        if let Some(file) = Answer::page_file(PAGE.iter().chain(shared), &request.path) {
+        if let Some(file) = Answer::page_file(PAGE.iter().chain(shared), request.path) {
             return file;
         }
-        match &*request.path {
+        match request.path {
             "/start.json" => Answer::json(&self.start()),
             "/head.glb" => Answer::File("model/gltf-binary", self.glb(request.parameter("shape"))),
             _ => Answer::Missing("no such file; the page is at /\n"),

@@ -4,11 +4,14 @@
 //! A thread per connection, at most [`CONNECTIONS`] and [`CONNECTIONS_PER_PEER`] of one peer, of which [`STREAMS`]
 //! may be events; beyond, the connection stalled for longest is closed. A whole request must arrive within
 //! [`REQUEST_TIMEOUT`] and [`MAX_REQUEST_BYTES`] bytes; an answer must be read at [`MIN_BYTES_PER_S`]. Other requests
-//! are refused in one line and counted. A request must name this server, once, by address or as `localhost`: pages
-//! from elsewhere that point a name of their own at this machine (DNS rebinding) are refused. Changes require a POST
-//! with the header `X-Mien`: a form or a link of another site cannot add one, and a script of another site would need
-//! a preflight, which is not answered. Pages from elsewhere may not embed resources, and sites learn of cross-site
+//! are refused in one line and counted. A request must name this server, once, by address or as `localhost`, and
+//! changes require a POST with the header `X-Mien`; what that prevents stands at
+//! [`http::Request::is_from_elsewhere`]. Pages from elsewhere may not embed resources, and sites learn of cross-site
 //! requests ([`Request::elsewhere`]).
+//!
+//! Requests and heads of replies are those of the box's server ([`mien_outputs::web`]), which polls a few connections in
+//! fixed memory and sends all of them the same. Here each connection has a thread of its own: an answer may be baked for a
+//! minute or be hundreds of megabytes, and every page reads a session from its start.
 
 use std::io::{Read, Write};
 use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -16,6 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
+use mien_outputs::web::http::{self, write_head};
 use mien_workbench::fault::Fault;
 
 /// Most connections.
@@ -28,8 +32,6 @@ const EVICTION_AGE: Duration = Duration::from_millis(250);
 const STREAMS: usize = 32;
 /// Longest request, bytes.
 const MAX_REQUEST_BYTES: usize = 8192;
-/// Most headers of a request.
-const HEADERS: usize = 48;
 /// Time for a request to arrive, from its first byte to its last, and for an event to be taken.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(5);
 /// Least rate at which an answer must be read.
@@ -38,12 +40,12 @@ const MIN_BYTES_PER_S: usize = 64 << 10;
 const STALL_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A parsed request.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Request {
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
     /// Path without the query.
-    pub path: String,
+    pub path: &'a str,
     /// The query, without its question mark.
-    pub query: String,
+    pub query: &'a str,
     /// Address of the client.
     pub peer: SocketAddr,
     /// Whether a page of another site sends it, as far as the browser states.
@@ -52,7 +54,7 @@ pub struct Request {
     pub post: bool,
 }
 
-impl Request {
+impl Request<'_> {
     /// A value of the query; empty if absent.
     pub fn parameter(&self, name: &str) -> &str {
         let mut pairs = self.query.split('&').map(|pair| pair.split_once('='));
@@ -258,27 +260,27 @@ fn connection(open: &Open, site: &impl Site, streams: &Weak<()>) -> Result<(), R
     let mut asked = Until(open, Instant::now() + REQUEST_TIMEOUT);
     let mut bytes = Vec::new();
     let mut chunk = [0; 1024];
-    while !bytes.windows(4).any(|end| end == b"\r\n\r\n") {
-        let count = asked.read(&mut chunk).map_err(|_| Refused)?;
-        bytes.extend(&chunk[..count]);
-        if count == 0 || bytes.len() > MAX_REQUEST_BYTES {
-            return Err(Refused);
+    while let Ok(None) = parse(&bytes, open.peer) {
+        match asked.read(&mut chunk) {
+            Ok(count @ 1..) => bytes.extend(&chunk[..count]),
+            _ => return Err(Refused),
         }
     }
     let mut stream = Until(open, Instant::now() + REQUEST_TIMEOUT);
     let request = match parse(&bytes, open.peer) {
-        Ok(request) => request,
+        Ok(request) => request.ok_or(Refused)?,
         Err(status) => {
-            let _ = write_answer(&mut stream, status, "text/plain", "", status.as_bytes());
+            let text = format!("refused with status {status}\n");
+            let _ = write_answer(&mut stream, status, "text/plain", "", text.as_bytes());
             return Err(Refused);
         }
     };
     let plain = |status, text: &str| (status, "text/plain", String::new(), text.as_bytes().into());
     let (status, kind, mark, body): (_, _, _, Arc<[u8]>) = match site.answer(&request) {
-        Answer::File(kind, body) => ("200 OK", kind, String::new(), body),
-        Answer::Marked(kind, mark, body) => ("200 OK", kind, mark, body),
-        Answer::Missing(text) => plain("404 Not Found", text),
-        Answer::Forbidden(text) => plain("403 Forbidden", text),
+        Answer::File(kind, body) => (200, kind, String::new(), body),
+        Answer::Marked(kind, mark, body) => (200, kind, mark, body),
+        Answer::Missing(text) => plain(404, text),
+        Answer::Forbidden(text) => plain(403, text),
         Answer::Events => {
             // Counted before the comparison, so that two at once cannot both take the last place.
             let _counted = streams.upgrade();
@@ -289,9 +291,8 @@ fn connection(open: &Open, site: &impl Site, streams: &Weak<()>) -> Result<(), R
                     |bytes: &[u8]| Until(open, Instant::now() + REQUEST_TIMEOUT).write_all(bytes);
                 let _ = send(EVENTS).and_then(|()| site.events(&mut send));
             } else {
-                let status = "503 Service Unavailable";
                 let text = b"too many pages are open; close some\n";
-                let _ = write_answer(&mut stream, status, "text/plain", "", text);
+                let _ = write_answer(&mut stream, 503, "text/plain", "", text);
             }
             return Ok(());
         }
@@ -310,99 +311,63 @@ const EVENTS: &[u8] =
     b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\
       Cross-Origin-Resource-Policy: same-origin\r\nConnection: close\r\n\r\n";
 
+/// Headers of every answer: no embedding by other sites.
+const GUARDS: &str = "X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
+    Cross-Origin-Resource-Policy: same-origin\r\n\
+    Content-Security-Policy: default-src 'self'; img-src 'self' blob: data:; connect-src 'self' blob:; frame-ancestors 'none'\r\n";
+
 /// Writes an answer; `mark` is a header line with its line end, or empty.
 fn write_answer(
     stream: &mut Until<'_>,
-    status: &str,
+    status: u16,
     kind: &str,
     mark: &str,
     body: &[u8],
 ) -> std::io::Result<()> {
-    // No embedding by other sites, no caching: another mesh may be served under the same name later.
-    let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nCache-Control: no-store\r\n\
-         X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
-         Cross-Origin-Resource-Policy: same-origin\r\n\
-         Content-Security-Policy: default-src 'self'; img-src 'self' blob: data:; connect-src 'self' blob:; frame-ancestors 'none'\r\n\
-         {mark}Connection: close\r\n\r\n",
-        body.len()
-    );
-    stream.write_all(head.as_bytes())?;
+    let mut head = Vec::new();
+    let headers = format_args!("Content-Type: {kind}\r\n{GUARDS}{mark}");
+    write_head(&mut head, status, headers, body.len());
+    stream.write_all(&head)?;
     stream.write_all(body)
 }
 
-/// Parses a request, or returns the status line that refuses it.
+/// Parses a request; `None` while incomplete.
 ///
 /// # Errors
-/// If it is invalid or unsupported.
-pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
-    let bad = "400 Bad Request";
-    let mut headers = [httparse::EMPTY_HEADER; HEADERS];
-    let mut request = httparse::Request::new(&mut headers);
-    let whole = request.parse(bytes).is_ok_and(|read| read.is_complete());
-    let target = request.path.filter(|_| whole).ok_or(bad)?;
-    if !target.starts_with('/') {
-        return Err(bad);
-    }
-    let post = request.method == Some("POST");
-    if !post && request.method != Some("GET") {
-        return Err("405 Method Not Allowed");
-    }
-    let header = |wanted: &str| {
-        let named = request.headers.iter();
-        let found = named.filter(|header| header.name.eq_ignore_ascii_case(wanted));
-        let mut values = found.map(|header| std::str::from_utf8(header.value).unwrap_or_default());
-        (values.next(), values.next())
+/// The HTTP status with which to refuse it.
+pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Option<Request<'_>>, u16> {
+    let Some(request) = http::Request::read(bytes, MAX_REQUEST_BYTES)? else {
+        return Ok(None);
     };
-    // Two would be read differently by two readers.
-    let host = match header("host") {
-        (_, Some(_)) => return Err(bad),
-        (host, None) => host.unwrap_or_default(),
-    };
-    if !is_address(host) {
-        return Err("421 Misdirected Request");
+    let has_body = request.header("transfer-encoding")?.is_some()
+        || request
+            .header("content-length")?
+            .is_some_and(|length| length != "0");
+    if request.is_post && has_body {
+        return Err(413);
     }
-    let says = |name: &str, wrong: &dyn Fn(&str) -> bool| header(name).0.is_some_and(wrong);
-    let elsewhere = says("sec-fetch-site", &|site| {
-        !["same-origin", "none"].contains(&site)
-    }) || says("origin", &|origin| {
-        let of = origin.strip_prefix("http://");
-        of.is_none_or(|of| !of.eq_ignore_ascii_case(host))
-    });
-    let has_body = says("transfer-encoding", &|_| true) || says("content-length", &|n| n != "0");
-    if post && has_body {
-        return Err("413 Content Too Large");
-    }
-    if post && (elsewhere || header("x-mien").0.is_none()) {
-        return Err("403 Forbidden");
-    }
-    let (path, query) = target.split_once('?').unwrap_or((target, ""));
-    Ok(Request {
-        path: path.to_owned(),
-        query: query.to_owned(),
+    Ok(Some(Request {
+        path: request.path,
+        query: request.query,
         peer,
-        elsewhere,
-        post,
-    })
-}
-
-/// Whether a host, with or without a port, is `localhost` or an IP address.
-fn is_address(host: &str) -> bool {
-    let numeric =
-        |host: &str| host.parse::<IpAddr>().is_ok() || host.eq_ignore_ascii_case("localhost");
-    host.parse::<SocketAddr>().is_ok()
-        || numeric(host)
-        || host.rsplit_once(':').is_some_and(|(name, port)| {
-            port.bytes().all(|byte| byte.is_ascii_digit()) && numeric(name)
-        })
+        elsewhere: request.is_from_elsewhere("")?,
+        post: request.is_post,
+    }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn ask(request: &str) -> Result<Request, &'static str> {
-        parse(request.as_bytes(), "127.0.0.1:5".parse().unwrap())
+    /// Path, query and whether it is a POST.
+    fn ask(request: &str) -> Result<(String, String, bool), u16> {
+        let parsed = parse(request.as_bytes(), "127.0.0.1:5".parse().unwrap());
+        parsed.map(|request| {
+            let Request {
+                path, query, post, ..
+            } = request.unwrap();
+            (path.to_owned(), query.to_owned(), post)
+        })
     }
 
     #[test]
@@ -413,8 +378,8 @@ mod tests {
             ))
         };
         for host in "127.0.0.1:80 localhost LocalHost:9180 [::1]:9180 10.0.0.3".split(' ') {
-            let request = get(host).unwrap();
-            assert_eq!((&*request.path, &*request.query), ("/a", "b=1"), "{host}");
+            let expected = ("/a".to_owned(), "b=1".to_owned(), false);
+            assert_eq!(get(host), Ok(expected), "{host}");
         }
         for host in [
             "evil.example",
@@ -422,7 +387,7 @@ mod tests {
             "127.0.0.1.evil.example",
             "",
         ] {
-            assert_eq!(get(host), Err("421 Misdirected Request"), "{host}");
+            assert_eq!(get(host), Err(421), "{host}");
         }
         assert!(ask("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n").is_err());
         assert!(ask("GET http://x/ HTTP/1.1\r\nHost: localhost\r\n\r\n").is_err());
@@ -437,7 +402,7 @@ mod tests {
             ))
         };
         let own = "X-Mien: 1\r\nContent-Length: 0\r\n";
-        assert!(post(own).unwrap().post);
+        assert!(post(own).unwrap().2);
         assert!(post(&format!("{own}Origin: http://localhost:9180\r\n")).is_ok());
         for headers in [
             "",
@@ -445,26 +410,22 @@ mod tests {
             "X-Mien: 1\r\nOrigin: http://localhost:1\r\n",
             "X-Mien: 1\r\nSec-Fetch-Site: cross-site\r\n",
         ] {
-            assert_eq!(post(headers), Err("403 Forbidden"), "{headers}");
+            assert_eq!(post(headers), Err(403), "{headers}");
         }
         for headers in ["Content-Length: 5\r\n", "Transfer-Encoding: chunked\r\n"] {
             let found = post(&format!("X-Mien: 1\r\n{headers}"));
-            assert_eq!(found, Err("413 Content Too Large"), "{headers}");
+            assert_eq!(found, Err(413), "{headers}");
         }
         let preflight = "OPTIONS /command HTTP/1.1\r\nHost: localhost\r\n\r\n";
-        assert_eq!(ask(preflight), Err("405 Method Not Allowed"));
-        assert!(
-            !ask("GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
-                .unwrap()
-                .post
-        );
+        assert_eq!(ask(preflight), Err(405));
+        assert!(!ask("GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap().2);
     }
 
     struct Page;
 
     impl Site for Page {
         fn answer(&self, request: &Request) -> Answer {
-            match &*request.path {
+            match request.path {
                 "/events" => Answer::Events,
                 "/big" => Answer::File("text/plain", vec![b'.'; 16 << 20].into()),
                 "/picture" if request.elsewhere => Answer::Forbidden("no\n"),
@@ -581,6 +542,6 @@ mod tests {
     #[test]
     fn a_request_has_one_host() {
         let two = "GET / HTTP/1.1\r\nHost: localhost\r\nhost: evil.example\r\n\r\n";
-        assert_eq!(ask(two), Err("400 Bad Request"));
+        assert_eq!(ask(two), Err(400));
     }
 }

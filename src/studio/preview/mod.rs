@@ -216,7 +216,7 @@ impl Preview {
     /// Executes a POST of the page; `None` for an unknown path.
     fn change(&self, request: &Request) -> Option<Result<String, String>> {
         let parameter = |name| request.parameter(name);
-        Some(match &*request.path {
+        Some(match request.path {
             "/command" => commands::read(parameter("what"), parameter("user"), parameter("on"))
                 .ok_or_else(|| "unknown command".to_owned())
                 .and_then(|command| self.command_target.execute(command, self.hub.sender())),
@@ -235,7 +235,7 @@ impl Preview {
                 Err("gains can be saved only on the machine that serves the page".into())
             }
             "/gains" => match &self.gains {
-                Some(path) => gains::save(path, &request.query),
+                Some(path) => gains::save(path, request.query),
                 None => Err("start mien-studio preview with --config to save gains".into()),
             },
             _ => return None,
@@ -265,10 +265,10 @@ impl Site for Preview {
             let (ok, said) = done.map_or_else(|why| (false, why), |said| (true, said));
             return Answer::json(&json!({"ok": ok, "said": said}));
         }
-        if let Some(file) = Answer::page_file(&PAGE, &request.path) {
+        if let Some(file) = Answer::page_file(&PAGE, request.path) {
             return file;
         }
-        match &*request.path {
+        match request.path {
             "/events" if request.elsewhere => {
                 Answer::Forbidden("events are served to this page only\n")
             }
