@@ -14,7 +14,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use mien_outputs::OutputError;
 use nix::poll::{PollFd, PollFlags, poll};
 
 /// Bytes that a pipe with any room takes at once (`PIPE_BUF`).
@@ -109,16 +108,13 @@ impl Pipe {
     }
 }
 
-/// Writes complete rows to a pipe or file: an incomplete one is truncated from a file. The table is the purpose of playing a
-/// recording, whose rows wait for room and whose errors end the run. A live source does not wait, so that rows without room are
-/// dropped, and a live run keeps its other outputs, so that after an error all further rows are dropped.
+/// Writes complete rows to a pipe or file: an incomplete one is truncated from a file.
 pub(crate) struct Rows {
     pipe: Pipe,
     /// Ends a wait.
     stop: Arc<AtomicBool>,
+    /// Whether rows without room are dropped, as a live source does not wait.
     live: bool,
-    /// Whether an error has ended the table of a live source.
-    ended: bool,
     /// Whether the header, the first row, was written; it always waits for room.
     header_written: bool,
 }
@@ -130,14 +126,17 @@ impl Rows {
             pipe,
             stop: Arc::clone(stop),
             live,
-            ended: false,
             header_written: false,
         }
     }
 }
 
-impl Rows {
-    fn write_whole(&mut self, row: &[u8]) -> io::Result<usize> {
+impl Write for Rows {
+    /// Writes a whole row.
+    ///
+    /// # Errors
+    /// `WouldBlock` if the row was dropped or the wait stopped.
+    fn write(&mut self, row: &[u8]) -> io::Result<usize> {
         let mut written = 0;
         while written < row.len() {
             match self.pipe.write(&row[written..]) {
@@ -163,29 +162,6 @@ impl Rows {
         }
         self.header_written = true;
         Ok(written)
-    }
-}
-
-impl Write for Rows {
-    /// Writes a whole row.
-    ///
-    /// # Errors
-    /// `WouldBlock` if the row was dropped or the wait stopped.
-    fn write(&mut self, row: &[u8]) -> io::Result<usize> {
-        if self.ended {
-            return Err(ErrorKind::WouldBlock.into());
-        }
-        match self.write_whole(row) {
-            Err(error)
-                if self.live && self.header_written && error.kind() != ErrorKind::WouldBlock =>
-            {
-                self.ended = true;
-                let problem = OutputError::Csv(error);
-                tracing::error!("{problem}; the CSV ends here, the run continues");
-                Err(ErrorKind::WouldBlock.into())
-            }
-            written => written,
-        }
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -220,22 +196,6 @@ mod tests {
         let mut all = Vec::new();
         reader.read_to_end(&mut all).unwrap();
         assert_eq!(all.len(), written);
-    }
-
-    #[test]
-    fn a_live_table_whose_reader_is_gone_drops_its_rows_and_a_recordings_fails() {
-        for live in [true, false] {
-            let (reader, writer) = std::io::pipe().unwrap();
-            let stop = Arc::new(AtomicBool::new(false));
-            let mut rows = Rows::new(Pipe::from_stream(writer).unwrap(), &stop, live);
-            rows.write_all(b"header\n").unwrap();
-            drop(reader);
-            for _ in 0..2 {
-                let kind = rows.write(b"1\n").unwrap_err().kind();
-                let expected = [ErrorKind::BrokenPipe, ErrorKind::WouldBlock];
-                assert_eq!(kind, expected[usize::from(live)]);
-            }
-        }
     }
 
     #[test]

@@ -401,5 +401,6 @@ fn csv_table(
     let rows = rows.map_err(OutputError::Csv)?;
     let (units, gestures) = (pipeline.unit_names(), settings.outputs.gesture_names());
     let csv = Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)?;
-    Ok(Box::new(csv.with_reduction(source.state().reduced)))
+    let state = source.state();
+    Ok(Box::new(csv.of_source(state.reduced, state.is_live)))
 }

@@ -168,6 +168,8 @@ pub struct Csv<W> {
     to: W,
     rows: Rows,
     tally: Tally,
+    /// Whether the source is live.
+    live: bool,
 }
 
 #[cfg(feature = "std")]
@@ -186,15 +188,17 @@ impl<W: Write> Csv<W> {
             to,
             rows: Rows::new(measures, units, gestures),
             tally: Tally::empty("csv"),
+            live: false,
         };
         csv.write_row()?;
         csv.tally = Tally::empty("csv");
         Ok(csv)
     }
 
-    /// Writes points and boxes in camera pixels: depth and picture were reduced by these factors.
-    pub fn with_reduction(mut self, reduced: [usize; 2]) -> Self {
-        self.rows.reduced = reduced;
+    /// Writes points and boxes in camera pixels: depth and picture were reduced by these factors. The table is the purpose of
+    /// playing a recording, so that an error ends the run; a live run keeps its other outputs, and only the table ends.
+    pub fn of_source(mut self, reduced: [usize; 2], live: bool) -> Self {
+        (self.rows.reduced, self.live) = (reduced, live);
         self
     }
 
@@ -204,7 +208,14 @@ impl<W: Write> Csv<W> {
         match self.to.write_all(row).and_then(|()| self.to.flush()) {
             Ok(()) => self.tally.sent += 1,
             Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => self.tally.dropped += 1,
-            Err(source) => return Err(OutputError::Csv(source)),
+            Err(source) => {
+                let problem = OutputError::Csv(source);
+                if !self.live {
+                    return Err(problem);
+                }
+                tracing::error!("{problem}; the CSV ends here, the run continues");
+                self.tally.connected = false;
+            }
         }
         Ok(())
     }
@@ -213,7 +224,7 @@ impl<W: Write> Csv<W> {
 #[cfg(feature = "std")]
 impl<W: Write> Output for Csv<W> {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        if self.rows.fill(report) {
+        if self.tally.connected && self.rows.fill(report) {
             self.write_row()?;
         }
         Ok(())
@@ -226,5 +237,50 @@ impl<W: Write> Output for Csv<W> {
 
     fn tally(&self) -> Tally {
         self.tally
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io;
+
+    /// Takes the header and then fails; counts what it is asked to write.
+    struct FullDisk(usize);
+
+    impl Write for FullDisk {
+        fn write(&mut self, row: &[u8]) -> io::Result<usize> {
+            self.0 += 1;
+            match self.0 {
+                1 => Ok(row.len()),
+                _ => Err(io::ErrorKind::StorageFull.into()),
+            }
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn an_error_ends_the_table_of_a_live_run_and_a_recordings_run() {
+        let csv = || Csv::new(FullDisk(0), &[], &["AU26"], &[]).unwrap();
+        let mut recorded = csv();
+        assert!(recorded.send(&Report::default()).is_err());
+        let mut live = csv().of_source([1; 2], true);
+        for _ in 0..2 {
+            assert!(live.send(&Report::default()).is_ok());
+            assert!(!live.tally().connected);
+        }
+        assert_eq!(live.to.0, 2, "the header and one row");
+    }
+
+    #[test]
+    fn a_frame_that_did_not_come_has_no_row() {
+        let mut csv = Csv::new(Vec::new(), &[], &["AU26"], &[]).unwrap();
+        csv.send_absence(&Report::default()).unwrap();
+        assert_eq!(csv.tally().sent, 0);
+        csv.send(&Report::default()).unwrap();
+        assert_eq!(csv.tally().sent, 1);
     }
 }

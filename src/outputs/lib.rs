@@ -94,8 +94,8 @@ impl Command {
     }
 
     /// As [`Self::named`], with the arguments as text: the slot, then `0` or `1`.
-    #[cfg(feature = "wires")]
-    fn from_words<'a>(what: &str, mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
+    #[cfg(any(feature = "studio", feature = "wires"))]
+    pub fn from_words<'a>(what: &str, mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
         let slot = words.next()?.parse().ok()?;
         let on = match (words.next(), words.next()) {
             (None, _) => None,
@@ -116,7 +116,7 @@ defaults! {
         pub sent: u64 = 0,
         /// Datagrams, frames or rows dropped: not accepted at once, replaced by a newer one, or without a known destination.
         pub dropped: u64 = 0,
-        /// Whether there is a destination: false while a serial port is absent.
+        /// Whether there is a destination: false while a serial port is absent, and after the table of a live run could not be written.
         pub connected: bool = true,
         /// Weights that were NaN and were sent as 0.
         pub not_numbers: u64 = 0,

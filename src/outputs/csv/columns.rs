@@ -74,9 +74,6 @@ impl Columns {
             "" => Some(f32::NAN),
             cell => cell.parse::<f32>().ok().filter(|value| value.is_finite()),
         };
-        let several = |columns: &[usize]| -> Option<Vec<f32>> {
-            columns.iter().map(|&at| number(at)).collect()
-        };
         let micros: u64 = cells[self.time].parse().ok()?;
         let user = match cells[self.user] {
             "" => None,
@@ -98,9 +95,10 @@ impl Columns {
             weights.clear();
         }
         // All of a group of columns, if each has a number.
-        let whole = |columns: &[usize]| {
+        let whole = |columns: &[usize]| -> Option<Vec<f32>> {
+            let values: Option<Vec<f32>> = columns.iter().map(|&at| number(at)).collect();
             let is_whole = |values: &Vec<f32>| values.iter().all(|value| value.is_finite());
-            Some(Some(several(columns)?).filter(is_whole).unwrap_or_default())
+            Some(Some(values?).filter(is_whole).unwrap_or_default())
         };
         let points = whole(&self.points)?;
         let head_box: Option<[f32; 4]> = whole(&self.head_box)?.try_into().ok();
@@ -138,7 +136,7 @@ mod tests {
     fn rows_of_the_encoder_read_back_whole() {
         let pose = Rigid::translation(0.1, -0.05, 0.7);
         let landmarks = Landmarks {
-            pixels: core::array::from_fn(|i| [100.0 + i as f32, 50.5].into()),
+            pixels: core::array::from_fn(|i| [100.0 + i as f32, 50.5]),
             seen: [1.0, 0.75, 0.5, 0.25, 0.0, 1.0],
             ..Landmarks::default()
         };
@@ -175,7 +173,7 @@ mod tests {
             head_box: Some([1, 2, 30, 40]),
             seen: Some(landmarks.seen),
             weights: vec![0.25, 1.5],
-            points: landmarks.pixels.map(|pixel| [pixel[0], pixel[1]]).to_vec(),
+            points: landmarks.pixels.to_vec(),
             ..Sample::default()
         };
         assert_eq!(columns.row(rows.text()), Some(expected));

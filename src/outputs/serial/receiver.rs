@@ -238,14 +238,10 @@ fn unstuffed(frame: &[u8]) -> Option<Vec<u8>> {
 
 /// The state in the flags of a binary frame. A lost face is sent as held while it fades.
 fn state(flags: u8) -> TrackingState {
-    let known = [
-        TrackingState::Tracking,
-        TrackingState::Warming,
-        TrackingState::Held,
-        TrackingState::Posed,
-    ];
-    let mut known = known.into_iter();
-    let found = known.find(|state| flags & cobs::STATE == cobs::state_bits(*state));
+    let bits = flags & cobs::STATE;
+    let found = TrackingState::ALL
+        .into_iter()
+        .find(|state| cobs::state_bits(*state) == bits);
     found.unwrap_or_default()
 }
 

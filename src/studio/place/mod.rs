@@ -322,7 +322,7 @@ impl Site for LandmarkEditor {
         match request.path {
             "/start.json" => Answer::json(&self.start()),
             "/head.glb" => Answer::File("model/gltf-binary", self.glb(request.parameter("shape"))),
-            _ => Answer::Missing("no such file; the page is at /\n"),
+            _ => Answer::Refused(404, "no such file; the page is at /\n"),
         }
     }
 }

@@ -24,17 +24,6 @@ pub enum CommandTarget {
     Nobody,
 }
 
-/// Parses a page's command: `what` is `forget`, `neutral` or `freeze`, which `on` belongs to.
-pub fn read(what: &str, user: &str, on: &str) -> Option<Command> {
-    let on = match on {
-        "" => None,
-        "0" => Some(false),
-        "1" => Some(true),
-        _ => return None,
-    };
-    Command::named(what, user.parse().ok()?, on)
-}
-
 impl CommandTarget {
     /// Executes a command; the text says what was done, or why not. `sender` is the streaming host.
     ///
@@ -117,12 +106,12 @@ mod tests {
             .unwrap();
         let boxed = CommandTarget::Box(listener.local_addr().ok());
         for (words, wanted) in [
-            (["forget", "2", ""], Command::Forget(2)),
-            (["neutral", "0", ""], Command::Neutral(0)),
-            (["freeze", "1", "1"], Command::Freeze(1, true)),
-            (["freeze", "1", "0"], Command::Freeze(1, false)),
+            (vec!["forget", "2"], Command::Forget(2)),
+            (vec!["neutral", "0"], Command::Neutral(0)),
+            (vec!["freeze", "1", "1"], Command::Freeze(1, true)),
+            (vec!["freeze", "1", "0"], Command::Freeze(1, false)),
         ] {
-            let command = read(words[0], words[1], words[2]).unwrap();
+            let command = Command::from_words(words[0], words[1..].iter().copied()).unwrap();
             assert!(boxed.execute(command, None).is_ok());
             let mut bytes = [0; 1024];
             let length = listener.recv(&mut bytes).unwrap();
@@ -132,14 +121,6 @@ mod tests {
                 true
             });
             assert_eq!((found, refused), (Some(Request::Command(wanted)), 0));
-        }
-        for words in [
-            ["forget", "4", ""],
-            ["freeze", "0", "2"],
-            ["fly", "0", ""],
-            ["neutral", "-1", ""],
-        ] {
-            assert_eq!(read(words[0], words[1], words[2]), None, "{words:?}");
         }
     }
 

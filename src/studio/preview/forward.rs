@@ -343,6 +343,7 @@ fn rigid([x, y, z, qx, qy, qz, qw]: [f32; 7]) -> Rigid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mien_outputs::received::Receive as _;
     use std::net::UdpSocket;
 
     #[test]
@@ -393,7 +394,7 @@ mod tests {
         assert!(ask("max", ForwardAction::Connect));
         let shown = Sample {
             user: Some(2),
-            state: 2,
+            state: TrackingState::Tracking,
             weights: vec![0.0, 0.625],
             ..Sample::default()
         };

@@ -74,10 +74,8 @@ pub enum Answer {
     File(&'static str, Arc<[u8]>),
     /// A file with an additional header line, line end included.
     Marked(&'static str, String, Arc<[u8]>),
-    /// Not found; the text says what to do.
-    Missing(&'static str),
-    /// Forbidden for this peer.
-    Forbidden(&'static str),
+    /// A status, such as 404, and a text that says what to do.
+    Refused(u16, &'static str),
     /// Server-sent events, written by the site until it fails.
     Events,
 }
@@ -275,12 +273,12 @@ fn connection(open: &Open, site: &impl Site, streams: &Weak<()>) -> Result<(), R
             return Err(Refused);
         }
     };
-    let plain = |status, text: &str| (status, "text/plain", String::new(), text.as_bytes().into());
     let (status, kind, mark, body): (_, _, _, Arc<[u8]>) = match site.answer(&request) {
         Answer::File(kind, body) => (200, kind, String::new(), body),
         Answer::Marked(kind, mark, body) => (200, kind, mark, body),
-        Answer::Missing(text) => plain(404, text),
-        Answer::Forbidden(text) => plain(403, text),
+        Answer::Refused(status, text) => {
+            (status, "text/plain", String::new(), text.as_bytes().into())
+        }
         Answer::Events => {
             // Counted before the comparison, so that two at once cannot both take the last place.
             let _counted = streams.upgrade();
@@ -428,7 +426,7 @@ mod tests {
             match request.path {
                 "/events" => Answer::Events,
                 "/big" => Answer::File("text/plain", vec![b'.'; 16 << 20].into()),
-                "/picture" if request.elsewhere => Answer::Forbidden("no\n"),
+                "/picture" if request.elsewhere => Answer::Refused(403, "no\n"),
                 _ => Answer::File("text/plain", b"here".as_slice().into()),
             }
         }

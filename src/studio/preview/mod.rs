@@ -3,7 +3,7 @@
 //! ```text
 //! OSC │ serial │ CSV │ recording, sensor + pipeline ─► hub ─► server-sent events ─► page (WebGL 2, morphs on the GPU)
 //!
-//! osc, serial, table, sensor   the sources; the parsers stand beside the encoders in mien_outputs
+//! feeds, sensor                what is received, by the parsers of mien_outputs; what is tracked here
 //! sample                       one user at one frame, as JSON
 //! hub                          between one source and any number of pages
 //! http                         requests and answers of a page
@@ -15,15 +15,13 @@
 //! start, in about a second of processor time.
 
 pub mod commands;
+mod feeds;
 pub mod forward;
 mod gains;
 pub mod http;
 pub mod hub;
-pub mod osc;
 pub mod sample;
 pub mod sensor;
-pub mod serial;
-pub mod table;
 
 use std::net::{SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
@@ -126,7 +124,7 @@ pub struct Args {
 /// Source of frames.
 enum Feed<'a> {
     Osc(SocketAddr),
-    Serial(serial::Port),
+    Serial(feeds::Port),
     /// The CSV of a run.
     Csv(&'a Path),
     /// A source tracked by this process, named as in `mien run --source`.
@@ -136,7 +134,7 @@ enum Feed<'a> {
 impl Args {
     fn feed(&self) -> Feed<'_> {
         if let Some(name) = &self.serial {
-            return Feed::Serial(serial::Port {
+            return Feed::Serial(feeds::Port {
                 name: name.clone(),
                 baud: self.baud,
                 full: self.full.max(1) as f32,
@@ -189,7 +187,8 @@ struct Preview {
 impl Preview {
     fn picture(&self, request: &Request) -> Answer {
         if !request.is_local() || request.elsewhere {
-            return Answer::Forbidden(
+            return Answer::Refused(
+                403,
                 "sensor pictures are served on this machine and to this page only\n",
             );
         }
@@ -206,7 +205,7 @@ impl Preview {
             Some((number, sensor::picture(&seen, wants_depth)?))
         };
         let Some((number, (of_depth, jpeg))) = found() else {
-            return Answer::Missing("there is no picture of this frame\n");
+            return Answer::Refused(404, "there is no picture of this frame\n");
         };
         let view = if of_depth { "depth" } else { "colour" };
         let headers = format!("X-Frame: {number}\r\nX-View: {view}\r\n");
@@ -217,9 +216,13 @@ impl Preview {
     fn change(&self, request: &Request) -> Option<Result<String, String>> {
         let parameter = |name| request.parameter(name);
         Some(match request.path {
-            "/command" => commands::read(parameter("what"), parameter("user"), parameter("on"))
-                .ok_or_else(|| "unknown command".to_owned())
-                .and_then(|command| self.command_target.execute(command, self.hub.sender())),
+            "/command" => {
+                let on = Some(parameter("on")).filter(|on| !on.is_empty());
+                let words = [parameter("user")].into_iter().chain(on);
+                Command::from_words(parameter("what"), words)
+                    .ok_or_else(|| "unknown command".to_owned())
+                    .and_then(|command| self.command_target.execute(command, self.hub.sender()))
+            }
             // Only this machine may choose where packets go.
             "/receiver" if !request.is_local() => Err(
                 "receivers can be connected only on the machine that serves the page; put the lines below into the box's configuration instead".into(),
@@ -260,7 +263,7 @@ impl Site for Preview {
         if request.post {
             let Some(done) = self.change(request) else {
                 self.refused();
-                return Answer::Missing("no such command\n");
+                return Answer::Refused(404, "no such command\n");
             };
             let (ok, said) = done.map_or_else(|why| (false, why), |said| (true, said));
             return Answer::json(&json!({"ok": ok, "said": said}));
@@ -270,7 +273,7 @@ impl Site for Preview {
         }
         match request.path {
             "/events" if request.elsewhere => {
-                Answer::Forbidden("events are served to this page only\n")
+                Answer::Refused(403, "events are served to this page only\n")
             }
             "/events" => Answer::Events,
             "/units.json" => Answer::json(&self.units),
@@ -279,10 +282,10 @@ impl Site for Preview {
             path => {
                 let Some(number) = path.strip_prefix("/mesh/") else {
                     self.refused();
-                    return Answer::Missing("no such file; the page is at /\n");
+                    return Answer::Refused(404, "no such file; the page is at /\n");
                 };
                 let head = self.mesh(number);
-                head.unwrap_or(Answer::Missing("no such head\n"))
+                head.unwrap_or(Answer::Refused(404, "no such head\n"))
             }
         }
     }
@@ -418,14 +421,14 @@ impl Args {
                         "cannot receive OSC at {address}: {error}; another program may be using the port: choose another with --osc, and set the same in mien's osc.target"
                     ))
                 })?;
-                Box::new(move || osc::listen(&socket, &preview.hub))
+                Box::new(move || feeds::receive_datagrams(&socket, &preview.hub))
             }
-            Feed::Serial(port) => Box::new(move || serial::listen(&port, &preview.hub)),
+            Feed::Serial(port) => Box::new(move || feeds::receive_line(&port, &preview.hub)),
             Feed::Csv(path) => {
-                let (table, reader) = table::open(path)?;
+                let (table, reader) = feeds::open_table(path)?;
                 let units: Vec<String> = table.units().map(str::to_owned).collect();
                 preview.hub.schema(&units);
-                Box::new(move || table::play(table, reader, &preview.hub))
+                Box::new(move || feeds::play_table(table, reader, &preview.hub))
             }
             Feed::Sensor(name) => {
                 let settings = service::settings(self.config.as_deref())?;
