@@ -4,7 +4,7 @@
 //! field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
 
 #[cfg(feature = "studio")]
-mod columns;
+pub mod columns;
 
 use core::fmt::Write as _;
 #[cfg(feature = "std")]
@@ -13,8 +13,6 @@ use std::io::Write;
 #[cfg(feature = "std")]
 use super::{Output, OutputError, Tally};
 use super::{Report, TrackingState};
-#[cfg(feature = "studio")]
-pub use columns::Columns;
 use mien_stages::base::capacity::{LANDMARKS, REGIONS};
 use mien_stages::base::prelude::*;
 use mien_stages::face_model::scheme::VISIBLE_REGIONS;

@@ -27,7 +27,7 @@ mod listener;
 pub mod packet;
 pub mod parameters;
 #[cfg(feature = "studio")]
-mod receiver;
+pub mod receiver;
 #[cfg(feature = "std")]
 pub(super) mod udp;
 pub mod vmc;
@@ -51,8 +51,6 @@ use mien_stages::base::settings::keyed;
 use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 use packet::Argument;
-#[cfg(feature = "studio")]
-pub use receiver::Receiver;
 #[cfg(feature = "wires")]
 pub(super) use wire::Sender;
 use wire::Wire;

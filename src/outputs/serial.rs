@@ -27,7 +27,7 @@ mod line;
 #[cfg(feature = "std")]
 mod port;
 #[cfg(feature = "studio")]
-mod receiver;
+pub mod receiver;
 mod settings;
 
 pub use encoder::Encoder;
@@ -36,6 +36,4 @@ pub use line::Line;
 pub use port::Serial;
 #[cfg(feature = "std")]
 pub use port::{STABLE_NAMES, stable_name};
-#[cfg(feature = "studio")]
-pub use receiver::Receiver;
 pub use settings::{Settings, Style};

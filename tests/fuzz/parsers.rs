@@ -16,7 +16,7 @@ use mien_stages::base::checksum::crc32;
 use mien_stages::expression::saved::Learned;
 use mien_stages::face_model::FaceModel;
 use mien_stages::face_model::refinement;
-use mien_outputs::csv::Columns;
+use mien_outputs::csv::columns::Columns;
 use mien_outputs::osc::{self, commands};
 use mien_outputs::serial;
 use mien_sensors::kinect::calibration::{self, Block};
@@ -147,11 +147,11 @@ fuzz_target!(init: {
         }
         "osc" => {
             let hub = Hub::new(false);
-            osc::Receiver::default().take(bytes, &hub);
+            osc::receiver::Receiver::default().take(bytes, &hub);
         }
         "serial" => {
             let hub = Hub::new(false);
-            serial::Receiver::new(100.0).take(bytes, &hub);
+            serial::receiver::Receiver::new(100.0).take(bytes, &hub);
         }
         "table" => {
             let text = words();

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::hub::Hub;
-use mien_outputs::csv::Columns;
+use mien_outputs::csv::columns::Columns;
 use mien_outputs::received::Receive as _;
 use mien_outputs::{osc, serial};
 use mien_workbench::fault::Fault;
@@ -22,7 +22,7 @@ const DATAGRAM_BYTES: usize = 65_536;
 
 /// Receives OSC until the process ends.
 pub(super) fn receive_datagrams(socket: &UdpSocket, hub: &Hub) {
-    let mut receiver = osc::Receiver::default();
+    let mut receiver = osc::receiver::Receiver::default();
     let mut bytes = vec![0; DATAGRAM_BYTES];
     loop {
         match socket.recv_from(&mut bytes) {
@@ -68,7 +68,7 @@ fn open_line(port: &Port) -> std::io::Result<Box<dyn Read>> {
 
 /// Receives a serial line until the process ends.
 pub(super) fn receive_line(port: &Port, hub: &Hub) {
-    let mut receiver = serial::Receiver::new(port.full);
+    let mut receiver = serial::receiver::Receiver::new(port.full);
     let mut bytes = [0; 1024];
     loop {
         match open_line(port) {
