@@ -189,7 +189,8 @@ impl<'r> Session<'r> {
         let before = std::mem::replace(&mut self.status, status);
         // The table goes on; the replaced outputs close and free their ports.
         let table = usize::from(self.run.csv.is_some());
-        let replaced: Vec<_> = self.outputs.splice(table.., opened).collect();
+        let replaced = self.outputs.split_off(table);
+        self.outputs.extend(opened);
         self.status.continue_from(before, tallies(&replaced));
         self.gestures = gestures;
         self.people = people_file(&self.settings, &*self.source);

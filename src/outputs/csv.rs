@@ -57,18 +57,21 @@ impl Rows {
     /// Starts with the header row. `measures` are names with or without `m_`; `units` and `gestures` are names without `w_` and
     /// `g_`.
     pub fn new(measures: &[&str], units: &[&str], gestures: &[&str]) -> Self {
-        let names = [&FIRST[..], &POSE].concat().into_iter().map(str::to_owned);
-        let names = names.chain(point_columns());
+        let names = point_columns();
         let names = names.chain((0..LANDMARKS).map(|i| format!("c{i}")));
         let plain = measures.iter().map(|m| m.strip_prefix("m_").unwrap_or(m));
         let names = names.chain(plain.map(|measure| format!("m_{measure}")));
         let names = names.chain(units.iter().map(|unit| format!("{WEIGHT}{unit}")));
         let names = names.chain(BOX.map(str::to_owned));
         let names = names.chain(gestures.iter().map(|gesture| format!("g_{gesture}")));
-        let names: Vec<String> = names.chain(seen_columns()).collect();
-        let mut row = names.join(",");
+        let mut row = [&FIRST[..], &POSE].concat().join(",");
+        let mut fields = FIRST.len() + POSE.len();
+        names.chain(seen_columns()).for_each(|name| {
+            row += &format!(",{name}");
+            fields += 1;
+        });
         row.push('\n');
-        row.reserve(names.len() * FIELD_BYTES);
+        row.reserve(fields * FIELD_BYTES);
         Self {
             row,
             measures: measures.len(),
