@@ -4,7 +4,8 @@
 //! learnt per input near rest: the slope of its deviation over the head's motion by recursive ridge regression, in which expressions
 //! are outliers of little weight (M-estimation; Geman & McClure 1987), and the standard deviation s of the remainder d. The
 //! slope is subtracted in proportion to its evidence, unless rest is no better for it. Of the remainder, d · d²/(d² + s²) is
-//! kept: the shrinkage of a sparse signal in noise. s grows with the distance of the motion from its mean, where slopes are not constant.
+//! kept: the shrinkage of a sparse signal in noise. s grows with the distance of the motion from its mean, where slopes are not constant,
+//! and beyond [`NEAR_M`] with the square of the distance, as the noise of depth does and as pixels there become few.
 //!
 //! Deviations in eye distances; motion: a rotation vector (radians) and the scaled logarithm of the distance, about the person's mean.
 //! Memory: 224 bytes an input. Cost: a Cholesky decomposition of 4 × 4 a frame and input. Degenerate: without evidence only the
@@ -25,7 +26,11 @@ const LN_DISTANCE_SCALE: f64 = 0.5;
 /// Limit of a component of the motion.
 const FARTHEST: f64 = 0.6;
 /// Motion from the mean at which the standard deviation is doubled.
-const DOUBLES: f64 = 0.3;
+const DOUBLES: f64 = 0.15;
+/// Distance up to which a face is large in the picture, metres.
+const NEAR_M: f64 = 1.0;
+/// Distance beyond that at which the standard deviation is doubled, metres.
+const FAR_DOUBLES_M: f64 = 0.5;
 /// Seconds of rest at which half of the slope is subtracted.
 const HALF_KNOWN_S: f64 = 6.7;
 /// Initial standard deviation, eye distances.
@@ -90,8 +95,13 @@ impl HeadMotionLeak {
         deviation - self.seconds / (self.seconds + HALF_KNOWN_S) * self.slope.dot(motion)
     }
 
-    /// The part of a deviation that is expression.
-    pub(super) fn expression_part(&self, deviation: f64, motion: &Vector4<f64>) -> f64 {
+    /// The part of a deviation that is expression, at a distance in metres.
+    pub(super) fn expression_part(
+        &self,
+        deviation: f64,
+        motion: &Vector4<f64>,
+        distance_m: f64,
+    ) -> f64 {
         let [with, without] = self.costs;
         let deviation = if with < without {
             self.without_head_motion(deviation, motion)
@@ -99,7 +109,8 @@ impl HeadMotionLeak {
             deviation
         };
         let square = deviation * deviation;
-        let spread = self.deviation * (1.0 + motion.norm_squared() / (DOUBLES * DOUBLES));
+        let far = (distance_m - NEAR_M).max(0.0) / FAR_DOUBLES_M;
+        let spread = self.deviation * (1.0 + motion.norm() / DOUBLES + far * far);
         deviation * square / (square + spread * spread)
     }
 
@@ -156,10 +167,10 @@ mod tests {
     fn leakage_of_a_nod_is_removed() {
         let nod = Vector4::new(0.1, 0.0, 0.0, 0.0);
         let resting = a_minute(|pitch| 0.2 * pitch, 0.15);
-        assert!(resting.expression_part(0.02, &nod).abs() < 0.002);
-        assert!((resting.expression_part(0.17, &nod) - 0.15).abs() < 0.01);
+        assert!(resting.expression_part(0.02, &nod, 0.7).abs() < 0.002);
+        assert!((resting.expression_part(0.17, &nod, 0.7) - 0.15).abs() < 0.01);
         // Without observed nods there is no correction.
-        assert!(HeadMotionLeak::default().expression_part(0.17, &nod) > 0.165);
+        assert!(HeadMotionLeak::default().expression_part(0.17, &nod, 0.7) > 0.165);
     }
 
     #[test]
@@ -182,8 +193,8 @@ mod tests {
     fn large_deviations_pass_and_drift_shrinks() {
         let still = Vector4::zeros();
         let resting = a_minute(|_| 0.01, 0.0);
-        assert!(resting.expression_part(0.15, &still) > 0.145);
-        assert!(resting.expression_part(0.01, &still) < 0.005);
+        assert!(resting.expression_part(0.15, &still, 0.7) > 0.145);
+        assert!(resting.expression_part(0.01, &still, 0.7) < 0.005);
     }
 
     #[test]
@@ -202,21 +213,25 @@ mod tests {
             );
         }
         let motion = mean.about_mean(&at(1.2));
-        assert!(leak.expression_part(rest(1.2), &motion).abs() < 0.002);
+        assert!(leak.expression_part(rest(1.2), &motion, 0.7).abs() < 0.002);
         // The same deviation in a turned face says less.
         let turned = Vector4::new(0.5, 0.0, 0.0, 0.0);
         let leak = HeadMotionLeak::default();
-        let near = leak.expression_part(0.03, &Vector4::zeros());
-        assert!(leak.expression_part(0.03, &turned) < 0.5 * near);
+        let near = leak.expression_part(0.03, &Vector4::zeros(), 0.7);
+        assert!(leak.expression_part(0.03, &turned, 0.7) < 0.5 * near);
+        // As it does far away.
+        let still = Vector4::zeros();
+        assert_eq!(leak.expression_part(0.03, &still, 1.0), near);
+        assert!(leak.expression_part(0.03, &still, 1.6) < 0.5 * near);
     }
 
     #[test]
     fn a_useless_slope_is_not_subtracted() {
         let mut resting = a_minute(|pitch| 0.2 * pitch, 0.0);
         let nod = Vector4::new(0.1, 0.0, 0.0, 0.0);
-        let before = resting.expression_part(0.1, &nod);
+        let before = resting.expression_part(0.1, &nod, 0.7);
         // Costs under which subtracting the slope makes rest no better.
         resting.costs = [1.0, 0.5];
-        assert!(resting.expression_part(0.1, &nod) > before + 0.01);
+        assert!(resting.expression_part(0.1, &nod, 0.7) > before + 0.01);
     }
 }

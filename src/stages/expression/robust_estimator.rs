@@ -218,7 +218,7 @@ impl RobustEstimator {
         let motion = self.usual_motion.about_mean(&self.motion);
         self.deviations = self.raw;
         for (deviation, leak) in self.deviations.iter_mut().zip(&self.leaks) {
-            *deviation = leak.expression_part(*deviation, &motion);
+            *deviation = leak.expression_part(*deviation, &motion, frame.distance_m);
         }
         for (value, reading) in self.readings.iter_mut().zip(&self.units.readings) {
             *value = reading.value(&self.deviations);
