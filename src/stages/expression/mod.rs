@@ -22,6 +22,7 @@ pub mod compensate;
 mod covered;
 pub mod ends;
 mod estimator;
+mod far_eye;
 pub mod features;
 pub mod gaze;
 mod head_motion_leak;
@@ -64,6 +65,7 @@ use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
 use estimator::{Estimator, FADE_S, Observation};
+use far_eye::follow_near_eye;
 use measures::EyeDistance;
 use paper_estimator::PaperEstimator;
 use regions::RegionSet;
@@ -270,6 +272,10 @@ impl Expression {
         }
         let fade = ((self.present_s - FADE_S.start) / (FADE_S.end - FADE_S.start)).clamp(0.0, 1.0);
         self.estimator.weigh(dt, fade, &mut self.weights);
+        if self.settings.method == Method::Robust {
+            let weights = &mut self.weights.units;
+            follow_near_eye(weights, &self.names, sensor_from_face, &landmarks.seen);
+        }
         &self.weights
     }
 }
