@@ -46,12 +46,12 @@ mod tests {
     use super::*;
     use crate::base::geometry::{Vector, rotation_from_yaw_pitch_roll};
 
-    /// Closures of the left and the right eye, 0.1 and 0.8 before, of a face with this yaw at `x` metres to the right in the image.
+    /// Closures of the left and the right eye, 0.25 and 0.75 before, of a face with this yaw at `x` metres to the right in the image.
     fn closures(yaw: f32, x: f32, seen: &[f32; REGIONS]) -> [f32; 2] {
         let names = ["AU26", "AU43L", "AU43R"].map(|name| UnitName::try_from(name).unwrap());
         let rotation = rotation_from_yaw_pitch_roll(yaw, 0.1, 0.0);
         let pose = SensorFromFace::from_parts(Vector::new(x, 0.0, 1.0), rotation);
-        let mut weights = [0.5, 0.1, 0.8];
+        let mut weights = [0.5, 0.25, 0.75];
         follow_near_eye(&mut weights, &names, &pose, seen);
         assert_eq!(weights[0], 0.5);
         [weights[1], weights[2]]
@@ -61,13 +61,13 @@ mod tests {
     fn the_far_eye_of_a_turned_head_does_not_read_as_shut() {
         let all = [1.0; REGIONS];
         // A positive yaw turns the nose to the image left and shows the face's left side.
-        assert_eq!(closures(0.5, 0.0, &all), [0.1, 0.1]);
-        assert_eq!(closures(-0.5, 0.0, &all), [0.8, 0.8]);
+        assert_eq!(closures(0.5, 0.0, &all), [0.25, 0.25]);
+        assert_eq!(closures(-0.5, 0.0, &all), [0.75, 0.75]);
         // What counts is the angle to the line of sight: ahead, and looking at the sensor from the side.
-        assert_eq!(closures(0.0, 0.0, &all), [0.1, 0.8]);
+        assert_eq!(closures(0.0, 0.0, &all), [0.25, 0.75]);
         let aside = (0.5f32).tan();
-        assert_eq!(closures(0.0, -aside, &all), [0.1, 0.1]);
-        assert_eq!(closures(-0.5, -aside, &all), [0.1, 0.8]);
+        assert_eq!(closures(0.0, -aside, &all), [0.25, 0.25]);
+        assert_eq!(closures(-0.5, -aside, &all), [0.25, 0.75]);
     }
 
     #[test]
@@ -75,8 +75,8 @@ mod tests {
         for eye in [2, 3] {
             let mut seen = [1.0; REGIONS];
             seen[eye] = 0.0;
-            assert_eq!(closures(0.5, 0.0, &seen), [0.1, 0.8]);
-            assert_eq!(closures(-0.5, 0.0, &seen), [0.1, 0.8]);
+            assert_eq!(closures(0.5, 0.0, &seen), [0.25, 0.75]);
+            assert_eq!(closures(-0.5, 0.0, &seen), [0.25, 0.75]);
         }
     }
 }

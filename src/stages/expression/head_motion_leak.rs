@@ -222,7 +222,7 @@ mod tests {
         // As it does far away.
         let still = Vector4::zeros();
         assert_eq!(leak.expression_part(0.03, &still, 1.0), near);
-        assert!(leak.expression_part(0.03, &still, 1.6) < 0.5 * near);
+        assert!(leak.expression_part(0.03, &still, 1.8) < 0.5 * near);
     }
 
     #[test]
