@@ -1,7 +1,7 @@
 //! The command line of `mien-studio`. Help, manual page and completions are generated from the declarations here.
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
@@ -14,11 +14,13 @@ use mien_appliance::settings::Settings;
 use mien_appliance::source;
 use mien_baking::bake;
 use mien_baking::heads::average::make_simulated_head;
+use mien_baking::heads::ict::Delta;
+use mien_baking::heads::reshape::read_shapes;
 use mien_baking::heads::{default_head, hero};
 use mien_stages::face_model::FaceModel;
 use mien_training::evaluate::head_scenes::{self, wild};
 use mien_training::evaluate::sessions::{Sessions, Trial};
-use mien_training::evaluate::{landmark_accuracy, paper, table};
+use mien_training::evaluate::{by_person, landmark_accuracy, paper, table};
 use mien_training::fit::{self, FitArgs};
 use mien_training::nrsfm;
 use mien_training::train::{self, TrainArgs};
@@ -190,6 +192,10 @@ struct Evaluate {
     /// The experiments of docs/paper.md: the paper's system next to the default
     #[arg(long, group = "what")]
     paper: bool,
+    /// Give people other shapes in turn, children's and old people's, from this folder that tests/people/run writes; adds a table by
+    /// person, and one of people whose left side is weak
+    #[arg(long, value_name = "FOLDER", conflicts_with = "paper")]
+    shapes: Option<PathBuf>,
     /// Only these rows of --heads or --paper, separated by commas
     #[arg(long, value_delimiter = ',')]
     rows: Vec<String>,
@@ -201,6 +207,9 @@ struct Units {
     data: Data,
     #[command(flatten)]
     setup: Setup,
+    /// Give every second person another shape in turn, from this folder that tests/people/run writes
+    #[arg(long, value_name = "FOLDER")]
+    shapes: Option<PathBuf>,
     /// Number of people who act
     #[arg(long, default_value_t = 60)]
     people: usize,
@@ -350,7 +359,9 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
         Evaluate { wild: true, .. } => (all, wild::SECONDS),
         _ => (all, Sessions::default().seconds),
     };
+    let shapes = shapes(words.shapes.as_deref())?;
     let trial = Trial {
+        shapes: &shapes,
         data: &words.data.data,
         model: &model,
         settings: &settings,
@@ -374,9 +385,15 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
             let rows = rows(&words.rows, &head_scenes::ROWS)?;
             print!("{}", head_scenes::play(&trial, rows)?);
         }
+        None if words.shapes.is_some() => print!("{}", by_person::play(&trial)?),
         None => print!("{}", table::play(&trial)?),
     }
     Ok(())
+}
+
+/// The shapes of heads in a folder, none without one.
+fn shapes(folder: Option<&Path>) -> Result<Vec<Delta>, Fault> {
+    folder.map_or_else(|| Ok(Vec::new()), read_shapes)
 }
 
 /// The requested rows, if all of them are among `names`.
@@ -394,7 +411,9 @@ fn run_units(words: Units) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
     stopped::report_what_is_kept(words.out.clone());
     let mut progress = |line: &str| eprintln!("{line}");
+    let shapes = shapes(words.shapes.as_deref())?;
     let trial = Trial {
+        shapes: &shapes,
         data: &words.data.data,
         model: &model,
         settings: &settings,

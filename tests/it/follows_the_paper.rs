@@ -135,6 +135,7 @@ fn a_person_never_trained_on_is_followed_by_the_papers_system() {
         ..Sessions::default()
     };
     let trial = Trial {
+        shapes: &[],
         data: data.path(),
         model: &FaceModel::shipped(),
         settings: &settings(),

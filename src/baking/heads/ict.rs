@@ -35,6 +35,8 @@ pub mod part {
     pub const TEETH: Range<usize> = 17039..21451;
     /// Eyeballs.
     pub const EYEBALLS: Range<usize> = 21451..24591;
+    /// Number of all vertices, with lashes and helpers.
+    pub const ALL: usize = 26719;
 }
 
 /// A field of displacements from the neutral, one vector per vertex, metres in the head frame.
@@ -74,7 +76,8 @@ fn read_text(path: &Path) -> Result<String, Fault> {
     text_files::read(path).map_err(unreadable(path))
 }
 
-fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
+/// From the source's axes (centimetres, y up, z out of the face) to the head frame's, metres.
+pub(super) fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
     Vector3::new(v.x, -v.y, -v.z) * 0.01
 }
 

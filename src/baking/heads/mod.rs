@@ -3,6 +3,7 @@
 //! ```text
 //! ict                  the source mesh
 //! fit                  the mesh fitted to the points of a portrait
+//! reshape              another shape for a person's head
 //! wardrobe             the photograph projected onto the mesh, warped to its points; eyes: synthetic ones instead
 //! average, reduce      the average head, small enough for the appliance
 //! hero                 the default head: hair, lashes, eyes, colours; default_head: the same baked, as a file
@@ -18,6 +19,7 @@ pub mod fit;
 pub mod hero;
 pub mod ict;
 pub mod reduce;
+pub mod reshape;
 pub mod wardrobe;
 
 use std::path::{Path, PathBuf};

@@ -58,6 +58,7 @@ impl Experiments<'_> {
     /// Pipelines of both systems for the same sensor, in the order of [`SYSTEMS`].
     fn pipelines(&self, simulator: &Simulator) -> Result<Vec<Pipeline>, PipelineError> {
         let default = Trial {
+            shapes: &[],
             settings: &Settings::default(),
             ..*self.trial
         };

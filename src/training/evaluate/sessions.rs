@@ -9,6 +9,8 @@ use rayon::prelude::*;
 use crate::train::evaluate::{differences, mean_percent};
 use mien_appliance::pipeline::{Pipeline, PipelineError};
 use mien_appliance::settings::Settings;
+use mien_baking::heads::ict::Delta;
+use mien_baking::heads::reshape::reshape;
 use mien_baking::heads::{PersonHead, textured_heads};
 use mien_simulator::virtual_head::{Light, Points, Truth};
 use mien_stages::base::defaults;
@@ -72,18 +74,26 @@ pub struct Trial<'a> {
     pub settings: &'a Settings,
     /// People and length of the sessions.
     pub sessions: &'a Sessions,
+    /// Shapes of heads that people get in turn; none = their own.
+    pub shapes: &'a [Delta],
 }
 
 impl Trial<'_> {
     /// The people of the split, at most as many as configured.
     pub(super) fn held_out(&self) -> Result<Vec<PersonHead>, Fault> {
-        self.heads(|split| split == self.sessions.split)
+        self.heads(|split| split == self.sessions.split, 1)
     }
 
-    /// The people of the splits that `keep` accepts, at most as many as configured.
-    pub(crate) fn heads(&self, keep: impl Fn(Split) -> bool) -> Result<Vec<PersonHead>, Fault> {
+    /// The people of the splits that `keep` accepts, at most as many as configured; each `every`th has another shape, if there are
+    /// any.
+    pub(crate) fn heads(
+        &self,
+        keep: impl Fn(Split) -> bool,
+        every: usize,
+    ) -> Result<Vec<PersonHead>, Fault> {
         let keep = |person| keep(Split::from_index(person));
-        let heads = textured_heads(self.data, keep, self.sessions.people)?;
+        let mut heads = textured_heads(self.data, keep, self.sessions.people)?;
+        reshape(&mut heads, self.shapes, every, self.data)?;
         match heads.is_empty() {
             true => Err(Fault::new(format!(
                 "no held-out people in {}; expected annotated portraits in faces_frl189",

@@ -29,6 +29,7 @@ fn tried<T>(
         ..Sessions::default()
     };
     play(&Trial {
+        shapes: &[],
         data: data.path(),
         model: &FaceModel::shipped(),
         settings: &Settings::default(),

@@ -251,6 +251,7 @@ fn a_short_practice_gives_the_golden_readings() {
         return;
     };
     let trial = Trial {
+        shapes: &[],
         data: data.path(),
         model: &mien_stages::face_model::FaceModel::shipped(),
         settings: &mien_appliance::settings::Settings::default(),
