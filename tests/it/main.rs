@@ -33,6 +33,7 @@ mod plays_any_depth_camera;
 mod plays_gestures;
 mod plays_what_others_recorded;
 mod plays_without_a_sensor;
+mod reads_a_weak_side;
 mod reads_an_acted_face;
 mod reads_still_portraits;
 mod records_and_replays;

@@ -23,6 +23,7 @@ use super::gaze;
 use crate::evaluate::acted::{Acted, UNIT_COUNT, UNITS};
 use crate::evaluate::sessions::{Trial, lighting, median, person_seed};
 use crate::frame_time::frame_time;
+use mien_baking::bake::names::swapped;
 use mien_baking::heads::PersonHead;
 use mien_sensors::Frame;
 use mien_simulator::virtual_head::{Appearance, Scene, Sensor, Simulator};
@@ -75,6 +76,10 @@ pub(super) struct Chosen {
 #[serde(deny_unknown_fields)]
 pub(super) struct CrossTalk {
     factor: f64,
+    /// What a side loses of the other side's reading, relative to its own, and gains beforehand, so that a symmetric act reads the
+    /// same.
+    #[serde(default)]
+    other_side: f64,
     pub(super) loses: BTreeMap<String, f64>,
 }
 
@@ -94,7 +99,7 @@ pub fn learn(
     kept: Option<&Path>,
     say: &mut dyn FnMut(&str),
 ) -> Result<String, Fault> {
-    let heads = trial.heads(|split| split != Split::Test)?;
+    let heads = trial.heads(|split| split != Split::Test, 2)?;
     let priors = feature_priors(&heads);
     let mut examples = examples(trial, heads, kept)?;
     let gaze = gaze::learn(&mut examples);
@@ -352,7 +357,8 @@ fn feature_priors(heads: &[PersonHead]) -> String {
 fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
     let _ = write!(text, "\n[[reading]]\nunit = \"{unit}\"\nfrom = [\n");
     let cross_talk = CHOSEN.cross_talk.get(stem(unit));
-    let factor = cross_talk.map_or(1.0, |cross_talk| cross_talk.factor);
+    let gained = 1.0 + other_side(unit);
+    let factor = gained * cross_talk.map_or(1.0, |cross_talk| cross_talk.factor);
     for (i, share) in shares.iter().enumerate() {
         if *share != [0.0; 2] {
             let [rise, fall] = share.map(|share| share * factor);
@@ -371,11 +377,26 @@ fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
             let _ = writeln!(
                 text,
                 "[\"{other}\",-{:.2},0.00],",
-                share / others.len() as f64
+                share / others.len() as f64 / (1.0 + other_side(other))
             );
         }
     }
+    if gained > 1.0 {
+        let _ = writeln!(
+            text,
+            "[\"{}\",-{:.2},0.00],",
+            swapped(unit),
+            other_side(unit) / gained
+        );
+    }
     text.push_str("]\n");
+}
+
+/// [`CrossTalk::other_side`] of a unit; 0 if it has no sides.
+fn other_side(unit: &str) -> f64 {
+    let chosen = CHOSEN.cross_talk.get(stem(unit));
+    let sided = chosen.filter(|_| stem(unit) != unit);
+    sided.map_or(0.0, |one| one.other_side)
 }
 
 /// A unit without its side.
