@@ -15,6 +15,7 @@ use serde_json::json;
 
 use super::sample::{ranges_json, sample_json};
 use mien_outputs::received::{Receive, Sample, UnitRange};
+use mien_stages::camera::Camera;
 use mien_stages::expression::unit_words;
 
 /// Most kept events of a live source: some ten seconds of four users.
@@ -31,6 +32,8 @@ pub struct Seen {
     pub colour: Option<Arc<[u8]>>,
     /// Raw depth.
     pub depth: Arc<[u16]>,
+    /// Its camera.
+    pub camera: Arc<Camera>,
 }
 
 /// Number and images of a frame.

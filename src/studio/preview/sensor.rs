@@ -5,6 +5,7 @@
 //! source is processed in real time.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::time::Instant;
 
@@ -15,9 +16,9 @@ use mien_appliance::source::{self, Pacer};
 use mien_outputs::received::{Receive as _, Sample};
 use mien_outputs::{Command, Report, numbers};
 use mien_sensors::kinect::frame::KinectFrame;
-use mien_sensors::kinect::geometry;
 use mien_sensors::sensor::Sensor;
 use mien_sensors::turned::upright;
+use mien_stages::camera::Camera;
 use mien_stages::turn::Turn;
 use mien_workbench::picture_files::jpeg;
 
@@ -53,7 +54,7 @@ pub fn follow(
     commands: &Receiver<Command>,
 ) {
     let (state, live) = (source.state(), source.state().frames == 0);
-    let mut frame = KinectFrame::default();
+    let (mut frame, mut camera) = (KinectFrame::default(), Arc::new(source.camera().clone()));
     let mut pacer = Pacer::default();
     let mut ranges_sent_s = f64::NEG_INFINITY;
     let units = pipeline.unit_names().into_iter().map(str::to_owned);
@@ -74,13 +75,14 @@ pub fn follow(
         let arrived = source.state().arrived.unwrap_or_else(Instant::now);
         if source.camera() != pipeline.camera() {
             pipeline.set_camera(source.camera());
+            camera = Arc::new(source.camera().clone());
         }
         while let Ok(command) = commands.try_recv() {
             pipeline.execute(command);
         }
         pipeline.follow(&frame);
         if live {
-            hub.show((frame.index, seen(&frame)));
+            hub.show((frame.index, seen(&frame, &camera)));
         }
         let latency = live.then(|| arrived.elapsed().as_secs_f32() * 1e3);
         let now = frame.at.as_us() as f64 * 1e-6;
@@ -100,11 +102,12 @@ pub fn follow(
     }
 }
 
-fn seen(frame: &KinectFrame) -> Seen {
+fn seen(frame: &KinectFrame, camera: &Arc<Camera>) -> Seen {
     let bayer = || frame.original.bayer.as_slice().into();
     Seen {
         colour: frame.has_colour.then(bayer),
         depth: frame.depth.as_slice().into(),
+        camera: camera.clone(),
     }
 }
 
@@ -113,10 +116,10 @@ pub fn picture(seen: &Seen, wants_depth: bool) -> Option<(bool, Vec<u8>)> {
     let picture = match seen.colour.as_ref().filter(|_| !wants_depth) {
         Some(bayer) => (false, colour_picture((&**bayer).try_into().ok()?)),
         None => {
-            let (depth, camera) = ((&*seen.depth).try_into().ok()?, geometry::nominal());
+            let depth = (&*seen.depth).try_into().ok()?;
             let mut colours = DepthColours::default();
-            colours.add(depth, &camera);
-            (true, colours.fitted().picture(depth, &camera))
+            colours.add(depth, &seen.camera);
+            (true, colours.fitted().picture(depth, &seen.camera))
         }
     };
     Some((picture.0, jpeg(&picture.1, JPEG_QUALITY)))
@@ -133,5 +136,6 @@ pub fn recorded(
     let mut frame = KinectFrame::default();
     recording.seek(usize::try_from(number).ok()?);
     let found = recording.next_frame(&mut frame).ok()? && frame.index == number;
-    found.then(|| picture(&seen(&frame), wants_depth))?
+    let camera = Arc::new(recording.camera().clone());
+    found.then(|| picture(&seen(&frame, &camera), wants_depth))?
 }
