@@ -9,16 +9,17 @@
 //! Depth has 16 bits, 0 = none; pictures are grey of 8 or 16 bits or RGB of 8. Files are PGM or PPM, or with the feature `studio`
 //! PNG and JPEG (`picture_file`). A depth picture is paired with the other picture nearest in time, at most half a period away; a
 //! depth picture without one is a frame without colour. Pictures larger than [`WIDTH`] × [`HEIGHT`] are reduced by a whole factor:
-//! depth is subsampled, so that edges are not blurred; brightness is averaged. A damaged frame is skipped with a warning and a count.
+//! depth is subsampled, so that edges are not blurred; brightness is averaged. A frame holds depth in the recording's own unit. A
+//! damaged frame is skipped with a warning and a count.
 //!
-//! Memory: a file and a table of 131 kB; only PNG and JPEG decoders allocate per frame. Limitation: depth must be undistorted, as
-//! most cameras' software delivers it.
+//! Memory: a file; only PNG and JPEG decoders allocate per frame. Limitation: depth must be undistorted, as most cameras' software
+//! delivers it.
 
 mod calibration;
 
 use std::path::{Path, PathBuf};
 
-use super::camera::{Camera, ColourProjection, Pinhole, RANGE_M};
+use super::camera::{Camera, ColourProjection, DepthScale, Pinhole, RANGE_M};
 use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
 use super::{Frame, NO_DEPTH};
 use crate::kinect::frame::FrameSink;
@@ -77,16 +78,6 @@ fn read_text(path: &Path, most: usize) -> Result<String, RecordingError> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Table of raw depth by file value.
-fn raw_values(camera: &Camera, metres_per_unit: f32) -> Box<[u16]> {
-    let metres = (0..=u16::MAX).map(|value| f32::from(value) * metres_per_unit);
-    let raw = metres.map(|z| match z {
-        _ if (RANGE_M[0]..=RANGE_M[1]).contains(&z) => camera.raw_from_m(z).round() as u16,
-        _ => NO_DEPTH,
-    });
-    raw.collect()
-}
-
 /// A recording being played.
 pub struct Rgbd {
     folder: PathBuf,
@@ -97,8 +88,6 @@ pub struct Rgbd {
     pub camera: Camera,
     depth: Stream,
     picture: Stream,
-    /// Raw depth by file value.
-    raw: Box<[u16]>,
     metres_per_unit: f32,
     /// Whether the scale has been checked on a picture.
     scale_checked: bool,
@@ -144,7 +133,8 @@ impl Rgbd {
         let (depth, picture) = (&calibration.depth, &calibration.colour);
         let streams = [depth, picture].map(Stream::new);
         let [depth_stream, picture_stream] = &streams;
-        let camera = Camera::metric(
+        let camera = Camera::new(
+            DepthScale::metric(depth.metres_per_unit),
             depth_stream.pinhole(depth, (depth_stream.reduced / 2) as f32),
             depth_stream.frame_size(),
             ColourProjection::Pinhole {
@@ -153,7 +143,6 @@ impl Rgbd {
                 colour_from_sensor: calibration.colour_from_depth,
             },
         );
-        let raw = raw_values(&camera, depth.metres_per_unit);
         let metres_per_unit = depth.metres_per_unit;
         let [depth_stream, picture_stream] = streams;
         Ok(Self {
@@ -167,7 +156,6 @@ impl Rgbd {
             depth: depth_stream,
             white: picture.white,
             picture: picture_stream,
-            raw,
             metres_per_unit,
             scale_checked: false,
         })
@@ -206,9 +194,7 @@ impl Rgbd {
     }
 
     fn read(&mut self, at: usize, frame: &mut Frame) -> Result<(), Damage> {
-        let Self {
-            index, path, raw, ..
-        } = self;
+        let (index, path, camera) = (&self.index, &mut self.path, &self.camera);
         let entry = &index.depth[at];
         let set_path = |path: &mut PathBuf, name: &str| {
             path.clone_from(&self.folder);
@@ -231,9 +217,12 @@ impl Rgbd {
         frame.depth.fill(NO_DEPTH);
         for row in 0..rows {
             let from = (row * reduced + reduced / 2) * width + reduced / 2;
+            let values = pixels.body.as_chunks().0[from..].iter().step_by(reduced);
             let out = &mut frame.depth[row * WIDTH..][..columns];
-            for (col, out) in out.iter_mut().enumerate() {
-                *out = raw[usize::from(pixels.u16_at(from + col * reduced))];
+            for (out, value) in out.iter_mut().zip(values) {
+                let raw = u16::from_be_bytes(*value);
+                let is_measured = camera.depth_m(raw) > 0.0;
+                *out = if is_measured { raw } else { NO_DEPTH };
             }
         }
         match entry.picture {

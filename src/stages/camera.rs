@@ -1,20 +1,60 @@
 //! Geometry of both cameras of a sensor: raw depth to metres, pixels to points, points to pixels of the grey image.
 //!
-//! A sensor's driver or calibration file builds a [`Camera`] from a table of distances (linear in 1/z, so steps are finest near
-//! the sensor), the depth camera's intrinsics, and the mapping to the grey image ([`ColourProjection`]): a second pinhole camera,
-//! or the polynomial from the device's calibration.
+//! A sensor's driver or calibration file builds a [`Camera`] from its scale of depth ([`DepthScale`]: a unit in metres, or a table
+//! of distances in steps of 1/z), the depth camera's intrinsics, and the mapping to the grey image ([`ColourProjection`]): a
+//! second pinhole camera, or the polynomial from the device's calibration.
 //!
-//! Frames and units: sensor frame in metres ([`crate::base::geometry`]); pixel centres are integers. Memory: 8 kB on the heap,
-//! built once. Cost: `colour_pixel` about 40 multiplications. Degenerate: a raw value without a distance gives 0; the projection
-//! of a point at z ≤ 0 is undefined (possibly infinite). Limitation: no lens distortion of the depth camera.
+//! Frames and units: sensor frame in metres ([`crate::base::geometry`]); pixel centres are integers. Memory: four bytes a raw value on
+//! the heap ([`RAW_DEPTH_VALUES`]), built once. Cost: `colour_pixel` about 40 multiplications. Degenerate: a raw value without a
+//! distance gives 0; the projection of a point at z ≤ 0 is undefined (possibly infinite). Limitation: no lens distortion of the depth
+//! camera.
 
-use crate::base::capacity::RAW_DEPTH_VALUES;
+use crate::base::capacity::{DEPTH_BINS, RAW_DEPTH_VALUES};
 use crate::base::geometry::{Point, Rigid};
 use crate::base::prelude::*;
 use crate::turn::{Turn, TurnedImage};
 
-/// Nearest and farthest distance of [`Camera::metric`], metres.
+/// Nearest and farthest distance of [`DepthScale::metric`], metres.
 pub const RANGE_M: [f32; 2] = [0.3, 10.0];
+
+/// The distances of raw depth values: a unit in metres, or a table.
+///
+/// Layers of depth are found in a histogram of equal steps of 1/z, finest near the sensor, whatever the unit; it has [`DEPTH_BINS`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthScale {
+    /// Distance by raw value, metres; 0 = none.
+    metres: Box<[f32]>,
+    /// `[far, near]` of `bin = far - near / z`; z in metres.
+    bins: [f64; 2],
+    /// Metres per raw value; `None` if raw values are the bins.
+    unit_m: Option<f32>,
+}
+
+impl DepthScale {
+    /// Of raw values `bins[0] - bins[1] / z`, which are the bins; `metres`: their distances, 0 for none, at most [`DEPTH_BINS`].
+    pub fn inverse(metres: Box<[f32]>, bins: [f64; 2]) -> Self {
+        assert!(metres.len() <= DEPTH_BINS, "more raw values than bins");
+        Self {
+            metres,
+            bins,
+            unit_m: None,
+        }
+    }
+
+    /// Of raw values in units of `unit_m` metres; those outside of [`RANGE_M`], which the bins divide, are no measurement.
+    pub fn metric(unit_m: f32) -> Self {
+        let [near, far] = RANGE_M.map(|m| 1.0 / f64::from(m));
+        let per = (DEPTH_BINS - 1) as f64 / (near - far);
+        let metres = (0..RAW_DEPTH_VALUES).map(|raw| raw as f32 * unit_m);
+        let metres = metres.take_while(|z| *z <= RANGE_M[1]);
+        let metres = metres.map(|z| if z < RANGE_M[0] { 0.0 } else { z });
+        Self {
+            metres: metres.collect(),
+            bins: [near * per, per],
+            unit_m: Some(unit_m),
+        }
+    }
+}
 
 /// Pinhole intrinsics, pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,9 +131,7 @@ impl Cubic {
 /// Geometry of both cameras; its maps are continuous and differentiable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    metres: Box<[f32; RAW_DEPTH_VALUES]>,
-    /// `[far, near]` of `raw = far - near / z`; z in metres.
-    raw: [f64; 2],
+    scale: DepthScale,
     depth: Pinhole,
     /// Columns and rows of the depth image.
     size: [usize; 2],
@@ -103,23 +141,15 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// For a sensor with raw depth `raw[0] - raw[1] / z`; `metres` gives the distance of a raw value, 0 for none. `size`: columns and
-    /// rows of the depth image.
+    /// For a sensor with this scale of depth; `size`: columns and rows of the depth image.
     pub fn new(
-        metres: impl Fn(f64) -> f64,
-        raw: [f64; 2],
+        scale: DepthScale,
         depth: Pinhole,
         size: [usize; 2],
         colour: ColourProjection,
     ) -> Self {
-        let mut table = vec![0.0; RAW_DEPTH_VALUES];
-        // The last value means "none" and keeps its zero.
-        for (raw, slot) in table.iter_mut().enumerate().take(RAW_DEPTH_VALUES - 1) {
-            *slot = metres(raw as f64) as f32;
-        }
         Self {
-            metres: table.try_into().expect("RAW_DEPTH_VALUES long"),
-            raw,
+            scale,
             depth,
             size,
             colour,
@@ -132,12 +162,12 @@ impl Camera {
     ///
     /// ```
     /// # use mien_stages::base::geometry::{Point, Rigid};
-    /// # use mien_stages::camera::{Camera, ColourProjection, Distortion, Pinhole};
+    /// # use mien_stages::camera::{Camera, ColourProjection, DepthScale, Distortion, Pinhole};
     /// # use mien_stages::turn::Turn;
     /// # let view = Pinhole { focal: [576.0; 2], centre: [320.0, 240.0] };
     /// # let (distortion, colour_from_sensor) = (Distortion::default(), Rigid::identity());
     /// # let colour = ColourProjection::Pinhole { view, distortion, colour_from_sensor };
-    /// # let camera = Camera::metric(view, [640, 480], colour);
+    /// # let camera = Camera::new(DepthScale::metric(0.001), view, [640, 480], colour);
     /// let on_its_side = camera.turned(Turn::Quarter, [640, 480]);
     /// assert_eq!(on_its_side.depth_size(), [480, 480]);
     /// // A point above the sensor, which it sees on the right.
@@ -156,15 +186,6 @@ impl Camera {
         self
     }
 
-    /// For a sensor that measures metres: raw values divide [`RANGE_M`] in equal steps of 1/z (1.6 mm at 1 m).
-    pub fn metric(depth: Pinhole, size: [usize; 2], colour: ColourProjection) -> Self {
-        let [near, far] = RANGE_M.map(|m| 1.0 / f64::from(m));
-        let last = (RAW_DEPTH_VALUES - 2) as f64;
-        let per = last / (near - far);
-        let metres = |raw: f64| per / (near * per - raw);
-        Self::new(metres, [near * per, per], depth, size, colour)
-    }
-
     /// Focal length of the depth camera, pixels.
     pub fn depth_focal_px(&self) -> f32 {
         self.depth.focal[0]
@@ -177,28 +198,61 @@ impl Camera {
 
     /// Distance along z of a raw depth value, metres; 0 = none (no measurement, or 10 m and beyond).
     pub fn depth_m(&self, raw: u16) -> f32 {
-        self.metres.get(usize::from(raw)).copied().unwrap_or(0.0)
+        let z = self.scale.metres.get(usize::from(raw));
+        z.copied().unwrap_or(0.0)
     }
 
     /// Unrounded raw value of a distance `z` > 0 in metres: the inverse of [`Self::depth_m`].
     ///
     /// ```
     /// # use mien_stages::base::geometry::Rigid;
-    /// # use mien_stages::camera::{Camera, ColourProjection, Distortion, Pinhole};
+    /// # use mien_stages::camera::{Camera, ColourProjection, DepthScale, Distortion, Pinhole};
     /// # let view = Pinhole { focal: [576.0; 2], centre: [320.0, 240.0] };
     /// # let (distortion, colour_from_sensor) = (Distortion::default(), Rigid::identity());
     /// # let colour = ColourProjection::Pinhole { view, distortion, colour_from_sensor };
-    /// let camera = Camera::metric(view, [640, 480], colour);
-    /// assert!((camera.raw_from_m(camera.depth_m(700)) - 700.0).abs() < 0.01);
+    /// let camera = Camera::new(DepthScale::metric(0.001), view, [640, 480], colour);
+    /// assert!((camera.depth_m(700) - 0.7).abs() < 1e-6);
+    /// assert!((camera.raw_from_m(0.7) - 700.0).abs() < 0.01);
     /// ```
     pub fn raw_from_m(&self, z: f32) -> f32 {
-        let [far, near] = self.raw;
+        self.scale
+            .unit_m
+            .map_or_else(|| self.bin_from_m(z), |unit_m| z / unit_m)
+    }
+
+    /// Whether raw values are the bins of [`DepthScale`].
+    pub fn raw_is_bin(&self) -> bool {
+        self.scale.unit_m.is_none()
+    }
+
+    /// Bin of a raw value; [`DEPTH_BINS`] or more if it is no measurement.
+    pub fn bin(&self, raw: u16) -> usize {
+        if self.raw_is_bin() {
+            return usize::from(raw);
+        }
+        match self.depth_m(raw) {
+            0.0 => DEPTH_BINS,
+            z => self.bin_from_m(z) as usize,
+        }
+    }
+
+    /// First raw value of a bin.
+    pub fn raw_from_bin(&self, bin: usize) -> u16 {
+        let [far, near] = self.scale.bins;
+        self.scale.unit_m.map_or(bin as u16, |unit_m| {
+            (near / (far - bin as f64) / f64::from(unit_m)).ceil() as u16
+        })
+    }
+
+    /// Bin of a distance `z` > 0 in metres, unrounded.
+    pub fn bin_from_m(&self, z: f32) -> f32 {
+        let [far, near] = self.scale.bins;
         (far - near / f64::from(z)) as f32
     }
 
-    /// Number of raw steps in a difference of 1/z, at least 1; `per_m` in 1/m.
-    pub fn raw_steps(&self, per_m: f32) -> u16 {
-        (self.raw[1] * f64::from(per_m)).round().max(1.0) as u16
+    /// Number of bins in a difference of 1/z, at least 1; `per_m` in 1/m.
+    pub fn bin_steps(&self, per_m: f32) -> usize {
+        (self.scale.bins[1] * f64::from(per_m)).round().max(1.0) as usize
     }
 
     /// Number of depth pixels in a solid angle (steradians).
@@ -254,16 +308,33 @@ impl Camera {
 mod tests {
     use super::*;
     use crate::base::capacity::{HEIGHT, WIDTH};
+    use crate::frame::NO_DEPTH;
+
+    impl Default for DepthScale {
+        /// Steps of 1/z, 1.6 mm at 1 m.
+        fn default() -> Self {
+            let bins = Self::metric(1.0).bins;
+            let metres = (0..DEPTH_BINS).map(|raw| (bins[1] / (bins[0] - raw as f64)) as f32);
+            Self::inverse(metres.collect(), bins)
+        }
+    }
 
     impl Default for Camera {
-        /// A depth camera 58° wide whose grey image is the same view.
         fn default() -> Self {
+            Self::of_scale(DepthScale::default())
+        }
+    }
+
+    impl Camera {
+        /// A depth camera 58° wide whose grey image is the same view.
+        pub(crate) fn of_scale(scale: DepthScale) -> Self {
             let view = Pinhole {
                 focal: [576.0; 2],
                 centre: [320.0, 240.0],
             };
             let colour_from_sensor = Rigid::identity();
-            Self::metric(
+            Self::new(
+                scale,
                 view,
                 [WIDTH, HEIGHT],
                 ColourProjection::Pinhole {
@@ -276,16 +347,48 @@ mod tests {
     }
 
     #[test]
-    fn metric_depth_round_trips_with_small_steps() {
+    fn steps_of_1_z_round_trip_and_are_small() {
         let camera = Camera::default();
         assert_eq!(camera.depth_m(0), RANGE_M[0]);
-        for raw in 1..RAW_DEPTH_VALUES as u16 - 1 {
+        for raw in 1..DEPTH_BINS as u16 {
             let (z, before) = (camera.depth_m(raw), camera.depth_m(raw - 1));
             assert!((camera.raw_from_m(z) - f32::from(raw)).abs() < 0.01);
             assert!(z > before && (z - before) < 0.0017 * z * z);
         }
-        assert_eq!(camera.depth_m(crate::frame::NO_DEPTH), 0.0);
-        assert_eq!(camera.depth_m(u16::MAX), 0.0);
+        for none in [DEPTH_BINS as u16, NO_DEPTH] {
+            assert_eq!(camera.depth_m(none), 0.0);
+            assert!(camera.bin(none) >= DEPTH_BINS);
+        }
+    }
+
+    #[test]
+    fn metres_keep_their_unit_and_thresholds_mean_the_same_as_in_steps_of_1_z() {
+        let steps = Camera::default();
+        for unit_m in [0.0001, 0.0002, 0.00025, 0.001] {
+            let camera = Camera::of_scale(DepthScale::metric(unit_m));
+            for z in [0.35, 0.5, 0.8, 1.0, 2.1, 5.0] {
+                let raw = camera.raw_from_m(z).round() as u16;
+                let found = camera.depth_m(raw);
+                assert!((found - z).abs() < 0.51 * unit_m, "{found} {z}");
+                assert!((camera.raw_from_m(found) - f32::from(raw)).abs() < 0.01);
+                let bin = camera.bin(raw);
+                assert_eq!(bin, steps.raw_from_m(found) as usize);
+                let first = camera.raw_from_bin(bin);
+                assert!(first <= raw && camera.bin(first - 1) < bin);
+                let [behind, expected] = [&camera, &steps].map(|camera| {
+                    let raw = camera.raw_from_m(z).round() as u16;
+                    let bin = camera.bin(raw) + camera.bin_steps(0.035);
+                    camera.depth_m(camera.raw_from_bin(bin)) - z
+                });
+                let most = 1.01 * unit_m + 0.0025 * z * z;
+                assert!((behind - expected).abs() < most, "{behind} {expected}");
+            }
+            for none in [0, (0.29 / unit_m) as u16, NO_DEPTH] {
+                assert_eq!(camera.depth_m(none), 0.0);
+                assert!(camera.bin(none) >= DEPTH_BINS);
+            }
+            assert!(camera.raw_from_bin(DEPTH_BINS) > camera.raw_from_m(6.0) as u16);
+        }
     }
 
     #[test]
@@ -299,7 +402,8 @@ mod tests {
             ..depth
         };
         let colour_from_sensor = Rigid::translation(-0.052, 0.0, 0.0);
-        let camera = Camera::metric(
+        let camera = Camera::new(
+            DepthScale::default(),
             depth,
             [512, 424],
             ColourProjection::Pinhole {
@@ -343,7 +447,7 @@ mod tests {
             },
         ];
         for colour in seconds {
-            let native = Camera::metric(depth, [632, HEIGHT], colour);
+            let native = Camera::new(DepthScale::default(), depth, [632, HEIGHT], colour);
             assert_eq!(native.clone().turned(Turn::Upright, [640, 480]), native);
             for (turn, size) in [
                 (Turn::Quarter, [480; 2]),

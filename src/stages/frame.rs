@@ -4,8 +4,8 @@ use crate::base::capacity::PIXELS;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 
-/// Raw depth of a pixel without a measurement.
-pub const NO_DEPTH: u16 = 2047;
+/// Raw depth of a pixel without a measurement, whatever the camera.
+pub const NO_DEPTH: u16 = u16::MAX;
 
 /// Largest difference of grey levels in a blank image (covered lens).
 const BLANK_LEVELS: u8 = 4;
@@ -22,7 +22,8 @@ pub struct Frame {
     pub at: Timestamp,
     /// Whether there is a grey image; if not, `luma` is 0 everywhere.
     pub has_colour: bool,
-    /// Raw depth, increasing with distance; [`crate::camera::Camera::depth_m`] converts it to metres. [`NO_DEPTH`] = no measurement.
+    /// Raw depth, increasing with distance, in the camera's own unit: [`crate::camera::Camera::depth_m`] converts it to metres. No
+    /// measurement is [`NO_DEPTH`], or another value beyond all those that the camera has a distance for.
     pub depth: Box<[u16; PIXELS]>,
     /// Intensity of the colour or infrared image, 0 to 255.
     pub luma: Box<[u8; PIXELS]>,

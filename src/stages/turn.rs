@@ -17,11 +17,11 @@ pub enum Turn {
     /// Not at all.
     #[default]
     Upright,
-    /// 90°: a Kinect's foot points to the left of the person in front of it.
+    /// 90°: the foot of the sensor points to the left of the person in front of it.
     Quarter,
     /// 180°: upside down.
     Half,
-    /// 270°: a Kinect's foot points to the right of the person in front of it.
+    /// 270°: the foot of the sensor points to the right of the person in front of it.
     ThreeQuarters,
 }
 

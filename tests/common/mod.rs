@@ -18,10 +18,10 @@ pub mod whole_run;
 use std::path::Path;
 use std::process::{Child, Command};
 
-use mien_sensors::NO_DEPTH;
 use mien_sensors::kinect::colour;
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::picture_clock::timestamp_from_ticks;
+use mien_sensors::kinect::unpack::NO_READING;
 
 /// Path of `mien`: this build's, or the release build without wires that `MIEN_LEAN` names.
 pub fn program() -> String {
@@ -63,7 +63,7 @@ pub const FRAME_TICKS: u32 = mien_sensors::kinect::picture_clock::FRAME_TICKS as
 pub fn noise_frame(number: u64, seed: u64) -> KinectFrame {
     let mut random = fastrand::Rng::with_seed(seed ^ number);
     let mut frame = KinectFrame::default();
-    frame.depth.fill_with(|| random.u16(..=NO_DEPTH));
+    frame.depth.fill_with(|| random.u16(..=NO_READING));
     frame.original.bayer.fill_with(|| random.u8(..));
     stamp(&mut frame, number, 4_290_000_000);
     frame

@@ -6,7 +6,8 @@
 
 use mien_baking::heads::ict::IctHead;
 use mien_baking::heads::plain_head;
-use mien_sensors::{Frame, NO_DEPTH};
+use mien_sensors::Frame;
+use mien_sensors::kinect::unpack::NO_READING;
 use mien_simulator::virtual_head::{HeadAsset, Scene, Simulator};
 use mien_stages::base::capacity::{PIXELS, WIDTH};
 use mien_stages::base::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
@@ -261,7 +262,7 @@ fn overlap(segmenter: &Segmenter, frame: &Frame, simulator: &Simulator, truth: &
     let (mut both, mut either) = (0u32, 0u32);
     for at in 0..PIXELS {
         let raw = frame.depth[at];
-        if raw == NO_DEPTH {
+        if raw == NO_READING {
             continue;
         }
         let (row, col) = (at / WIDTH, at % WIDTH);

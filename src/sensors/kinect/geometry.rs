@@ -6,9 +6,10 @@
 //! with truncating shifts; truncated to whole pixels, ours equals the drivers' table (`tests/it/maps_depth_to_colour.rs`).
 
 use super::registration::Registration;
+use super::unpack::NO_READING;
 use mien_stages::base::capacity::{HEIGHT, WIDTH};
 use mien_stages::base::prelude::*;
-use mien_stages::camera::{Camera, ColourProjection, Cubic, Pinhole};
+use mien_stages::camera::{Camera, ColourProjection, Cubic, DepthScale, Pinhole};
 
 /// Columns without data at the right edge of the depth picture.
 pub const BLANK_COLUMNS: usize = 8;
@@ -34,12 +35,13 @@ impl Registration {
         ]
         .map(f64::from);
         let shift = f64::from(self.const_shift);
-        let metres = |raw: f64| {
+        let metres = |raw: u16| {
+            let raw = f64::from(raw);
             let m = (raw / 4.0 - shift - DEVICE_OFFSET) * pixel;
             let mm = 10.0 * (m * reference / (emitter - m) + reference);
             // For m ≥ emitter the rays of emitter and pixel do not meet.
             let is_measured = m < emitter && mm > 0.0 && mm < FARTHEST_MM;
-            if is_measured { mm * 1e-3 } else { 0.0 }
+            if is_measured { (mm * 1e-3) as f32 } else { 0.0 }
         };
         let far = 4.0 * (emitter / pixel + shift + DEVICE_OFFSET);
         let near = 4.0 * emitter * reference / (100.0 * pixel);
@@ -53,7 +55,8 @@ impl Registration {
             shift: [baseline + DEVICE_OFFSET, -baseline * reference / 100.0],
         };
         let size = [WIDTH - BLANK_COLUMNS, HEIGHT];
-        Camera::new(metres, [far, near], depth, size, picture)
+        let scale = DepthScale::inverse((0..NO_READING).map(metres).collect(), [far, near]);
+        Camera::new(scale, depth, size, picture)
     }
 }
 

@@ -27,7 +27,7 @@ use super::colour;
 use super::frame::{FrameSink, Original};
 use super::picture_clock::timestamp_from_ticks;
 use super::registration::Registration;
-use crate::NO_DEPTH;
+use super::unpack::NO_READING;
 use crate::picture_file::{Damage, PictureFile, RecordingError, Skipped};
 use index::{Entry, Index};
 use mien_stages::base::bounded_read::{self, reason};
@@ -161,7 +161,7 @@ impl Recording {
             }
             largest
         });
-        if largest > NO_DEPTH {
+        if largest > NO_READING {
             return Err(Damage::Value(largest));
         }
         if let Some(original) = &mut original {

@@ -7,6 +7,8 @@
 use mien_stages::base::capacity::PIXELS;
 use mien_stages::base::vectors::with_avx2;
 
+/// Raw value of a pixel without a measurement: all 11 bits.
+pub const NO_READING: u16 = 2047;
 /// Bytes of a packed depth picture.
 pub const PACKED_DEPTH: usize = PIXELS * 11 / 8;
 

@@ -12,8 +12,8 @@
 //! and is the same on every machine. Limitation: the tile repeats after 256 pixels.
 
 use super::random::{hash, uniform};
-use mien_sensors::NO_DEPTH;
 use mien_sensors::kinect::geometry::BLANK_COLUMNS;
+use mien_sensors::kinect::unpack::NO_READING;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use mien_stages::camera::Camera;
 
@@ -142,10 +142,10 @@ impl DepthReading {
                 out[col] = if lit && value > 0.0 && (NEAREST_RAW..FARTHEST_RAW).contains(&raw) {
                     (raw + 0.5) as u16
                 } else {
-                    NO_DEPTH
+                    NO_READING
                 };
             }
-            out[WIDTH - BLANK_COLUMNS..].fill(NO_DEPTH);
+            out[WIDTH - BLANK_COLUMNS..].fill(NO_READING);
         }
     }
 
@@ -226,7 +226,7 @@ mod tests {
             (deviation - 0.5).abs() < 0.03,
             "deviation {deviation} raw units"
         );
-        assert!(depth[WIDTH - 1] == NO_DEPTH && depth[WIDTH - 9] != NO_DEPTH);
+        assert!(depth[WIDTH - 1] == NO_READING && depth[WIDTH - 9] != NO_READING);
     }
 
     #[test]
@@ -240,8 +240,11 @@ mod tests {
         reading().read(&inverse, &Tiles::new(1), 1, &mut depth);
         let row = &depth[200 * WIDTH..201 * WIDTH];
         // Disparity is f b / z: 575.8 px × 0.075 m × (1/0.8 − 1/1.6) = 27 px.
-        let dark = row[250..300].iter().filter(|&&raw| raw == NO_DEPTH).count();
+        let dark = row[250..300]
+            .iter()
+            .filter(|&&raw| raw == NO_READING)
+            .count();
         assert!((25..=29).contains(&dark), "{dark} pixels");
-        assert!(row[402..500].iter().all(|&raw| raw != NO_DEPTH));
+        assert!(row[402..500].iter().all(|&raw| raw != NO_READING));
     }
 }

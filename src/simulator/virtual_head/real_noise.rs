@@ -23,8 +23,8 @@ use super::noise::{
     Tiles, blurred, line,
 };
 use super::random::{hash, uniform};
-use mien_sensors::NO_DEPTH;
 use mien_sensors::kinect::geometry::BLANK_COLUMNS;
+use mien_sensors::kinect::unpack::NO_READING;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
 /// Width of the rim in which readings fail more often, pixels.
@@ -131,7 +131,7 @@ impl RealReading {
         for (here, out) in depth.iter_mut().enumerate() {
             (seen.row, seen.col) = (here / WIDTH, here % WIDTH);
             let sees = seen.col < WIDTH - BLANK_COLUMNS;
-            *out = sees.then(|| seen.raw()).flatten().unwrap_or(NO_DEPTH);
+            *out = sees.then(|| seen.raw()).flatten().unwrap_or(NO_READING);
         }
     }
 
@@ -343,7 +343,7 @@ mod tests {
         let (mut holes, mut all) = (0, 0);
         for (k, &raw) in depth.iter().enumerate() {
             if keep(k / WIDTH, k % WIDTH) {
-                holes += usize::from(raw == NO_DEPTH);
+                holes += usize::from(raw == NO_READING);
                 all += 1;
             }
         }

@@ -3,8 +3,8 @@
 use nalgebra::Translation3;
 
 use super::*;
-use mien_sensors::NO_DEPTH;
 use mien_sensors::kinect::frame::KinectFrame;
+use mien_sensors::kinect::unpack::NO_READING;
 use mien_stages::base::geometry::{Vector, rotation_from_yaw_pitch_roll};
 
 fn facing(z: f32, yaw: f32) -> Rigid {
@@ -43,7 +43,7 @@ fn the_depth_at_a_landmark_is_the_truth_within_the_noise() {
             let raw = frame.depth[row.round() as usize * WIDTH + col.round() as usize];
             let error = f32::from(raw) - camera.raw_from_m(p.z);
             assert!(
-                raw != NO_DEPTH && error.abs() < 4.0,
+                raw != NO_READING && error.abs() < 4.0,
                 "landmark {k}: {error} raw units off"
             );
         }
@@ -114,7 +114,7 @@ fn an_empty_room_has_nobody_and_a_face_covers_a_tenth_at_most() {
     let mut frame = KinectFrame::default();
     let mut empty = Simulator::new(HeadAsset::shipped(), Scene::Empty, 1);
     assert!(empty.draw(seconds(1.0), &mut frame).is_none());
-    let nearest = frame.depth.iter().filter(|raw| **raw != NO_DEPTH).min();
+    let nearest = frame.depth.iter().filter(|raw| **raw != NO_READING).min();
     assert!(
         nearest.is_some_and(|&raw| mien_sensors::kinect::geometry::nominal().depth_m(raw) > 1.0)
     );
@@ -166,7 +166,7 @@ fn hair_stands_off_the_head_and_both_cameras_see_it() {
             })
         };
         let near =
-            |&at: &usize| frame.depth[at] != NO_DEPTH && camera.depth_m(frame.depth[at]) < 1.0;
+            |&at: &usize| frame.depth[at] != NO_READING && camera.depth_m(frame.depth[at]) < 1.0;
         let grey = places(camera.colour_pixel(p)).map(|at| f32::from(frame.luma[at]));
         let count = places(camera.depth_pixel(p)).filter(near).count();
         (count as f32 / 81.0, grey.sum::<f32>() / 81.0)
@@ -337,7 +337,7 @@ fn a_cast_of_nineteen_wears_everything_and_every_outfit_can_be_drawn() {
         let mut simulator = dressed(look);
         let (frame, truth) = drawn(&mut simulator, 4.0);
         all = all.rotate_left(1) ^ digest(&frame);
-        let seen = frame.depth.iter().filter(|raw| **raw != NO_DEPTH).count();
+        let seen = frame.depth.iter().filter(|raw| **raw != NO_READING).count();
         assert!(seen > PIXELS / 2, "{look}: {seen} readings");
         assert!(truth.landmarks_px.iter().flatten().all(|x| x.is_finite()));
     }

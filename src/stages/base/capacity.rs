@@ -19,8 +19,11 @@ pub const WIDTH: usize = 640;
 pub const HEIGHT: usize = 480;
 /// Pixels of one image.
 pub const PIXELS: usize = WIDTH * HEIGHT;
-/// Values a raw 11-bit depth pixel can take; the last one, 2047, means "no measurement".
-pub const RAW_DEPTH_VALUES: usize = 2048;
+/// Most raw depth values with a distance. A camera's table of distances takes four bytes each: 40 kB if it measures millimetres to
+/// 10 m, at most 262,140.
+pub const RAW_DEPTH_VALUES: usize = u16::MAX as usize;
+/// Bins of the histogram of depth, equal steps of 1/z: 1.6 mm at 1 m.
+pub const DEPTH_BINS: usize = 2047;
 /// Tracked points of the face, in the order of iBUG / Multi-PIE 68.
 pub const LANDMARKS: usize = 68;
 /// Regions of the face whose visibility is judged.

@@ -251,7 +251,7 @@ fn gather_blocks(
                 }
                 let near = regions.depth_m[cell_row * COLUMNS + cell];
                 for (col, &raw) in (cell * CELL_PX..).zip(pixels) {
-                    if raw < NO_DEPTH && (camera.depth_m(raw) - near).abs() <= SAME_SURFACE * near {
+                    if (camera.depth_m(raw) - near).abs() <= SAME_SURFACE * near {
                         sums[usize::from(block_of[col])].add(raw, col, row);
                     }
                 }

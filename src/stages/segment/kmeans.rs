@@ -1,15 +1,15 @@
-//! K-means of raw depth values: splits a depth image into layers of distance.
+//! K-means of depth: splits a depth image into layers of distance.
 //!
-//! Method: Lloyd's algorithm (Lloyd 1982; paper section 1.1, step 1) on the histogram of the 2,048 raw values. Pixels of
-//! one value share a centre, so the result equals Lloyd's algorithm on the pixels at a few comparisons per iteration: a cluster
-//! is an interval of values, and its mean one division of running totals. Centres start from the last frame's, the first ones
+//! Method: Lloyd's algorithm (Lloyd 1982; paper section 1.1, step 1) on the histogram of depth ([`DEPTH_BINS`]). Pixels of
+//! one bin share a centre, so the result equals Lloyd's algorithm on the pixels at a few comparisons per iteration: a cluster
+//! is an interval of bins, and its mean one division of running totals. Centres start from the last frame's, the first ones
 //! evenly over the range in use. Ties go to the nearer layer. Deterministic.
 //!
-//! Units: raw depth values (linear in 1/z, finest near the sensor). Memory: 32 kB of running totals. Cost: one pass over the histogram and K searches per iteration. Degenerate: a cluster without pixels
-//! keeps its centre, and with too few distinct values several stay empty; no pixels at all leave everything unchanged.
+//! Units: bins (linear in 1/z, finest near the sensor). Memory: 32 kB of running totals. Cost: one pass over the histogram and K searches per iteration. Degenerate: a cluster without pixels
+//! keeps its centre, and with too few distinct bins several stay empty; no pixels at all leave everything unchanged.
 //! Limitation: a local optimum, as always with Lloyd; restarting when a layer runs empty keeps it useful.
 
-use crate::base::capacity::RAW_DEPTH_VALUES;
+use crate::base::capacity::DEPTH_BINS;
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -17,12 +17,12 @@ use crate::base::prelude::*;
 /// Number of layers.
 pub const LAYERS: usize = 4;
 
-/// A cluster: the interval of raw values nearest to one centre.
+/// A cluster: the interval of bins nearest to one centre.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Layer {
-    /// Mean raw value.
+    /// Mean bin.
     pub centre: f64,
-    /// One past the last raw value of the layer; the first is the previous layer's `end`, or 0.
+    /// One past the last bin of the layer; the first is the previous layer's `end`, or 0.
     pub end: usize,
     /// Pixels in it.
     pub count: u64,
@@ -33,8 +33,8 @@ defaults! {
     pub struct DepthKMeans {
         layers: [Layer; LAYERS] = [Layer::default(); LAYERS],
         warm: bool = false,
-        counts: Box<[u64]> = vec![0; RAW_DEPTH_VALUES + 1].into_boxed_slice(),
-        sums: Box<[u64]> = vec![0; RAW_DEPTH_VALUES + 1].into_boxed_slice(),
+        counts: Box<[u64]> = vec![0; DEPTH_BINS + 1].into_boxed_slice(),
+        sums: Box<[u64]> = vec![0; DEPTH_BINS + 1].into_boxed_slice(),
     }
 }
 
@@ -44,18 +44,13 @@ impl DepthKMeans {
         self.warm = false;
     }
 
-    /// Clusters the values of `histogram` (whose last bin, "no measurement", must be empty) in at most `iterations` rounds. Returns
-    /// the layers of the last assignment, nearest first.
-    pub fn cluster(
-        &mut self,
-        histogram: &[u32; RAW_DEPTH_VALUES],
-        iterations: u32,
-    ) -> &[Layer; LAYERS] {
+    /// Clusters the bins of `histogram` in at most `iterations` rounds. Returns the layers of the last assignment, nearest first.
+    pub fn cluster(&mut self, histogram: &[u32; DEPTH_BINS], iterations: u32) -> &[Layer; LAYERS] {
         for (value, &count) in histogram.iter().enumerate() {
             self.counts[value + 1] = self.counts[value] + u64::from(count);
             self.sums[value + 1] = self.sums[value] + u64::from(count) * value as u64;
         }
-        let total = self.counts[RAW_DEPTH_VALUES];
+        let total = self.counts[DEPTH_BINS];
         if total == 0 {
             return &self.layers;
         }
@@ -72,7 +67,7 @@ impl DepthKMeans {
         &self.layers
     }
 
-    /// Spreads the centres evenly over the values in use, without 1 % at each end.
+    /// Spreads the centres evenly over the bins in use, without 1 % at each end.
     fn spread_centres(&mut self, total: u64) {
         let value_at = |rank: u64| {
             self.counts
@@ -94,9 +89,9 @@ impl DepthKMeans {
                 // Up to the midpoint of two centres, which itself belongs to the nearer layer.
                 let next = self.layers.get(k + 1).map(|next| next.centre);
                 let layer = &mut self.layers[k];
-                layer.end = next.map_or(RAW_DEPTH_VALUES, |next| {
+                layer.end = next.map_or(DEPTH_BINS, |next| {
                     let middle = (layer.centre + next) * 0.5;
-                    (middle.floor() as usize + 1).clamp(begin, RAW_DEPTH_VALUES)
+                    (middle.floor() as usize + 1).clamp(begin, DEPTH_BINS)
                 });
                 layer.count = self.counts[layer.end] - self.counts[begin];
                 if layer.count > 0 {
@@ -154,7 +149,7 @@ mod tests {
             for (at, width, n) in modes {
                 pixels.extend((0..n).map(|_| at + rng.u16(..width)));
             }
-            let mut histogram = [0u32; RAW_DEPTH_VALUES];
+            let mut histogram = [0u32; DEPTH_BINS];
             pixels.iter().for_each(|&p| histogram[usize::from(p)] += 1);
             let mut kmeans = DepthKMeans::default();
             kmeans.cluster(&histogram, 1);
@@ -169,7 +164,7 @@ mod tests {
 
     #[test]
     fn separates_layers_and_is_stable() {
-        let mut histogram = [0u32; RAW_DEPTH_VALUES];
+        let mut histogram = [0u32; DEPTH_BINS];
         for (at, n) in [(600, 8000u32), (640, 5000), (760, 900), (860, 60_000)] {
             for k in 0..10 {
                 histogram[at + k] = n / 10;
@@ -187,7 +182,7 @@ mod tests {
     #[test]
     fn handles_no_pixels_and_one_value() {
         let mut kmeans = DepthKMeans::default();
-        let mut histogram = [0u32; RAW_DEPTH_VALUES];
+        let mut histogram = [0u32; DEPTH_BINS];
         kmeans.cluster(&histogram, 10);
         histogram[700] = 5;
         let layers = kmeans.cluster(&histogram, 10);

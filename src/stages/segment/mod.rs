@@ -1,6 +1,6 @@
 //! Depth frame to head cloud: K-means foreground, head cut from body (paper section 1.1, step 1).
 //!
-//! 1. [`kmeans`] splits the raw depth of every second pixel into layers; layers not separated by a gap in the histogram are
+//! 1. [`kmeans`] splits the depth of every second pixel into layers; layers not separated by a gap in the histogram are
 //!    joined, and the farthest layer is background, as is everything beyond [`Settings::max_distance_m`].
 //! 2. [`regions`] labels the foreground in cells of 4 × 4 pixels, joining neighbours of similar depth.
 //! 3. [`cut`] searches for a head downwards from every local top of a region: as wide as a head, rounded, ending at a neck or
@@ -18,7 +18,7 @@ mod cut;
 pub mod kmeans;
 mod regions;
 
-use crate::base::capacity::{HEADS, RAW_DEPTH_VALUES};
+use crate::base::capacity::{DEPTH_BINS, HEADS};
 use crate::base::defaults;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
@@ -48,7 +48,7 @@ const STEP_M: f32 = 0.25;
 pub struct Segmenter {
     settings: Settings,
     kmeans: DepthKMeans,
-    histogram: Box<[u32; RAW_DEPTH_VALUES]>,
+    histogram: Box<[u32; DEPTH_BINS]>,
     regions: Regions,
     /// Clouds allocated at construction; the first `count` are this frame's.
     heads: Vec<HeadCloud>,
@@ -63,7 +63,7 @@ impl Segmenter {
         Self {
             settings,
             kmeans: DepthKMeans::default(),
-            histogram: Box::new([0; RAW_DEPTH_VALUES]),
+            histogram: Box::new([0; DEPTH_BINS]),
             regions: Regions::default(),
             heads: vec![HeadCloud::default(); HEADS],
             count: 0,
@@ -118,11 +118,11 @@ impl Segmenter {
     }
 
     /// One past the last raw value of the foreground.
-    fn foreground_end(&mut self, frame: &Frame, camera: &Camera) -> usize {
+    fn foreground_end(&mut self, frame: &Frame, camera: &Camera) -> u16 {
         self.histogram.fill(0);
-        regions::count(&frame.depth, &mut self.histogram);
-        let reach = (camera.raw_from_m(self.settings.max_distance_m).max(0.0) as usize)
-            .min(RAW_DEPTH_VALUES - 1);
+        regions::count(&frame.depth, camera, &mut self.histogram);
+        let reach = camera.bin_from_m(self.settings.max_distance_m);
+        let reach = (reach.max(0.0) as usize).min(DEPTH_BINS);
         let layers = self
             .kmeans
             .cluster(&self.histogram, self.settings.iterations);
@@ -131,18 +131,18 @@ impl Segmenter {
         let filled = nearer.iter().filter(|layer| layer.count > 0);
         let foreground = filled.take_while(|layer| layer.centre <= reach as f64);
         let mut end = foreground.last().map_or(0, |layer| layer.end);
-        let gap = usize::from(camera.raw_steps(GAP));
+        let gap = camera.bin_steps(GAP);
         let stray = camera.pixels_in_solid_angle(GAP_PIXELS);
         // A layer's border may cross a person: move it to the next gap of the histogram.
         while end < reach
-            && self.histogram[end..(end + gap).min(RAW_DEPTH_VALUES)]
+            && self.histogram[end..(end + gap).min(DEPTH_BINS)]
                 .iter()
                 .sum::<u32>()
                 > stray
         {
             end += 1;
         }
-        end.min(reach)
+        camera.raw_from_bin(end.min(reach))
     }
 }
 

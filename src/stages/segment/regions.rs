@@ -8,13 +8,12 @@
 //! Raw depth in, metres out. Memory: 0.2 MB. Cost: linear in pixels read and cells. Degenerate: regions beyond
 //! [`MAX_REGIONS`] stay unlabelled, which loses specks, not heads.
 
-use crate::base::capacity::{HEAD_POINTS, HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
+use crate::base::capacity::{DEPTH_BINS, HEAD_POINTS, HEIGHT, PIXELS, WIDTH};
 use crate::base::defaults;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::camera::Camera;
-use crate::frame::NO_DEPTH;
 
 /// Side of a cell, pixels.
 pub(super) const CELL_PX: usize = 4;
@@ -43,40 +42,50 @@ defaults! {
     }
 }
 
-/// Counts the raw values of every second pixel of every second row. Neighbours, mostly of one value, are counted in four
-/// histograms, because incrementing one bin twice in a row stalls.
-pub(crate) fn count(depth: &[u16; PIXELS], histogram: &mut [u32; RAW_DEPTH_VALUES]) {
+/// Counts the depth of every second pixel of every second row.
+pub(crate) fn count(depth: &[u16; PIXELS], camera: &Camera, histogram: &mut [u32; DEPTH_BINS]) {
+    if camera.raw_is_bin() {
+        count_bins(depth, usize::from, histogram);
+    } else {
+        count_bins(depth, |raw| camera.bin(raw), histogram);
+    }
+}
+
+/// Counts pixels by `bin` of their raw value. Neighbours, mostly of one bin, are counted in four histograms, because incrementing one
+/// bin twice in a row stalls.
+fn count_bins(
+    depth: &[u16; PIXELS],
+    bin: impl Fn(u16) -> usize,
+    histogram: &mut [u32; DEPTH_BINS],
+) {
     // A sixteenth of the pixels fits a u16.
     const { assert!(PIXELS / 16 <= u16::MAX as usize) };
-    let mut apart = [[0u16; RAW_DEPTH_VALUES]; 4];
+    let mut apart = [[0u16; DEPTH_BINS]; 4];
     for row in (1..HEIGHT).step_by(2) {
         for pixels in depth[row * WIDTH..(row + 1) * WIDTH].chunks_exact(8) {
             for (counts, raw) in apart.iter_mut().zip(pixels.iter().skip(1).step_by(2)) {
-                if let Some(bin) = counts.get_mut(usize::from(*raw)) {
+                if let Some(bin) = counts.get_mut(bin(*raw)) {
                     *bin += 1;
                 }
             }
         }
     }
-    for (raw, bin) in histogram.iter_mut().enumerate() {
-        *bin += apart
-            .iter()
-            .map(|counts| u32::from(counts[raw]))
-            .sum::<u32>();
+    for (k, bin) in histogram.iter_mut().enumerate() {
+        *bin += apart.iter().map(|counts| u32::from(counts[k])).sum::<u32>();
     }
-    histogram[usize::from(NO_DEPTH)] = 0;
 }
 
 /// Mean distance of the samples that agree with the nearest one, metres; 0 if it is not before `end` or under two agree.
-fn cell_depth(samples: [u16; 4], camera: &Camera, spread: u16, end: usize) -> f32 {
+fn cell_depth(samples: [u16; 4], camera: &Camera, spread: usize, end: u16) -> f32 {
     let [a, b, c, d] = samples;
     let nearest = a.min(b).min(c.min(d));
-    if usize::from(nearest) >= end || nearest >= NO_DEPTH {
+    if nearest >= end {
         return 0.0;
     }
+    let behind = camera.raw_from_bin(camera.bin(nearest) + spread);
     let (mut sum, mut n) = (0.0, 0.0);
     for raw in samples {
-        if raw < nearest + spread {
+        if raw < behind {
             sum += camera.depth_m(raw);
             n += 1.0;
         }
@@ -96,9 +105,9 @@ fn root(parents: &mut [u16], mut label: u16) -> u16 {
 
 impl Regions {
     /// Fills the cells from raw depths below `end` and labels the regions.
-    pub(crate) fn label(&mut self, depth: &[u16; PIXELS], camera: &Camera, end: usize) {
+    pub(crate) fn label(&mut self, depth: &[u16; PIXELS], camera: &Camera, end: u16) {
         self.cell_at_1m = CELL_PX as f32 / camera.depth_focal_px();
-        let spread = camera.raw_steps(CELL_SPREAD);
+        let spread = camera.bin_steps(CELL_SPREAD);
         let cells = self.depth_m.chunks_exact_mut(COLUMNS);
         for (row, cells) in cells.enumerate() {
             let pixels = |row: usize| depth[row * WIDTH..(row + 1) * WIDTH].chunks_exact(CELL_PX);

@@ -6,6 +6,7 @@ use crate::base::capacity::HEAD_POINTS;
 use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::base::frames::SensorFromHead;
 use crate::base::geometry::{Point, Rigid};
+use crate::camera::DepthScale;
 
 /// Nearest surface of simple solids along each pixel's ray.
 struct World {
@@ -59,6 +60,12 @@ fn person(x: f32, y: f32, z: f32) -> Vec<([f32; 3], [f32; 3])> {
 
 const WALL: [f32; 5] = [-3.0, -3.0, 3.0, 3.0, 2.2];
 
+/// Cameras that measure steps of 1/z, millimetres and quarters of them.
+fn cameras() -> [Camera; 3] {
+    let metric = |unit_m| Camera::of_scale(DepthScale::metric(unit_m));
+    [Camera::default(), metric(0.001), metric(0.00025)]
+}
+
 #[test]
 fn a_head_cut_off_at_the_edge_is_not_whole() {
     let rect = |x0: u16, y0: u16, x1: u16, y1: u16| PixelRect { x0, y0, x1, y1 };
@@ -77,16 +84,18 @@ fn a_head_cut_off_at_the_edge_is_not_whole() {
 
 #[test]
 fn a_person_gives_one_head_of_the_right_position_and_size() {
-    let camera = Camera::default();
     let mut segmenter = Segmenter::new(Settings::default());
-    for z in [0.6, 0.8, 1.0, 1.3] {
+    for (camera, z) in cameras()
+        .iter()
+        .flat_map(|camera| [0.6, 0.8, 1.0, 1.3].map(|z| (camera, z)))
+    {
         let world = World {
             solids: person(0.05, -0.03, z),
             panels: vec![WALL],
         };
         segmenter.reset();
         let head = segmenter
-            .segment(&world.frame(&camera), &camera)
+            .segment(&world.frame(camera), camera)
             .unwrap_or_else(|| panic!("no head at {z}"));
         assert!(
             (head.centre.x - 0.05).abs() < 0.015 && (head.centre.y + 0.03).abs() < 0.04,
@@ -131,16 +140,17 @@ fn a_head_gathered_around_its_pose_is_as_large_as_the_head() {
 
 #[test]
 fn a_layers_end_that_crosses_somebody_moves_behind_them() {
-    let camera = Camera::default();
-    let mut segmenter = Segmenter::new(Settings::default());
-    let mut frame = Frame::default();
-    // Somebody lying: evenly from 0.7 m to 1.2 m.
-    let [near, far] = [0.7, 1.2].map(|z| camera.raw_from_m(z) as usize);
-    for (i, raw) in frame.depth.iter_mut().enumerate() {
-        *raw = (near + i % (far - near)) as u16;
+    for camera in cameras() {
+        let mut segmenter = Segmenter::new(Settings::default());
+        let mut frame = Frame::default();
+        // Somebody lying: evenly from 0.7 m to 1.2 m.
+        let [near, far] = [0.7, 1.2].map(|z| camera.raw_from_m(z) as usize);
+        for (i, raw) in frame.depth.iter_mut().enumerate() {
+            *raw = (near + i % (far - near)) as u16;
+        }
+        let end = camera.depth_m(segmenter.foreground_end(&frame, &camera));
+        assert!((end - 1.2).abs() < 0.008, "{end}");
     }
-    let end = segmenter.foreground_end(&frame, &camera);
-    assert!(end.abs_diff(far) < 3, "{end} {far}");
 }
 
 #[test]

@@ -7,7 +7,6 @@
 
 use image::RgbImage;
 
-use mien_sensors::NO_DEPTH;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use mien_stages::camera::Camera;
 use mien_workbench::canvas;
@@ -41,7 +40,7 @@ fn bin(z: f32) -> usize {
 
 fn depth_m(raw: u16, camera: &Camera) -> Option<f32> {
     let z = camera.depth_m(raw);
-    (raw != NO_DEPTH && z > 0.0).then_some(z)
+    (z > 0.0).then_some(z)
 }
 
 impl DepthColours {
@@ -93,6 +92,7 @@ impl DepthColours {
 mod tests {
     use super::*;
     use mien_sensors::kinect::geometry;
+    use mien_sensors::kinect::unpack::NO_READING;
 
     /// A wall at 2.5 m, and before it over a fifth of the picture a head and shoulders from 0.9 to 1.1 m.
     #[test]
@@ -100,7 +100,7 @@ mod tests {
         let camera = geometry::nominal();
         let raw_of = |z: f32| {
             let off = |raw: &u16| depth_m(*raw, &camera).map_or(f32::MAX, |at| (at - z).abs());
-            (0..NO_DEPTH).min_by(|a, b| off(a).total_cmp(&off(b)))
+            (0..NO_READING).min_by(|a, b| off(a).total_cmp(&off(b)))
         };
         let (wall, near, far) = (raw_of(2.5), raw_of(0.9), raw_of(1.1));
         let [wall, near, far] = [wall, near, far].map(Option::unwrap);

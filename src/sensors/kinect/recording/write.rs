@@ -6,10 +6,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::device;
-use crate::NO_DEPTH;
 use crate::kinect::colour;
 use crate::kinect::frame::KinectFrame;
 use crate::kinect::registration::Registration;
+use crate::kinect::unpack::NO_READING;
 use crate::picture_file::RecordingError;
 use mien_stages::base::capacity::PIXELS;
 
@@ -104,7 +104,7 @@ impl Recorder {
         let (depth, _) = self.depth.as_chunks_mut();
         for (bytes, &raw) in depth.iter_mut().zip(frame.depth.iter()) {
             // Larger values are no distance.
-            *bytes = raw.min(NO_DEPTH).to_le_bytes();
+            *bytes = raw.min(NO_READING).to_le_bytes();
         }
         let name = format!("d-{wall:.6}-{}.pgm", frame.original.ticks);
         self.add(&name, "P5 640 480 65535\n", |recorder| &recorder.depth)?;
