@@ -12,9 +12,9 @@ use crate::base::frames::SensorFromFace;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Angles between the face and the line of sight, about its vertical, at which the far eye begins to follow, and follows entirely: 14°
-/// and 26°.
-const FOLLOWS: core::ops::Range<f32> = 0.25..0.45;
+/// Angles between the face and the line of sight, about its vertical, at which the far eye begins to follow, and follows entirely: 19°
+/// and 30°.
+const FOLLOWS: core::ops::Range<f32> = 0.33..0.52;
 
 /// Blends the closure of the far eye with that of the near one. `names`: of the columns of `weights`; `seen`: how far each region is
 /// seen, 0 to 1.
@@ -61,13 +61,13 @@ mod tests {
     fn the_far_eye_of_a_turned_head_does_not_read_as_shut() {
         let all = [1.0; REGIONS];
         // A positive yaw turns the nose to the image left and shows the face's left side.
-        assert_eq!(closures(0.5, 0.0, &all), [0.25, 0.25]);
-        assert_eq!(closures(-0.5, 0.0, &all), [0.75, 0.75]);
+        assert_eq!(closures(0.6, 0.0, &all), [0.25, 0.25]);
+        assert_eq!(closures(-0.6, 0.0, &all), [0.75, 0.75]);
         // What counts is the angle to the line of sight: ahead, and looking at the sensor from the side.
         assert_eq!(closures(0.0, 0.0, &all), [0.25, 0.75]);
-        let aside = (0.5f32).tan();
+        let aside = (0.6f32).tan();
         assert_eq!(closures(0.0, -aside, &all), [0.25, 0.25]);
-        assert_eq!(closures(-0.5, -aside, &all), [0.25, 0.75]);
+        assert_eq!(closures(-0.6, -aside, &all), [0.25, 0.75]);
     }
 
     #[test]
@@ -75,8 +75,8 @@ mod tests {
         for eye in [2, 3] {
             let mut seen = [1.0; REGIONS];
             seen[eye] = 0.0;
-            assert_eq!(closures(0.5, 0.0, &seen), [0.25, 0.75]);
-            assert_eq!(closures(-0.5, 0.0, &seen), [0.25, 0.75]);
+            assert_eq!(closures(0.6, 0.0, &seen), [0.25, 0.75]);
+            assert_eq!(closures(-0.6, 0.0, &seen), [0.25, 0.75]);
         }
     }
 }

@@ -19,6 +19,8 @@ const WEAK: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
 const JUDGED: f64 = 0.3;
 /// True weight up to which everything is at rest.
 const IDLE: f64 = 0.05;
+/// Frames after which a person's rest is known, and rest is judged.
+const LEARNING: usize = 300;
 /// True weight of the strong side from which the weak side's share is read.
 const ACTED: f64 = 0.5;
 
@@ -85,6 +87,7 @@ fn row(name: &str, played: &Played) -> String {
     let follows: Vec<_> = follows.collect();
     let still: Vec<_> = seen
         .iter()
+        .skip(LEARNING)
         .filter(|one| one.acted.iter().all(|a| *a < IDLE))
         .collect();
     let rests = units.map(|(k, unit)| {
