@@ -157,7 +157,7 @@ pub trait Output {
     /// error.
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
 
-    /// Sends a report of nobody while no frames come, as a report of a frame by default.
+    /// Reports that nobody is there while the sensor gives no frames. By default it is sent like the report of a frame.
     ///
     /// # Errors
     /// As [`Self::send`].

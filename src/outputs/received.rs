@@ -7,7 +7,7 @@ use mien_stages::users::TrackingState;
 /// One user at one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sample {
-    /// Slot; `None` if nobody is there.
+    /// Slot of the person; `None` if the sample reports nobody.
     pub user: Option<usize>,
     /// Number of the frame.
     pub number: u64,

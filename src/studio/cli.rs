@@ -192,8 +192,8 @@ struct Evaluate {
     /// The experiments of docs/paper.md: the paper's system next to the default
     #[arg(long, group = "what")]
     paper: bool,
-    /// Give people other shapes in turn, children's and old people's, from this folder that tests/people/run writes; adds a table by
-    /// person, and one of people whose left side is weak
+    /// Give people the head shapes of this folder in turn (tests/people/run makes them); alone, it prints a row for each person, and a
+    /// table of the same people with a weak left side
     #[arg(long, value_name = "FOLDER", conflicts_with = "paper")]
     shapes: Option<PathBuf>,
     /// Only these rows of --heads or --paper, separated by commas

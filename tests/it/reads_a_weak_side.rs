@@ -1,6 +1,7 @@
-//! Promise: if one side of a face moves less than the other, the weights of both sides say by how much.
+//! Promise: if one side of a face does not move, its smile and brow stay near 0; if it moves by half, its smile's weight is about half.
 //!
-//! The shipped head raises brows and smiles several times, its left side with a share of the right side's strength.
+//! The shipped head raises brows and smiles several times, its left side with a share of the right side's strength. A half-raised brow of
+//! this head reads .84 of the other one; docs/results.md has other heads and units.
 
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::settings::Settings;

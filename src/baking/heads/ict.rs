@@ -36,7 +36,7 @@ pub mod part {
     /// Eyeballs.
     pub const EYEBALLS: Range<usize> = 21451..24591;
     /// Number of all vertices, with lashes and helpers.
-    pub const ALL: usize = 26719;
+    pub const VERTICES: usize = 26719;
 }
 
 /// A field of displacements from the neutral, one vector per vertex, metres in the head frame.

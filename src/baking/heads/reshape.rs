@@ -25,7 +25,7 @@ const LIDS: [(&str, [[usize; 2]; 2]); 2] = [
 /// # Errors
 /// If the folder cannot be read or a file does not fit the ICT mesh.
 pub fn read_shapes(folder: &Path) -> Result<Vec<Delta>, Fault> {
-    let read = read_deltas(folder, part::ALL, head_axes)?.into_iter();
+    let read = read_deltas(folder, part::VERTICES, head_axes)?.into_iter();
     let shapes: Vec<Delta> = read
         .map(|(name, offsets)| Delta { name, offsets })
         .collect();
@@ -75,8 +75,8 @@ fn reshaped(asset: &HeadAsset, shape: &Delta) -> HeadAsset {
             ..expression.clone()
         }
     });
-    other.expressions = carried.collect();
-    let mut expressions = other.expressions.to_vec();
+    let mut expressions: Vec<Expression> = carried.collect();
+    other.expressions = expressions.clone().into();
     for (name, pairs) in LIDS {
         let Some(blink) = other.expression(name) else {
             continue;
@@ -99,7 +99,7 @@ fn reshaped(asset: &HeadAsset, shape: &Delta) -> HeadAsset {
     other
 }
 
-/// Gradient of a deformation at each vertex, from its edges and its normal, which keeps its length relative to them.
+/// Gradient of a deformation at each vertex, from its edges and its normal.
 fn gradients(from: &[Point], to: &[Point], triangles: &[[u32; 3]]) -> Vec<Matrix3<f32>> {
     let mut sums = vec![[Matrix3::zeros(); 2]; from.len()];
     let mut normals = vec![[Vector::zeros(); 2]; from.len()];

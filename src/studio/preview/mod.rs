@@ -3,7 +3,8 @@
 //! ```text
 //! OSC │ serial │ CSV │ recording, sensor + pipeline ─► hub ─► server-sent events ─► page (WebGL 2, morphs on the GPU)
 //!
-//! feeds, sensor                what is received, by the parsers of mien_outputs; what is tracked here
+//! feeds                        samples from OSC, a serial line or a CSV, by the parsers of mien_outputs
+//! sensor                       samples of a sensor that this program tracks itself
 //! sample                       one user at one frame, as JSON
 //! hub                          between one source and any number of pages
 //! http                         requests and answers of a page

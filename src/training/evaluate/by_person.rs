@@ -8,7 +8,8 @@
 use std::fmt::Write as _;
 
 use super::played::{self, Played};
-use super::sessions::{Spread, Trial, mean, mean_offset, pose_errors};
+use super::sessions::{Spread, Trial, mean};
+use super::table::{ACTED, IDLE, errors_of_pose};
 use mien_baking::heads::PersonHead;
 use mien_workbench::correlation::correlation;
 use mien_workbench::fault::Fault;
@@ -17,12 +18,8 @@ use mien_workbench::fault::Fault;
 const WEAK: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
 /// True weight that a unit must reach to be judged.
 const JUDGED: f64 = 0.3;
-/// True weight up to which everything is at rest.
-const IDLE: f64 = 0.05;
 /// Frames after which a person's rest is known, and rest is judged.
 const LEARNING: usize = 300;
-/// True weight of the strong side from which the weak side's share is read.
-const ACTED: f64 = 0.5;
 
 /// Plays both sessions of each person; both tables.
 ///
@@ -71,8 +68,7 @@ fn weakened(mut head: PersonHead, share: f32) -> PersonHead {
 /// The figures of one person.
 fn row(name: &str, played: &Played) -> String {
     let seen = &played.seen;
-    let pairs: Vec<_> = seen.iter().map(|one| (one.true_pose, one.pose)).collect();
-    let errors = pose_errors(&pairs, &mean_offset(&pairs));
+    let errors = errors_of_pose(played, true);
     let turn = Spread::from_values(errors.iter().map(|error| error[0]).collect());
     let points = Spread::from_values(seen.iter().map(|one| one.error[0]).collect());
     let units = played.columns.iter().enumerate();

@@ -107,9 +107,9 @@ pub struct Table {
 }
 
 /// True weight up to which a unit is idle.
-const IDLE: f64 = 0.05;
+pub(super) const IDLE: f64 = 0.05;
 /// True weight from which a unit is acted.
-const ACTED: f64 = 0.5;
+pub(super) const ACTED: f64 = 0.5;
 /// True weight from which an expression is full.
 const FULL: f64 = 0.8;
 /// True weight from which an eye is shut.
@@ -180,7 +180,7 @@ fn table(played: &[Played]) -> Table {
 }
 
 /// Rotation (degrees) and translation (mm) errors of every frame of a person, with or without their mean removed.
-fn errors_of_pose(one: &Played, without_offset: bool) -> Vec<[f64; 2]> {
+pub(super) fn errors_of_pose(one: &Played, without_offset: bool) -> Vec<[f64; 2]> {
     let pairs = one.seen.iter().map(|seen| (seen.true_pose, seen.pose));
     let pairs: Vec<_> = pairs.collect();
     let offset = match without_offset {
