@@ -14,7 +14,7 @@
 //! paper's give 0.2 to 0.4 on a still face. Both are estimators behind one trait (`estimator`).
 //!
 //! Units and frames: landmarks in the head frame, metres; measures in units of the inner-eye-corner distance; weights 0 to
-//! 1 and beyond. Memory: fixed, about 160 KiB per person; nothing is allocated after [`Expression::new`]. Cost: a few dozen
+//! 1 and beyond. Memory: fixed, about 130 KiB per person; nothing is allocated after [`Expression::new`]. Cost: a few dozen
 //! microseconds a frame. Degenerate: a frame with a non-finite landmark repeats the last weights; frames with low confidence,
 //! or ω < 1/3, give weights but are not learned from. In the first 0.3 s all weights are 0, then they fade in.
 

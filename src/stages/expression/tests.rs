@@ -313,6 +313,27 @@ fn a_weight_is_a_share_of_the_range_that_is_reported() {
 }
 
 #[test]
+fn a_side_that_always_moves_little_has_the_range_of_the_other() {
+    let mut learned = grinning().learned();
+    for (unit, range) in &mut learned.readings {
+        match unit.as_str() {
+            "AU12L" => range.high = range.rest + 0.4,
+            "AU12R" => range.high = range.rest + 1.1,
+            _ => {}
+        }
+    }
+    let expression = restored(&learned);
+    let ranges = expression.unit_ranges();
+    for unit in ["AU12L", "AU12R"] {
+        let range = ranges[column(&expression, unit)];
+        assert!(
+            (range.high - range.rest - 1.1).abs() < 1e-6,
+            "{unit}: {range:?}"
+        );
+    }
+}
+
+#[test]
 fn the_present_face_can_be_declared_neutral() {
     let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     for n in 0..100 {
