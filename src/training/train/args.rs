@@ -19,6 +19,9 @@ pub struct TrainArgs {
     /// Number of rendered faces to train on
     #[arg(long, default_value_t = 200_000)]
     pub drawn: usize,
+    /// Folder of other head shapes, of every age, that some of the faces get; tests/people/run --shapes FOLDER writes it
+    #[arg(long)]
+    pub shapes: Option<PathBuf>,
     /// Number of perturbed starts for each portrait and its mirror image
     #[arg(long, default_value_t = 32)]
     pub starts: usize,

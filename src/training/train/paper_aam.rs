@@ -77,7 +77,7 @@ pub fn paper_aam_block(
 ) -> Result<Vec<u8>, Fault> {
     let people = |split| {
         let keep = move |person| Split::from_index(person) == split;
-        Renderer::new(data, keep, usize::MAX)
+        Renderer::new(data, keep, usize::MAX, &[])
     };
     let renderer = people(Split::Train)?;
     let drawn = renderer.samples(0..PICTURES, seed);

@@ -14,6 +14,8 @@ use nalgebra::{DMatrix, DVector};
 use super::shape::{Face, aligned};
 use crate::evaluate::sessions::{lighting, person_seed};
 use mien_appliance::settings::Settings;
+use mien_baking::heads::ict::Delta;
+use mien_baking::heads::reshape::reshape;
 use mien_baking::heads::{PersonHead, textured_heads};
 use mien_sensors::Frame;
 use mien_sensors::kinect::picture_clock::{FRAME_TICKS, timestamp_from_ticks};
@@ -52,7 +54,7 @@ struct Session {
     examples: Vec<Example>,
 }
 
-/// Trains on the people that `keep` accepts, with a seed of movements, lights and noise.
+/// Trains on the people that `keep` accepts, every second with one of the `shapes`, with a seed of movements, lights and noise.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the default settings.
@@ -61,9 +63,11 @@ pub fn learn_refinement(
     model: &FaceModel,
     keep: impl Fn(usize) -> bool,
     people: usize,
+    shapes: &[Delta],
     seed: u64,
 ) -> Result<Option<Refinement>, Fault> {
-    let heads = textured_heads(data, keep, people)?;
+    let mut heads = textured_heads(data, keep, people)?;
+    reshape(&mut heads, shapes, 2, data)?;
     let plain = FaceModel {
         refinement: None,
         ..model.clone()

@@ -26,8 +26,9 @@ use super::photograph::{backdrop, mix_skins, photographed, to_grey};
 use super::random::{either, normal};
 use super::shape::{mirrored, quadratic};
 use super::worn::wear;
-use mien_baking::heads::ict::IctHead;
+use mien_baking::heads::ict::{Delta, IctHead};
 use mien_baking::heads::reduce::Reduction;
+use mien_baking::heads::reshape::reshape;
 use mien_baking::heads::{PersonHead, eyes, plain_head, textured_heads};
 use mien_simulator::virtual_head::body::Shape;
 use mien_simulator::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
@@ -66,6 +67,8 @@ pub struct Renderer {
 
 /// One in this many heads is duplicated with synthetic eyes.
 const EYES_PAINTED: usize = 5;
+/// One in this many heads is duplicated with the shape of another age.
+const RESHAPED: usize = 3;
 /// Share of the pictures whose person is mixed of two.
 const MIXED: f32 = 0.75;
 
@@ -81,11 +84,17 @@ struct Scratch {
 }
 
 impl Renderer {
-    /// Prepares the heads of the persons that `keep` accepts, `most` at most; `data` is the folder of the data sets.
+    /// Prepares the heads of the persons that `keep` accepts, `most` at most; one in [`RESHAPED`] is duplicated with one of the
+    /// `shapes`. `data` is the folder of the data sets.
     ///
     /// # Errors
     /// If mesh or portraits cannot be read.
-    pub fn new(data: &Path, keep: impl Fn(usize) -> bool, most: usize) -> Result<Self, Fault> {
+    pub fn new(
+        data: &Path,
+        keep: impl Fn(usize) -> bool,
+        most: usize,
+        shapes: &[Delta],
+    ) -> Result<Self, Fault> {
         let mut heads = textured_heads(data, keep, most)?;
         // A photograph's irises are half hidden by its lids and hardly visibly rotate, so some people are duplicated
         // with synthetic eyes. If all had them, the lids of real people in infrared would be found worse.
@@ -94,6 +103,11 @@ impl Renderer {
             eyes::paint(&mut head.asset, one as u64);
             heads.push(head);
         }
+        let mut reshaped: Vec<_> = match shapes {
+            [] => Vec::new(),
+            _ => heads.iter().step_by(RESHAPED).cloned().collect(),
+        };
+        reshape(&mut reshaped, shapes, 1, data)?;
         let ict = IctHead::read(&data.join("ict_facekit"))?;
         let plain = plain_head(&ict);
         let reduction = Reduction::new(&plain);
@@ -101,6 +115,10 @@ impl Renderer {
         for head in &mut heads {
             head.asset = reduction.apply_like(&head.asset, &first);
         }
+        for head in &mut reshaped {
+            head.asset = reduction.apply(&head.asset);
+        }
+        heads.append(&mut reshaped);
         let identities = ict.identities.iter();
         let identities = identities.map(|mode| reduction.pick(&mode.offsets));
         Ok(Self {
@@ -112,14 +130,24 @@ impl Renderer {
 
     /// Renders the samples with these numbers, on all threads; empty without heads.
     pub fn samples(&self, numbers: Range<u64>, seed: u64) -> Vec<TrainingSample> {
+        self.each_sample(numbers, seed, |sample| sample)
+    }
+
+    /// What `map` makes of each of the samples; see [`Self::samples`].
+    pub fn each_sample<T: Send>(
+        &self,
+        numbers: Range<u64>,
+        seed: u64,
+        map: impl Fn(TrainingSample) -> T + Sync,
+    ) -> Vec<T> {
         let Some(first) = self.heads.first() else {
             return Vec::new();
         };
         let progress = Progress::new("train: faces", numbers.clone().count());
         let draw = |scratch: &mut Scratch, number| {
-            let sample = self.sample(number, seed, scratch);
+            let made = map(self.sample(number, seed, scratch));
             progress.step();
-            sample
+            made
         };
         let all = numbers.into_par_iter();
         all.map_init(|| Scratch::new(&first.asset), draw).collect()

@@ -17,7 +17,8 @@ use super::refine::{PEOPLE, learn_refinement};
 use super::render::Renderer;
 use super::samples::{COLD, Disturbance, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, shape, standard_head};
-use mien_baking::heads::ict::IctHead;
+use mien_baking::heads::ict::{Delta, IctHead};
+use mien_baking::heads::reshape::read_shapes;
 use mien_simulator::virtual_head::Site;
 use mien_stages::face_model::{
     CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, file,
@@ -42,6 +43,12 @@ impl TrainArgs {
         }
     }
 
+    /// Other head shapes.
+    fn shapes(&self) -> Result<Vec<Delta>, Fault> {
+        let folder = self.shapes.as_deref();
+        folder.map_or_else(|| Ok(Vec::new()), read_shapes)
+    }
+
     /// Renders faces of the people that `keep` accepts.
     fn drawn_faces(
         &self,
@@ -55,11 +62,12 @@ impl TrainArgs {
             &self.data.data,
             |person| keep(Split::from_index(person)),
             heads,
+            &self.shapes()?,
         )?;
         let camera = mien_sensors::kinect::geometry::nominal();
-        let samples = renderer.samples(0..count as u64, seed);
-        let face = |sample| TruePicture::drawn(sample, &camera, shape);
-        Ok(samples.par_iter().filter_map(face).collect())
+        let face = |sample| TruePicture::drawn(&sample, &camera, shape);
+        let faces = renderer.each_sample(0..count as u64, seed, face);
+        Ok(faces.into_iter().flatten().collect())
     }
 }
 
@@ -153,7 +161,7 @@ fn learn_shape(
     sites: &[Site],
     log: Log,
 ) -> Result<ShapeModel, Fault> {
-    let mut faces = shape::population(ict, sites, 6000, args.seed);
+    let mut faces = shape::population(ict, sites, &args.shapes()?, 6000, args.seed);
     let reference: shape::Face = std::array::from_fn(|i| sites[i].position(&ict.neutral));
     let rough = shape::principal_components(&faces, &reference, MODES);
     let habit = |p: &TruePicture| shape::left_over(&rough, &p.truth, &p.points);
@@ -192,18 +200,19 @@ fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: Log) -> Result<Pict
     Ok(pictures)
 }
 
-/// Trains the cold and warm stages on portraits and rendered faces, which are added to the training pictures.
+/// Trains the cold and warm stages on portraits and rendered faces.
 fn learn_stages(
     args: &TrainArgs,
     shape: &ShapeModel,
-    pictures: &mut Pictures,
+    pictures: &Pictures,
     log: Log,
 ) -> Result<[Vec<CascadeStage>; 2], Fault> {
     let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
     log(&format!("{} rendered faces", drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
     samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
-    pictures.train.extend(drawn);
+    // Tens of kilobytes each.
+    drop(drawn);
     log(&format!("{} starts", samples.len()));
 
     // People not trained on go through the stages as well, to measure generalisation.
@@ -282,7 +291,9 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     if args.drawn > 0 {
         let keep = |person| args.learns_from(Split::from_index(person));
         let people = PEOPLE.min(1 + args.drawn / FACES_A_PERSON);
-        let learnt = learn_refinement(&args.data.data, &model, keep, people, args.seed + 17)?;
+        let shapes = args.shapes()?;
+        let seed = args.seed + 17;
+        let learnt = learn_refinement(&args.data.data, &model, keep, people, &shapes, seed)?;
         model.refinement = learnt.map(Into::into);
         log("what depth adds");
     }
@@ -304,21 +315,23 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
 fn learn_fits(args: &TrainArgs, ict: &IctHead, log: Log) -> Result<FaceModel, Fault> {
     let sites = mien_baking::heads::plain_head(ict).landmarks;
     let shape = learn_shape(args, ict, &sites, log)?;
-    let mut pictures = read_portraits(args, &shape, log)?;
-    let portraits_read = pictures.train.len();
-    let [cold, warm] = learn_stages(args, &shape, &mut pictures, log)?;
-    let photographs = &pictures.train[..portraits_read];
+    let pictures = read_portraits(args, &shape, log)?;
+    let [cold, warm] = learn_stages(args, &shape, &pictures, log)?;
     let mut model = FaceModel {
-        provenance: "shape: ICT FaceKit (MIT); pictures: Face Research Lab London Set and Young Adult White Faces, \
-                     DeBruine and Jones 2017 (CC BY 4.0); written by mien-studio train"
-            .into(),
+        provenance: format!(
+            "shape: ICT FaceKit (MIT){}; pictures: Face Research Lab London Set and Young Adult White Faces, DeBruine and \
+             Jones 2017 (CC BY 4.0); written by mien-studio train",
+            args.shapes
+                .as_ref()
+                .map_or("", |_| ", other ages: MakeHuman (CC0)")
+        ),
         shape,
         cold: cold.into(),
         warm: warm.into(),
         standard_head: standard_head::standard_head(ict),
         ..FaceModel::default()
     };
-    model.confidence = learn_confidence(args, photographs, &model)?.into();
+    model.confidence = learn_confidence(args, &pictures.train, &model)?.into();
     log("confidence");
     tell_portraits(args, &model, &pictures, log);
     if let Some(path) = &args.offsets {

@@ -9,7 +9,7 @@
 
 use nalgebra::DMatrix;
 
-use mien_baking::heads::ict::IctHead;
+use mien_baking::heads::ict::{Delta, IctHead};
 use mien_simulator::virtual_head::{Points, Site};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::base::geometry::{Point, Vector};
@@ -17,6 +17,9 @@ use mien_stages::face_model::{ShapeModel, scheme};
 use mien_stages::landmarks::cascade::FaceFit;
 use mien_workbench::similarity::Similarity;
 use mien_workbench::strongest::strongest;
+
+/// One face in this many has the shape of another age.
+const RESHAPED: usize = 5;
 
 /// 68 points of one face.
 pub type Face = [Point; LANDMARKS];
@@ -114,11 +117,20 @@ fn warp(face: &mut Face, random: &mut fastrand::Rng) {
     }
 }
 
-/// A random population with its mirror images: `2 * count` faces; landmarks are at `sites` of the mesh.
-pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec<Face> {
+/// A random population with its mirror images: `2 * count` faces; landmarks are at `sites` of the mesh, and one face in
+/// [`RESHAPED`] has one of the `shapes`.
+pub fn population(
+    ict: &IctHead,
+    sites: &[Site],
+    shapes: &[Delta],
+    count: usize,
+    seed: u64,
+) -> Vec<Face> {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut faces = Vec::with_capacity(2 * count);
-    for _ in 0..count {
+    for number in 0..count {
+        let shape = shapes.get((number / RESHAPED) % shapes.len().max(1));
+        let shape = shape.filter(|_| number % RESHAPED == 0);
         let identity = (0..ict.identities.len()).map(|_| normal(&mut random).clamp(-2.5, 2.5));
         let identity: Vec<f32> = identity.collect();
         let weights = expression_weights(ict, &mut random);
@@ -130,6 +142,9 @@ pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec
             }
             for (delta, w) in ict.expressions.iter().zip(&weights) {
                 p += delta.offsets[v] * *w;
+            }
+            if let Some(shape) = shape {
+                p += shape.offsets[v];
             }
             p
         };

@@ -32,6 +32,7 @@ fn a_small_training_gives_the_golden_figures() {
             data: data.path().to_owned(),
         },
         drawn: 240,
+        shapes: None,
         starts: 1,
         seed: 1,
         tracks: None,
@@ -75,7 +76,8 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     let Some(data) = only([Set::IctFacekit, Set::FacesFrl189]) else {
         return;
     };
-    let renderer = Renderer::new(data.path(), |person| person == 32, 1).expect("data are readable");
+    let renderer =
+        Renderer::new(data.path(), |person| person == 32, 1, &[]).expect("data are readable");
     let all = renderer.samples(0..4, 9);
     let one = renderer.samples(2..3, 9);
     assert_eq!(all[2].grey, one[0].grey);

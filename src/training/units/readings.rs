@@ -62,7 +62,7 @@ const MAX_SCALE: f64 = 2.0;
 /// Largest factor that scales a reading of lids that open wide, which hardly move.
 const MAX_LID_SCALE: f64 = 2.4;
 /// Least correlation of a unit without a measure of its own for being emitted.
-const LEAST_R: f64 = 0.4;
+const LEAST_R: f64 = 0.35;
 
 /// Manually chosen numbers, from `chosen.toml`.
 #[derive(serde::Deserialize)]
