@@ -32,8 +32,8 @@ const LANDMARKS: usize = 1_000_192;
 /// Shape modes, scales, biases; the update matrices stay in the binary.
 const MODEL: usize = 510_000;
 /// The standard head, prepared; four users and one candidate; the clouds of two heads looked for.
-const PEOPLE: usize = 700_000 + (USERS + 1) * 305_000 + 2 * 24_200;
-/// All stages: 6,025,976.
+const PEOPLE: usize = 700_000 + (USERS + 1) * 259_000 + 2 * 24_200;
+/// All stages: 5,795,976.
 const STAGES: usize = FRAME + SEGMENT + CAMERA + 2 * LANDMARKS + MODEL + PEOPLE;
 /// Of the live sensor, one picture per stream; a recording or the simulated sensor uses other buffers instead.
 const PICTURES: usize = 729_600;
