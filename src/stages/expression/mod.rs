@@ -45,6 +45,7 @@ pub mod saved;
 mod settings;
 pub mod smooth;
 pub mod two_way;
+mod unit_learners;
 pub mod unit_words;
 pub mod units;
 pub mod weight;

@@ -5,8 +5,8 @@
 //! from ridge regression on tracked faces with known expressions (`mien-studio units`), so they reflect each measure's tracking
 //! accuracy. Then cross-talk is removed, as by [`super::units::Explained`] between measures: a reading is reduced by a share of
 //! the others' readings above 0 ([`Reading::cross_talk`]). No sum over inputs can do that, because it is one-sided: stretched
-//! lips resemble lowered corners, but not vice versa. Each reading then has its own learner, like a measure: rest, full
-//! expression and noise are the person's. Of a measure's two units only the larger one is output.
+//! lips resemble lowered corners, but not vice versa. Each unit then has a learner, like a measure: rest, full
+//! expression and noise are the person's; both sides share it. Of a measure's two units only the larger one is output.
 //!
 //! Memory: fixed, [`INPUTS`] coefficients per unit. Cost: a thousand multiplications a frame. Degenerate: without readings in
 //! the table, each unit is read from its own measure.

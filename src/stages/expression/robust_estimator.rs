@@ -1,7 +1,7 @@
 //! The default estimator: one learner of rest and noise for each input, one range for each unit, both sides together.
 //!
 //! Inputs are the measures, lengths and gaze angles ([`super::readings`]). Their deviations from rest, without what the head's rotation
-//! does to them ([`super::head_motion_leak`]), give a reading of each unit, and each reading has a learner of its own. A measure's
+//! does to them ([`super::head_motion_leak`]), give a reading of each unit, whose range is learned ([`super::unit_learners`]). A measure's
 //! learner sees it without cross-talk. Without readings in the table each unit is read from its own measure.
 //!
 //! Memory: a [`RobustLearner`] of 2 KiB for each input and each unit, about 130 KiB; nothing is allocated after construction.
@@ -19,13 +19,13 @@ use super::measures::{self, Measure};
 use super::newcomer::Newcomer;
 use super::noise::SlowNoise;
 use super::range::Range;
-use super::readings::Reading;
 use super::regions::{self, MOUTH, RegionSet};
 use super::robust::RobustLearner;
 use super::saved::Learned;
 use super::settings::{LEAST_CONFIDENCE, Settings};
 use super::smooth::MeasureFilter;
-use super::units::{Kind, Unit, UnitName, Units, other_side};
+use super::unit_learners::{UnitLearners, phase};
+use super::units::{Kind, Unit, Units};
 use super::weights::Weights;
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, REGIONS, UNITS};
 use crate::base::prelude::*;
@@ -78,11 +78,8 @@ pub(super) struct RobustEstimator {
     deviations: [f64; INPUTS],
     /// Readings of the last frame.
     readings: [f64; UNITS],
-    /// Learners of the units that are not absolute; both sides of a unit have one, which learns from the stronger side. Thus the weights
-    /// of a weak side are as weak as its movement.
-    learners: Box<[RobustLearner]>,
-    /// Learner of each reading.
-    learner_of: [Option<usize>; UNITS],
+    /// Learners of the readings' ranges.
+    learners: UnitLearners,
     /// Drift of the readings; `None` for the [`SLIGHT`] ones.
     drift: [Option<SlowNoise>; UNITS],
     /// Filters of the readings.
@@ -107,14 +104,11 @@ impl RobustEstimator {
     /// A person nobody has seen yet.
     pub(super) fn new(settings: &Settings, units: Arc<Units>) -> Self {
         let robust = settings.robust();
-        let phase = |k: usize| (k as f64 * 0.618).fract();
-        let learner = |k: usize, prior| RobustLearner::new(robust, prior, phase(k));
         let measures = units.rows.iter().enumerate().map(|(m, row)| {
             RobustLearner::new(robust, row.prior, m as f64 / LEARNT_MEASURES as f64)
         });
         let features = units.features.iter().flatten().enumerate();
-        let features = features.map(|(k, prior)| learner(k, *prior));
-        let (learner_of, count) = assign_learners(&units.readings);
+        let features = features.map(|(k, prior)| RobustLearner::new(robust, *prior, phase(k)));
         Self {
             settings: *settings,
             side_readings: core::array::from_fn(|m| {
@@ -130,8 +124,7 @@ impl RobustEstimator {
             raw: [0.0; INPUTS],
             deviations: [0.0; INPUTS],
             readings: [0.0; UNITS],
-            learners: (0..count).map(|k| learner(k, Reading::PRIOR)).collect(),
-            learner_of,
+            learners: UnitLearners::new(robust, &units.readings),
             drift: core::array::from_fn(|k| {
                 let reading = units.readings.get(k)?;
                 (!SLIGHT.contains(&reading.unit.as_str())).then(SlowNoise::default)
@@ -270,23 +263,16 @@ impl RobustEstimator {
                 leak.observe(raw, &motion, frame.dt, self.settings.half_life_s);
             }
         }
-        let mut strongest = [f64::NEG_INFINITY; UNITS];
         let readings = self.readings.iter().zip(&self.reading_regions);
         let readings = readings
             .map(|(&reading, regions)| (regions.seen(&self.seen) == 1.0).then_some(reading));
-        for (reading, learner) in readings.clone().zip(self.learner_of) {
-            if let (Some(reading), Some(learner)) = (reading, learner) {
-                strongest[learner] = strongest[learner].max(reading);
-            }
-        }
-        for (learner, strongest) in self.learners.iter_mut().zip(strongest) {
-            // Not finite, and so an interruption, if all of it is hidden.
-            learner.observe(strongest, frame.omega, frame.dt);
-        }
-        let drifts = self.drift.iter_mut().zip(self.learner_of);
-        for (reading, (drift, learner)) in readings.zip(drifts) {
-            if let (Some(reading), Some(drift), Some(learner)) = (reading, drift, learner) {
-                let range = self.learners[learner].range();
+        self.learners
+            .observe(readings.clone(), frame.omega, frame.dt);
+        for (k, (reading, drift)) in readings.zip(&mut self.drift).enumerate() {
+            if let (Some(reading), Some(drift), Some(learner)) =
+                (reading, drift, self.learners.get(k))
+            {
+                let range = learner.range();
                 drift.observe((reading - range.rest) / (range.high - range.rest), frame.dt);
             }
         }
@@ -314,7 +300,7 @@ impl RobustEstimator {
             self.settings.smoothing_hz,
             dt,
         );
-        let Some(learner) = self.learner(reading) else {
+        let Some(learner) = self.learners.get(reading) else {
             let gaze = &self.inputs[LEARNT_MEASURES + LENGTHS..];
             let ready = gaze.iter().map(RobustLearner::rest_readiness);
             return (value, ready.fold(1.0, f64::min));
@@ -330,14 +316,10 @@ impl RobustEstimator {
 
     /// Range of a reading, and the deviation of its noise.
     fn reading_range(&self, reading: usize) -> UsedRange {
-        self.learner(reading)
-            .map_or((ABSOLUTE, GLANCE_NOISE), |learner| {
-                (learner.range(), learner.sigma())
-            })
-    }
-
-    fn learner(&self, reading: usize) -> Option<&RobustLearner> {
-        self.learner_of[reading].map(|learner| &self.learners[learner])
+        let learner = self.learners.get(reading);
+        learner.map_or((ABSOLUTE, GLANCE_NOISE), |learner| {
+            (learner.range(), learner.sigma())
+        })
     }
 
     /// Weight and readiness of the rising and of the falling unit of a measure.
@@ -368,45 +350,11 @@ impl RobustEstimator {
     fn interrupt_readings(&mut self) {
         let features = self.inputs[LEARNT_MEASURES..].iter_mut();
         features
-            .chain(&mut self.learners)
+            .chain(self.learners.iter_mut())
             .for_each(RobustLearner::interrupt);
         let filters = self.filters.iter_mut().chain(&mut self.measure_filters);
         filters.for_each(MeasureFilter::reset);
     }
-
-    /// Restores units' ranges; of both sides the wider one.
-    fn restore_readings<'a>(&mut self, saved: impl Iterator<Item = (&'a UnitName, Range)>) {
-        let mut widest: [Option<Range>; UNITS] = [None; UNITS];
-        for (unit, range) in saved {
-            let reading = self.units.reading(Some(unit));
-            if let Some(learner) = reading.and_then(|reading| self.learner_of[reading]) {
-                let known = widest[learner].filter(|known| known.high > range.high);
-                widest[learner] = Some(known.unwrap_or(range));
-            }
-        }
-        for (learner, range) in self.learners.iter_mut().zip(widest) {
-            if let Some(range) = range {
-                learner.restore(range);
-            }
-        }
-    }
-}
-
-/// Number of the learner of each reading that is not absolute, one for both sides of a unit; and how many there are.
-fn assign_learners(readings: &[Reading]) -> ([Option<usize>; UNITS], usize) {
-    let mut learner_of = [None; UNITS];
-    let mut count = 0;
-    for (k, reading) in readings.iter().enumerate().take(UNITS) {
-        if !reading.absolute {
-            let other = other_side(&reading.unit);
-            let mut before = readings[..k].iter();
-            let other = before.position(|before| other.as_deref() == Some(before.unit.as_str()));
-            let shared = other.and_then(|other| learner_of[other]);
-            learner_of[k] = shared.or(Some(count));
-            count += usize::from(shared.is_none());
-        }
-    }
-    (learner_of, count)
 }
 
 impl Estimator for RobustEstimator {
@@ -486,7 +434,7 @@ impl Estimator for RobustEstimator {
         for (learner, &value) in self.inputs.iter_mut().zip(&self.values) {
             learner.set_rest(value);
         }
-        for learner in &mut self.learners {
+        for learner in self.learners.iter_mut() {
             learner.set_rest(0.0);
         }
     }
@@ -518,11 +466,9 @@ impl Estimator for RobustEstimator {
     fn save(&self, learned: &mut Learned) {
         learned.ranges = self.ranges();
         learned.features = self.features().iter().map(RobustLearner::range).collect();
-        let readings = self.units.readings.iter().zip(self.learner_of);
+        let readings = self.units.readings.iter().enumerate();
         learned.readings = readings
-            .filter_map(|(reading, learner)| {
-                Some((reading.unit.clone(), self.learners[learner?].range()))
-            })
+            .filter_map(|(k, reading)| Some((reading.unit.clone(), self.learners.get(k)?.range())))
             .collect();
     }
 
@@ -531,12 +477,14 @@ impl Estimator for RobustEstimator {
         for (learner, range) in self.inputs.iter_mut().zip(ranges) {
             learner.restore(*range);
         }
+        let units = &self.units;
         if learned.readings.is_empty() {
-            let units = Arc::clone(&self.units);
-            self.restore_readings(learned.implied_readings(&units));
+            self.learners
+                .restore(units, learned.implied_readings(units));
         } else {
             let saved = learned.readings.iter();
-            self.restore_readings(saved.map(|(unit, range)| (unit, *range)));
+            self.learners
+                .restore(units, saved.map(|(unit, range)| (unit, *range)));
         }
     }
 }
