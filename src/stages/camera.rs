@@ -157,6 +157,24 @@ impl Camera {
         }
     }
 
+    /// For a sensor without depth; `size`: columns and rows of its image. The sensor frame is that of the image.
+    ///
+    /// ```
+    /// # use mien_stages::base::geometry::Point;
+    /// # use mien_stages::camera::{Camera, Distortion, Pinhole};
+    /// let view = Pinhole { focal: [600.0; 2], centre: [320.0, 240.0] };
+    /// let camera = Camera::without_depth(view, Distortion::default(), [640, 480]);
+    /// assert_eq!(camera.colour_pixel(&Point::new(0.1, 0.0, 1.0)), [380.0, 240.0]);
+    /// ```
+    pub fn without_depth(view: Pinhole, distortion: Distortion, size: [usize; 2]) -> Self {
+        let colour = ColourProjection::Pinhole {
+            view,
+            distortion,
+            colour_from_sensor: Rigid::identity(),
+        };
+        Self::new(DepthScale::metric(0.001), view, size, colour)
+    }
+
     /// The camera of this sensor turned about its optical axis, whose images are turned upright by [`Turn::turn_upright`]; the sensor
     /// frame is then upright too. `luma`: columns and rows of the grey image as the sensor takes it.
     ///
