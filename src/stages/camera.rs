@@ -220,6 +220,13 @@ impl Camera {
         z.copied().unwrap_or(0.0)
     }
 
+    /// Whether anything in a raw depth image is measured; false for a sensor without depth, or in bright sunlight.
+    pub fn measures(&self, depth: &[u16]) -> bool {
+        // Every 29th pixel: a face at three metres has eighty of them.
+        let mut sampled = depth.iter().step_by(29);
+        sampled.any(|&raw| self.depth_m(raw) > 0.0)
+    }
+
     /// Unrounded raw value of a distance `z` > 0 in metres: the inverse of [`Self::depth_m`].
     ///
     /// ```

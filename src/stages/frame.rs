@@ -3,7 +3,6 @@
 use crate::base::capacity::PIXELS;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
-use crate::camera::Camera;
 
 /// Raw depth of a pixel without a measurement, whatever the camera.
 pub const NO_DEPTH: u16 = u16::MAX;
@@ -39,13 +38,6 @@ impl Frame {
             (least, most) = (least.min(luma), most.max(luma));
         }
         self.has_colour && most.saturating_sub(least) > BLANK_LEVELS
-    }
-
-    /// Whether anything in the depth image of this camera is measured; false for a sensor without depth, or in bright sunlight.
-    pub fn has_depth(&self, camera: &Camera) -> bool {
-        // Every 29th pixel: a face at three metres has eighty of them.
-        let mut sampled = self.depth.iter().step_by(29);
-        sampled.any(|&raw| camera.depth_m(raw) > 0.0)
     }
 
     /// Removes the grey image.

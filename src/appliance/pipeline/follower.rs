@@ -187,14 +187,25 @@ impl Follower {
         let is_confident = landmarks.confidence >= FUSED_CONFIDENCE;
         let is_new = self.person.face_frames < CORRECTED_FRAMES;
         let sensor_from_face = self.pose.register_face(cloud, pose, is_confident, is_new);
+        self.observe_face(context, landmarks, sensor_from_face, cloud.centre);
+        true
+    }
+
+    /// Reads the expression of a fitted face, whose head has its `centre` there (sensor frame, metres), and stores both.
+    pub(super) fn observe_face(
+        &mut self,
+        context: &mut FrameContext<'_>,
+        landmarks: Landmarks,
+        sensor_from_face: SensorFromFace,
+        centre: Point,
+    ) {
         self.expression
             .observe(&landmarks, &sensor_from_face, context.frame.at);
         self.ranges = self.expression.unit_ranges();
         if landmarks.seen == [1.0; REGIONS] {
             self.person.face_lengths.add(&landmarks.head);
         }
-        self.accept_landmarks(context, landmarks, sensor_from_face, cloud);
-        true
+        self.accept_landmarks(context, landmarks, sensor_from_face, centre);
     }
 
     /// Fits landmarks at a pose; `None` without an image or a face.
@@ -245,7 +256,7 @@ impl Follower {
         }
         let sensor_from_face = self.pose.sensor_from_face(&pose.sensor_from_head);
         if let Some(landmarks) = self.turned_away(&sensor_from_face, context) {
-            self.accept_landmarks(context, landmarks, sensor_from_face, cloud);
+            self.accept_landmarks(context, landmarks, sensor_from_face, cloud.centre);
             return true;
         }
         // A sure head of a known person: a hand, the light or hair hides the face.
@@ -258,17 +269,17 @@ impl Follower {
         false
     }
 
-    /// Stores the frame's landmarks, fitted or moved with the head.
+    /// Stores the frame's landmarks, fitted or moved with the head, whose `centre` is in the sensor frame, metres.
     fn accept_landmarks(
         &mut self,
         context: &mut FrameContext<'_>,
         landmarks: Landmarks,
         sensor_from_face: SensorFromFace,
-        cloud: &HeadCloud,
+        centre: Point,
     ) {
         (context.stage_done)(Stage::Expression);
         let at = context.frame.at;
-        self.accept_head(sensor_from_face, cloud, at);
+        self.accept_head(sensor_from_face, centre, at);
         self.person.confidence = landmarks.confidence;
         self.person.landmarks = Some(landmarks);
         self.faceless = 0;
@@ -296,11 +307,11 @@ impl Follower {
     }
 
     /// Stores the head pose, found with or without a face.
-    fn accept_head(&mut self, sensor_from_face: SensorFromFace, cloud: &HeadCloud, at: Timestamp) {
+    fn accept_head(&mut self, sensor_from_face: SensorFromFace, centre: Point, at: Timestamp) {
         let origin = sensor_from_face.translation.vector;
         match &mut self.person.position {
-            Some(position) => position.update(cloud.centre, origin, at),
-            None => self.person.position = Some(LastSeen::new(cloud.centre, origin, at)),
+            Some(position) => position.update(centre, origin, at),
+            None => self.person.position = Some(LastSeen::new(centre, origin, at)),
         }
         if self.person.head.is_none() {
             self.person.first_seen = at;
@@ -322,7 +333,7 @@ impl Follower {
         let at = context.frame.at;
         let sensor_from_face = self.pose.sensor_from_face(&pose.sensor_from_head);
         self.pose.update(Evidence::Head(cloud));
-        self.accept_head(sensor_from_face, cloud, at);
+        self.accept_head(sensor_from_face, cloud.centre, at);
         self.faceless = 0;
         self.person.missed = false;
         self.person.posed_frames += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);

@@ -1,6 +1,7 @@
 //! The stages in order, for every person.
 
 mod follower;
+mod image_only;
 mod people;
 mod rebuild;
 mod recognition;

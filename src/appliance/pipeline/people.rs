@@ -21,6 +21,7 @@ use mien_stages::base::time::Timestamp;
 use mien_stages::expression::Expression;
 use mien_stages::expression::units::Units;
 use mien_stages::face_model::FaceModel;
+use mien_stages::landmarks::face_search::FaceSearch;
 use mien_stages::landmarks::{LandmarkStage, Scratch};
 use mien_stages::pose::{PoseError, PoseTracker};
 use mien_stages::segment::{HeadCloud, Segmenter};
@@ -62,7 +63,7 @@ pub(super) struct People {
     /// Index of the last frame, as numbered by the source.
     pub(super) frame: u64,
     /// Frames processed so far.
-    frame_count: u64,
+    pub(super) frame_count: u64,
     /// Time of the last frame.
     pub(super) at: Timestamp,
     /// Buffer for the points of the tracked head, one per thread.
@@ -144,13 +145,22 @@ impl People {
     }
 
     /// Runs everybody's stages; the frame is segmented unless all users are where expected.
-    pub(super) fn follow(&mut self, context: &mut FrameContext<'_>, segmenter: &mut Segmenter) {
+    pub(super) fn follow(
+        &mut self,
+        context: &mut FrameContext<'_>,
+        segmenter: &mut Segmenter,
+        search: &mut FaceSearch,
+    ) {
         let frame = context.frame;
         (self.frame, self.at) = (frame.index, frame.at);
         self.frame_count += 1;
         self.left = [false; USERS];
         self.memory
             .forget_older(frame.at, self.settings.remember_s.into());
+        let ignores_depth = self.followers[CANDIDATE].pose.ignores_depth();
+        if ignores_depth || !context.camera.measures(&*frame.depth) {
+            return self.follow_in_image(context, search);
+        }
         // Without users there is time for both halves of an initial pose search.
         let mut users = self.followers[..USERS].iter();
         let busy = users.any(|user| user.person.state.is_present());
@@ -360,7 +370,7 @@ impl People {
     }
 
     /// Chooses the user for single-person outputs.
-    fn update_choice(&mut self) {
+    pub(super) fn update_choice(&mut self) {
         let mut there: heapless::Vec<Candidate, USERS> = heapless::Vec::new();
         for (slot, user) in self.followers[..USERS].iter().enumerate() {
             let is_there = user.person.state.is_present();

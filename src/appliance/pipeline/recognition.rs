@@ -87,12 +87,12 @@ impl People {
     }
 
     /// Slots of lost users.
-    fn lost(&self) -> impl Iterator<Item = usize> {
+    pub(super) fn lost(&self) -> impl Iterator<Item = usize> {
         let users = self.followers[..USERS].iter().zip(0..);
         users.filter_map(|(user, slot)| (user.person.state == TrackingState::Lost).then_some(slot))
     }
 
-    fn free_slots(&self) -> [bool; USERS] {
+    pub(super) fn free_slots(&self) -> [bool; USERS] {
         let most = self.settings.most as usize;
         core::array::from_fn(|slot| slot < most && !self.followers[slot].is_taken())
     }

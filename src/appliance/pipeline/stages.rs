@@ -18,7 +18,8 @@ use mien_stages::camera::Camera;
 use mien_stages::expression::Expression;
 use mien_stages::expression::measures::Measure;
 use mien_stages::expression::units::Units;
-use mien_stages::face_model::FaceModel;
+use mien_stages::face_model::{FaceModel, FaceTemplate};
+use mien_stages::landmarks::face_search::FaceSearch;
 use mien_stages::landmarks::{LandmarkStage, Scratch, StageSettings};
 use mien_stages::pose;
 use mien_stages::segment::Segmenter;
@@ -31,6 +32,7 @@ use mien_stages::users::memory::Gone;
 pub struct Pipeline {
     camera: Camera,
     segmenter: Segmenter,
+    face_search: FaceSearch,
     people: People,
     scratch: Scratch,
     /// Settings of pose and landmarks, to detect changes.
@@ -50,6 +52,7 @@ impl Pipeline {
         Ok(Self {
             camera: camera.clone(),
             segmenter: Segmenter::new(settings.segment),
+            face_search: FaceSearch::new(FaceTemplate::shipped()),
             people: People::new(settings, model)?,
             scratch: Scratch::default(),
             settings: (settings.pose, settings.landmarks),
@@ -70,7 +73,8 @@ impl Pipeline {
             search_budget: 0,
             stage_done: &mut stage_done,
         };
-        self.people.follow(&mut context, &mut self.segmenter);
+        self.people
+            .follow(&mut context, &mut self.segmenter, &mut self.face_search);
     }
 
     /// Reports of the last frame: one per user, one with the state absent per user forgotten in it, or a single one without a

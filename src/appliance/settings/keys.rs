@@ -73,7 +73,7 @@ sections! { stages: s
     }
     pose: "Head pose." {
         method: "Point-to-plane ICP against the learned head, or the paper's point-to-point ICP." =>
-            Kind::choice(&mut s.stages.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper)]);
+            Kind::choice(&mut s.stages.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper), ("image", pose::Method::Image)]);
         smoothing: "Pose filter: none, the paper's window, or adaptive." =>
             Kind::choice(&mut s.stages.pose.smoothing, &[("off", Smoothing::Off), ("window", Smoothing::Window(pose::WINDOW_FRAMES as usize)), ("adaptive", Smoothing::ADAPTIVE)]);
         window_frames: "Length of the paper's window in frames; 1 and 2 do not smooth (window)." =>

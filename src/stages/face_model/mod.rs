@@ -18,8 +18,10 @@ pub(crate) mod reader;
 pub mod refinement;
 pub mod scheme;
 pub mod sizes;
+mod template;
 
 pub use error::ModelError;
 pub use file::SHIPPED;
 pub use model::*;
 pub use sizes::*;
+pub use template::FaceTemplate;

@@ -10,6 +10,8 @@ pub const VIEW_PARAMETERS: usize = 6;
 pub const MAX_PARAMETERS: usize = VIEW_PARAMETERS + MAX_MODES;
 /// Bins of gradient orientation.
 pub const ORIENTATIONS: usize = 8;
+/// Cells along one side of the template of a face.
+pub const TEMPLATE_CELLS: usize = 10;
 /// Cells along one side of a patch.
 pub const PATCH_CELLS: usize = 4;
 /// Values of one patch: cells × orientations.

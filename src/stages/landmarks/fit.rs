@@ -13,6 +13,7 @@ use alloc::sync::Arc;
 use super::cascade::{FaceFit, FitConfidence, Solver};
 use super::eyes;
 use super::features::OrientationMaps;
+use super::image_pose::MeanShape;
 use super::points::Landmarks;
 use super::refine;
 use super::relief;
@@ -23,7 +24,7 @@ use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_image};
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::defaults;
 use crate::base::frames::{Head, Motion, SensorFromFace, SensorFromHead};
-use crate::base::geometry::{Rigid, Vector};
+use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 use crate::base::one_euro::Cutoffs;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -88,6 +89,24 @@ fn view_motion(start: &View, end: &View) -> Rigid {
     Rigid::from_parts(across.into(), back * end.rotation)
 }
 
+/// The pose of a face that was `expected` somewhere, seen as `start`, and is seen as `end`; `log_size`: its size relative to the model.
+fn pose_in_image(
+    expected: &SensorFromFace,
+    start: &View,
+    log_size: f32,
+    end: &View,
+) -> SensorFromFace {
+    let seen = **expected * view_motion(start, end);
+    let before = expected.translation.vector;
+    // A face that looks smaller than it is, is farther away.
+    let farther = (start.log_scale + log_size - end.log_scale).exp();
+    let place = seen.translation.vector * farther;
+    // A view is relative to the line of sight, which has moved with the face.
+    let sight = Rotation::rotation_between(&before, &place).unwrap_or_else(Rotation::identity);
+    // From frame to frame, rounding errors would grow.
+    SensorFromFace::from_parts(place, Rotation::new_normalize(*(sight * seen.rotation)))
+}
+
 /// A fit, its confidence, and the evidence of each region's visibility.
 type Fitted = (FaceFit, FitConfidence, Evidence);
 
@@ -123,6 +142,8 @@ pub struct LandmarkFitter {
     /// Logarithm of the face's size relative to the mean shape, and the seconds averaged.
     log_size: Option<(f32, f32)>,
     visibility: Visibility,
+    /// For the pose without depth.
+    mean_shape: MeanShape,
     landmarks: Landmarks,
 }
 
@@ -142,6 +163,7 @@ impl LandmarkFitter {
             last_at: None,
             log_size: None,
             visibility: Visibility::default(),
+            mean_shape: MeanShape::default(),
             landmarks: Landmarks::default(),
         }
     }
@@ -151,6 +173,7 @@ impl LandmarkFitter {
         self.last_at = None;
         self.log_size = None;
         self.visibility = Visibility::default();
+        self.mean_shape = MeanShape::default();
         self.mean_correction = ([0.0; MAX_MODES], 0.0);
         self.filters.iter_mut().for_each(ShapeFilter::reset);
     }
@@ -166,9 +189,7 @@ impl LandmarkFitter {
         face: &mut FaceInHead,
         at: Timestamp,
     ) -> Option<&Landmarks> {
-        let step_s = self.last_at.map_or(FIRST_FRAME_S, |last| {
-            at.seconds_since(last).clamp(0.0, 1.0) as f32
-        });
+        let step_s = self.step_s(at);
         let is_new = self.log_size.is_none();
         let sensor_from_head = &pose.sensor_from_head;
         let mut fit = |fitter: &mut Self, face: &FaceInHead| {
@@ -185,26 +206,92 @@ impl LandmarkFitter {
             face.search(&sensor_from_head.rotation);
             found = fit(self, face);
         }
-        let Some((placement, fit, confidence)) = found else {
-            self.last_at = None;
-            self.filters.iter_mut().for_each(ShapeFilter::reset);
-            self.visibility.interrupt();
+        let Some(found) = found else {
+            self.interrupt();
             face.decay(self.log_size.is_some());
             return None;
         };
-        let share = self.update_size(&fit, step_s);
+        let (placement, fit, _) = &found;
+        let share = self.update_size(fit, step_s);
         let moved = view_motion(&placement.start, &fit.view);
         face.update(&moved, step_s, share, self.visibility.is_covered());
         let sensor_from_face = *sensor_from_head * face.pose();
-        let shape = self.refined(&fit, depth, camera, &sensor_from_face, step_s);
-        self.fill_landmarks(luma, &placement, &fit, &shape, &confidence, at);
+        self.accept(
+            luma,
+            Some(depth),
+            camera,
+            &found,
+            &sensor_from_face,
+            step_s,
+            at,
+        );
+        Some(&self.landmarks)
+    }
+
+    /// Fits one frame near the `expected` pose of the face and corrects that pose by the image alone: rotation and position from the
+    /// fitted view, distance from the size that the face has, or, before depth has shown it, from the model's. Returns the corrected
+    /// pose; `None` if no face is found there. `depth`: if there is any.
+    pub fn fit_in_image(
+        &mut self,
+        scratch: &mut Scratch,
+        luma: &[u8; PIXELS],
+        depth: Option<&[u16; PIXELS]>,
+        camera: &Camera,
+        expected: &SensorFromFace,
+        at: Timestamp,
+    ) -> Option<(&Landmarks, SensorFromFace)> {
+        let step_s = self.step_s(at);
+        let Some(found) = self.fit_at_pose(scratch, luma, camera, expected, step_s) else {
+            self.interrupt();
+            return None;
+        };
+        // The first frame with depth replaces it.
+        let (log_size, _) = *self.log_size.get_or_insert((0.0, 0.0));
+        let (placement, fit, _) = &found;
+        self.mean_shape.add(&fit.shape, step_s);
+        scratch.solver.project(&self.shape, fit);
+        let view = self
+            .mean_shape
+            .view(&self.shape, &fit.view, &scratch.solver.window);
+        let seen = pose_in_image(expected, &placement.start, log_size, &view);
+        self.accept(luma, depth, camera, &found, &seen, step_s, at);
+        Some((&self.landmarks, seen))
+    }
+
+    /// Seconds since the last fit.
+    fn step_s(&self, at: Timestamp) -> f32 {
+        self.last_at.map_or(FIRST_FRAME_S, |last| {
+            at.seconds_since(last).clamp(0.0, 1.0) as f32
+        })
+    }
+
+    /// Notes a frame without a face.
+    fn interrupt(&mut self) {
+        self.last_at = None;
+        self.filters.iter_mut().for_each(ShapeFilter::reset);
+        self.visibility.interrupt();
+    }
+
+    /// Updates the landmarks by a fit.
+    fn accept(
+        &mut self,
+        luma: &[u8; PIXELS],
+        depth: Option<&[u16; PIXELS]>,
+        camera: &Camera,
+        (placement, fit, confidence): &(Placement, FaceFit, FitConfidence),
+        sensor_from_face: &SensorFromFace,
+        step_s: f32,
+        at: Timestamp,
+    ) {
+        let shape = self.refined(fit, depth, camera, sensor_from_face, step_s);
+        self.fill_landmarks(luma, placement, fit, &shape, confidence, at);
         let mouth = &self.landmarks.head[MOUTH];
-        let hidden = mouth
-            .iter()
-            .filter(|p| relief::is_hidden(depth, camera, &sensor_from_face, p));
+        let is_hidden = |p: &&Point| {
+            depth.is_some_and(|depth| relief::is_hidden(depth, camera, sensor_from_face, p))
+        };
+        let hidden = mouth.iter().filter(is_hidden);
         self.landmarks.mouth_hidden = hidden.count() as f32 / MOUTH.len() as f32;
         self.landmarks.seen = self.visibility.fade(step_s);
-        Some(&self.landmarks)
     }
 
     /// The fit at the face's expected pose, if confident. Updates which regions are hidden.
@@ -292,6 +379,30 @@ impl LandmarkFitter {
         None
     }
 
+    /// Searches for any face near a guessed pose by the image alone; returns its confidence and pose. Changes no state.
+    pub fn search_in_image(
+        &self,
+        scratch: &mut Scratch,
+        luma: &[u8; PIXELS],
+        camera: &Camera,
+        guess: &SensorFromFace,
+    ) -> Option<(f32, SensorFromFace)> {
+        let mut pose = *guess;
+        scratch.solver.hidden = [false; LANDMARKS];
+        for _ in 0..SEARCH_ROUNDS {
+            let placement = Placement::from_pose(camera, &pose)?;
+            let (fit, confidence, _) = self.run(scratch, luma, &placement, &placement.start, false);
+            pose = pose_in_image(&pose, &placement.start, 0.0, &fit.view);
+            if confidence.face >= MIN_FOUND {
+                return Some((confidence.face, pose));
+            }
+            if confidence.face < MIN_TO_CONTINUE {
+                break;
+            }
+        }
+        None
+    }
+
     /// Runs all stages from the mean shape at the view `depth`. Without the patches of the eyes each update is so much smaller that the
     /// first stages run twice.
     fn run(
@@ -345,7 +456,7 @@ impl LandmarkFitter {
     fn refined(
         &mut self,
         fit: &FaceFit,
-        depth: &[u16; PIXELS],
+        depth: Option<&[u16; PIXELS]>,
         camera: &Camera,
         sensor_from_face: &SensorFromFace,
         step_s: f32,

@@ -2,8 +2,10 @@
 
 pub mod cascade;
 pub mod eyes;
+pub mod face_search;
 pub mod features;
 pub mod fit;
+mod image_pose;
 pub mod paper_aam;
 mod points;
 pub mod refine;

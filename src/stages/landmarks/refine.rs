@@ -8,13 +8,13 @@ use crate::camera::Camera;
 use crate::face_model::refinement::{Inputs, MAX_INPUTS, SITES, sites};
 
 /// Inputs of the refinement. `shape`: fitted coefficients, one per mode; `turn`: the head's rotation vector relative to the line
-/// of sight; `head`: fitted points at the model's size, metres; `size`: factor to the face's own size.
+/// of sight; `head`: fitted points at the model's size, metres; `size`: factor to the face's own size; `depth`: if there is any.
 pub fn inputs(
     shape: &[f32],
     turn: &Vector,
     head: &[Point; LANDMARKS],
     size: f32,
-    depth: &[u16; PIXELS],
+    depth: Option<&[u16; PIXELS]>,
     camera: &Camera,
     sensor_from_face: &SensorFromFace,
 ) -> Inputs {
@@ -35,12 +35,13 @@ pub fn inputs(
 pub fn surface_offsets(
     head: &[Point; LANDMARKS],
     size: f32,
-    depth: &[u16; PIXELS],
+    depth: Option<&[u16; PIXELS]>,
     camera: &Camera,
     sensor_from_face: &SensorFromFace,
 ) -> heapless::Vec<f32, SITES> {
     let offsets = sites(head).map(|site| {
-        relief::height(depth, camera, sensor_from_face, &(site * size))
+        depth
+            .and_then(|depth| relief::height(depth, camera, sensor_from_face, &(site * size)))
             .map_or(f32::NAN, |height| height / size + site.z)
     });
     offsets.collect()
@@ -62,7 +63,15 @@ mod tests {
         let head: [Point; LANDMARKS] =
             core::array::from_fn(|i| Point::new(0.001 * i as f32, 0.03, 0.004));
         let turn = Vector::new(0.2, -0.3, 0.1);
-        let inputs = inputs(&[1.5, -2.5], &turn, &head, size, &depth, &camera, &pose);
+        let inputs = inputs(
+            &[1.5, -2.5],
+            &turn,
+            &head,
+            size,
+            Some(&depth),
+            &camera,
+            &pose,
+        );
         assert_eq!(inputs[..2], [1.5, -2.5]);
         for (found, expected) in inputs[2..8].iter().zip([0.2, -0.3, 0.1, 0.04, 0.09, -0.06]) {
             assert!((found - expected).abs() < 1e-6, "{found} {expected}");
@@ -75,7 +84,7 @@ mod tests {
         }
         // Beside the plane nothing is measured.
         let away = SensorFromFace::assume_frames(Rigid::translation(3.0, 0.0, 0.81));
-        let none = surface_offsets(&head, size, &depth, &camera, &away);
+        let none = surface_offsets(&head, size, Some(&depth), &camera, &away);
         assert!(none.iter().all(|by| by.is_nan()));
     }
 }

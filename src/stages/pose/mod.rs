@@ -38,7 +38,7 @@ use paper_tracker::PaperTracker;
 use plane_tracker::PlaneTracker;
 pub use settings::{HeadPose, Method, Settings, WINDOW_FRAMES};
 use signature::{Difference, Signature};
-use trail::{COAST_S, Tracker, Trail};
+use trail::{COAST_S, Information, Tracker, Trail};
 
 /// The standard head is unusable; it has this many points.
 #[derive(Debug, thiserror::Error)]
@@ -113,6 +113,11 @@ impl PoseTracker {
     /// A tracker of another head, with the same settings and a shared standard head.
     pub fn for_another_head(&self) -> Self {
         Self::with_anchor(self.settings, self.anchor.clone(), self.surface.clone())
+    }
+
+    /// Whether it follows the image alone, even if there is depth.
+    pub fn ignores_depth(&self) -> bool {
+        self.settings.method == Method::Image
     }
 
     /// Number of frames from which this head's shape was learned.
@@ -243,6 +248,31 @@ impl PoseTracker {
             self.correct(&misalignment);
         }
         fused.unwrap_or(pose.sensor_from_head) * head_from_face
+    }
+
+    /// Predicted pose of a tracked face, for a frame whose depth does not show the head. `None` if it was last tracked too long ago.
+    pub fn expected_face(&self, at: Timestamp) -> Option<SensorFromFace> {
+        let head_from_sensor = self.trail.predicted(at, &Vector::zeros())?;
+        Some(head_from_sensor.inverse() * self.face.pose())
+    }
+
+    /// Starts at the pose of a face that was found in the image.
+    pub fn start_in_image(&mut self, seen: &SensorFromFace, at: Timestamp) {
+        let head = *seen * self.face.pose().inverse();
+        self.tracker.restart();
+        self.trail.restart(Some((head, at)));
+    }
+
+    /// Continues at the pose of a face that the image alone shows; returns it smoothed.
+    pub fn follow_in_image(&mut self, seen: &SensorFromFace, at: Timestamp) -> SensorFromFace {
+        let found = HeadPose {
+            sensor_from_head: *seen * self.face.pose().inverse(),
+            confidence: 1.0,
+            coverage: 0.0,
+            proven: true,
+        };
+        let smoothed = self.trail.store(found, Information::zeros(), at);
+        self.sensor_from_face(&smoothed.sensor_from_head)
     }
 
     fn correct(&mut self, head_from_face: &HeadFromFace) {

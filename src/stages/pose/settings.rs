@@ -23,9 +23,11 @@ pub struct HeadPose {
 pub enum Method {
     /// The paper's: point-to-point, frame to frame, anchored.
     Paper,
-    /// Point-to-plane against the learned head.
+    /// Point-to-plane against the learned head; without depth, by the image.
     #[default]
     Plane,
+    /// By the image alone, even if there is depth.
+    Image,
 }
 
 defaults! {

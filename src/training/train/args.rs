@@ -40,6 +40,9 @@ pub struct TrainArgs {
     /// Train the paper's appearance model alone and put it into this model file, which otherwise stays the same
     #[arg(long)]
     pub paper_into: Option<PathBuf>,
+    /// Train the template of a face for the search in whole pictures alone, and write it instead of a model
+    #[arg(long, conflicts_with_all = ["paper_into", "person"])]
+    pub template: bool,
     /// A recording of one person who goes through all expressions: train a model of that person alone
     #[arg(long)]
     pub person: Option<PathBuf>,

@@ -11,6 +11,7 @@
 //! refine           lids and lips from depth
 //! confidence       recognition of good fits
 //! paper_aam        the paper's active appearance model; paper_aam_fits: its accuracy; person: for one person
+//! template         the template of a face for the search in whole images
 //! args             the arguments
 //! schedule         all of this in order; paper_section: the paper's model in the model file
 //! evaluate         errors on people not trained on
@@ -37,6 +38,7 @@ pub mod samples;
 pub mod schedule;
 pub mod shape;
 pub mod standard_head;
+mod template;
 #[cfg(test)]
 mod tests;
 mod worn;
@@ -50,7 +52,9 @@ use mien_workbench::fault::Fault;
 /// # Errors
 /// If the data cannot be read, is too little, or the result cannot be written.
 pub fn run(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
-    if args.person.is_some() || args.paper_into.is_some() {
+    if args.template {
+        template::learn(args, &args.out, say)
+    } else if args.person.is_some() || args.paper_into.is_some() {
         paper_section::replace(args, say)
     } else {
         schedule::train(args, say)

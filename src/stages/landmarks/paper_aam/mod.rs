@@ -188,7 +188,7 @@ impl PaperAamFitter {
         let size = (fit.view.log_scale - start.log_scale).exp();
         let head = &mut self.landmarks.head;
         let face = *sensor_from_head * head_from_face;
-        let nearer = refine::surface_offsets(head, size, depth, camera, &face);
+        let nearer = refine::surface_offsets(head, size, Some(depth), camera, &face);
         // Along the line of sight, so that the projection is unchanged.
         let sight = face.rotation.inverse() * (face * Point::origin()).coords;
         // Each group as a whole, to keep the distances within it.
