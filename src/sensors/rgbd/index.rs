@@ -9,17 +9,18 @@ const PERIOD_US: i64 = 33_333;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Entry {
     pub(super) name: String,
-    /// Time since the first depth picture, µs; `None` if it is missing or not later than the line before.
+    /// Time since the first frame, µs; `None` if it is missing or not later than the line before.
     pub(super) time_us: Option<i64>,
-    /// Index of a depth picture's partner in the other list.
+    /// Index of a frame's picture in the other list.
     pub(super) picture: Option<usize>,
 }
 
 /// Both lists.
 pub(super) struct Index {
-    pub(super) depth: Vec<Entry>,
+    /// A frame each: the depth pictures, or without depth the pictures.
+    pub(super) frames: Vec<Entry>,
     pub(super) pictures: Vec<Entry>,
-    /// Time of the first picture since the first depth picture, µs.
+    /// Time of the first picture since the first frame, µs.
     picture_start: Option<i64>,
 }
 
@@ -93,18 +94,19 @@ fn entries(text: &str, start: i64) -> Vec<Entry> {
 impl Index {
     /// The problem with pairing, if hardly any depth picture has a partner.
     pub(super) fn pairing_problem(&self) -> Option<String> {
-        let paired = self.depth.iter().filter(|entry| entry.picture.is_some());
-        let enough = paired.count() as f64 >= PAIRED_SHARE * self.depth.len() as f64;
+        let paired = self.frames.iter().filter(|entry| entry.picture.is_some());
+        let enough = paired.count() as f64 >= PAIRED_SHARE * self.frames.len() as f64;
         let seconds = self.picture_start? as f64 * 1e-6;
         (!enough).then(|| {
             format!("hardly any picture was taken at the time of one in depth.txt, and its times begin {seconds:.3} s later: are both from the same clock? Heads are tracked by depth alone")
         })
     }
 
-    pub(super) fn parse(depth: &str, pictures: &str) -> Self {
-        let start = lines(depth).find_map(|(time, _)| time).unwrap_or(0);
-        let (mut depth, pictures) = (entries(depth, start), entries(pictures, start));
-        let times: Vec<i64> = depth.iter().filter_map(|entry| entry.time_us).collect();
+    /// Of the list of depth pictures and that of the others; without depth, of the latter twice.
+    pub(super) fn parse(frames: &str, pictures: &str) -> Self {
+        let start = lines(frames).find_map(|(time, _)| time).unwrap_or(0);
+        let (mut frames, pictures) = (entries(frames, start), entries(pictures, start));
+        let times: Vec<i64> = frames.iter().filter_map(|entry| entry.time_us).collect();
         let mut periods: Vec<i64> = times.windows(2).map(|two| two[1] - two[0]).collect();
         periods.sort_unstable();
         let period = *periods.get(periods.len() / 2).unwrap_or(&PERIOD_US);
@@ -115,12 +117,12 @@ impl Index {
             let (other, at) = timed[nearest(&timed, time, |other| other.0)?];
             ((other - time).abs() * 2 <= period).then_some(at)
         };
-        for entry in &mut depth {
+        for entry in &mut frames {
             entry.picture = entry.time_us.and_then(partner);
         }
         Self {
             picture_start: timed.first().map(|other| other.0),
-            depth,
+            frames,
             pictures,
         }
     }
@@ -137,7 +139,11 @@ mod tests {
             depth,
             "# colour\n9.99 r/0\n10.045 r/1\n10.06 r/2\n10.222 r/3\n",
         );
-        let known: Vec<_> = index.depth.iter().map(|e| (e.time_us, e.picture)).collect();
+        let known: Vec<_> = index
+            .frames
+            .iter()
+            .map(|e| (e.time_us, e.picture))
+            .collect();
         let expected = [
             (Some(0), Some(0)),
             (Some(33_000), Some(1)),
@@ -148,7 +154,7 @@ mod tests {
             (None, None),
         ];
         assert_eq!(known, expected);
-        assert!(Index::parse("", "").depth.is_empty());
+        assert!(Index::parse("", "").frames.is_empty());
         assert_eq!(index.pairing_problem(), None);
         let problem = Index::parse("10.0 d/0\n10.033 d/1\n", "900.5 r/0\n").pairing_problem();
         assert!(
