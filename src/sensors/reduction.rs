@@ -2,12 +2,12 @@
 
 use core::ops::RangeInclusive;
 
-use super::camera::Pinhole;
 use mien_stages::base::capacity::{HEIGHT, WIDTH};
+use mien_stages::camera::Pinhole;
 
 /// Width and height of pictures that are read, pixels.
 pub(super) const SIZES: RangeInclusive<usize> = 64..=8192;
-/// Assumed field of view across a picture whose camera is unknown, degrees: between a webcam's 55 and 78, and a telephone's 65.
+/// Assumed field of view across a picture whose camera is unknown, degrees: webcams and telephones see about 50 to 75.
 pub(super) const ASSUMED_VIEW_DEG: f32 = 60.0;
 
 /// The view of an unknown camera by the size of its pictures: [`ASSUMED_VIEW_DEG`] from the left border to the right, axis in the middle.
