@@ -66,9 +66,9 @@ mod tests {
 
     #[test]
     fn an_unknown_camera_sees_sixty_degrees_after_reduction_too() {
-        let reduction = Reduction::new([1920, 1080]);
-        assert_eq!((reduction.factor, reduction.frame_size()), (3, [640, 360]));
-        let view = reduction.averaged(assumed_view([1920, 1080]));
+        let reduction = Reduction::new([1280, 720]);
+        assert_eq!((reduction.factor, reduction.frame_size()), (2, [640, 360]));
+        let view = reduction.averaged(assumed_view([1280, 720]));
         // Outer borders of the first and the last column.
         let [left, right] = [-0.5, 639.5].map(|col| (col - view.centre[0]) / view.focal[0]);
         let seen_deg = (right.atan() - left.atan()).to_degrees();

@@ -128,10 +128,10 @@ fn calibration(
             .take(SIZE_TRIES)
             .find_map(|entry| size_of(&folder.join(&entry.name)).ok());
         let size = size.ok_or_else(|| fails("is missing, and the size of the first pictures cannot be read; are they in the folder?".into()))?;
-        tracing::warn!(
+        warn_once(format_args!(
             "{} is missing, so a camera with a field of view of {ASSUMED_VIEW_DEG} degrees is assumed; write the focal lengths of yours to it (docs/recordings.md) for right distances",
             path.display()
-        );
+        ));
         return Calibration::assumed(size).map_err(fails);
     }
     let mut calibration = Calibration::parse(&read_text(&path, CALIBRATION_MAX)?).map_err(fails)?;
@@ -140,15 +140,21 @@ fn calibration(
             return Err(fails("expected `depth`, because there is a depth.txt, found only `colour`; add the numbers of the depth camera, or remove depth.txt".into()));
         }
         (false, Some(_)) => {
-            tracing::warn!(
+            warn_once(format_args!(
                 "{} has a depth camera, but there is no depth.txt: playing the pictures without depth",
                 path.display()
-            );
+            ));
             calibration.depth = None;
         }
         _ => {}
     }
     Ok(calibration)
+}
+
+/// Warns about a recording; once, because some programs open it again for every picture that they show.
+fn warn_once(problem: std::fmt::Arguments<'_>) {
+    static WARNED: std::sync::Once = std::sync::Once::new();
+    WARNED.call_once(|| tracing::warn!("{problem}"));
 }
 
 /// The camera of the reduced pictures.

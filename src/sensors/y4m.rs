@@ -200,7 +200,7 @@ impl Y4m {
     /// If it cannot be read or its header is unusable.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let problem = |problem: io::Error| {
-            let advice = "give a pipe as standard input, with --source -";
+            let advice = "check the path, or give a pipe as standard input with --source -";
             RecordingError(
                 path.to_owned(),
                 format!("cannot be read ({}); {advice}", reason(&problem)),
