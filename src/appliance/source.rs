@@ -10,6 +10,7 @@ use mien_sensors::kinect::recording::Recording;
 use mien_sensors::rgbd::Rgbd;
 use mien_sensors::sensor::{Sensor, SensorError, SensorKind};
 use mien_sensors::table::SENSORS;
+use mien_sensors::y4m::Y4m;
 use mien_simulator::simulated::{Simulated, UnknownScene};
 use mien_stages::base::nearest_word::hint;
 use mien_stages::base::time::Timestamp;
@@ -18,9 +19,11 @@ use mien_stages::base::time::Timestamp;
 pub const AUTO: &str = "auto";
 /// Name of the simulated sensor.
 pub const SIMULATED: &str = "simulated";
+/// Name of a film at standard input.
+pub const STANDARD_INPUT: &str = "-";
 
-/// Splits a source's name at the first colon into kind and detail (serial number or scene). Any kind but `auto`, `kinect` and
-/// `simulated` is a path; `./kinect` is the directory of that name.
+/// Splits a source's name at the first colon into kind and detail (serial number or scene). Any kind but `auto`, `kinect`,
+/// `simulated` and `-` is a path; `./kinect` is the directory of that name.
 ///
 /// ```
 /// use mien_appliance::source::parts;
@@ -41,7 +44,7 @@ pub enum SourceError {
     Recording(#[from] RecordingError),
     /// Neither a sensor nor a recording: the name, and a hint to the nearest one.
     #[error(
-        "expected auto, kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {0}{1}"
+        "expected auto, kinect, kinect:SERIAL, simulated, simulated:SCENE, the path of a recording or .y4m film, or - for a film at standard input, found {0}{1}"
     )]
     Unknown(String, String),
     /// None of this number of frames of a recording could be used.
@@ -66,21 +69,29 @@ pub fn simulated(scene: Option<&str>) -> Result<Source, SourceError> {
     Ok(Box::new(Simulated::new(scene)?))
 }
 
-/// The recording in a directory.
+/// The recording in a directory, or the film in a `.y4m` file.
 ///
 /// # Errors
 /// If it cannot be opened.
-pub fn recording(directory: &Path) -> Result<Source, SourceError> {
-    let name = directory.to_string_lossy();
+pub fn recording(path: &Path) -> Result<Source, SourceError> {
+    let name = path.to_string_lossy();
     let names = SENSORS.iter().map(|kind| kind.name);
     let hint = hint(&name, names.chain([SIMULATED, AUTO]));
-    if !hint.is_empty() && !directory.exists() {
+    if !hint.is_empty() && !path.exists() {
         return Err(SourceError::Unknown(name.into_owned(), hint));
     }
-    if Rgbd::is_recording(directory) {
-        return Ok(Box::new(Rgbd::open(directory)?));
+    if is_film(path) {
+        return Ok(Box::new(Y4m::open(path)?));
     }
-    Ok(Box::new(Recording::open(directory)?))
+    if Rgbd::is_recording(path) {
+        return Ok(Box::new(Rgbd::open(path)?));
+    }
+    Ok(Box::new(Recording::open(path)?))
+}
+
+/// Whether a path is that of a film.
+pub fn is_film(path: &Path) -> bool {
+    path.extension().is_some_and(|kind| kind == "y4m") && !path.is_dir()
 }
 
 /// The kind of sensor and the serial number in a name; [`AUTO`] is the first kind.
@@ -99,6 +110,8 @@ pub fn check(name: &str) -> Result<(), SourceError> {
     match parts(name) {
         _ if kind(name).is_some() => Ok(()),
         (SIMULATED, scene) => Ok(Simulated::scene(scene).map(drop)?),
+        // What is read from a pipe is gone for the run.
+        (STANDARD_INPUT, None) => Ok(()),
         _ => recording(Path::new(name)).map(drop),
     }
 }
@@ -116,6 +129,7 @@ pub fn open(
     let Some((kind, serial)) = kind(name) else {
         return match parts(name) {
             (SIMULATED, scene) => Ok((simulated(scene)?, name)),
+            (STANDARD_INPUT, None) => Ok((Box::new(Y4m::standard_input()?), name)),
             _ => Ok((recording(Path::new(name))?, name)),
         };
     };

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! kinect   the Kinect v1: packets to frames over USB, its calibration, its motor, recordings as libfreenect writes them
-//! rgbd     recordings of any depth camera
+//! rgbd     recordings of any depth camera, or of colour alone
+//! y4m      films without depth, from a file or through a pipe
 //! turned   any of them on its side or upside down
 //! ```
 
@@ -14,6 +15,8 @@ pub mod kinect;
 #[cfg(feature = "std")]
 mod picture_file;
 #[cfg(feature = "std")]
+mod reduction;
+#[cfg(feature = "std")]
 pub mod rgbd;
 #[cfg(feature = "std")]
 pub mod sensor;
@@ -21,6 +24,8 @@ pub mod sensor;
 pub mod table;
 #[cfg(feature = "std")]
 pub mod turned;
+#[cfg(feature = "std")]
+pub mod y4m;
 
 pub use mien_stages::camera;
 pub use mien_stages::frame::{Frame, NO_DEPTH};

@@ -1,9 +1,10 @@
-//! Code shared by both kinds of recordings: reading picture files, errors, and the count of skipped frames. Formats: PGM (P5) and PPM
+//! Code shared by all kinds of recordings: reading picture files, errors, and the count of skipped frames. Formats: PGM (P5) and PPM
 //! (P6) of 8 or 16 bit; with the feature `studio` also PNG and JPEG.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use super::reduction::Reduction;
 use mien_stages::base::bounded_read::{self, reason};
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
@@ -84,7 +85,17 @@ pub(super) struct Pixels<'a> {
     pub(super) body: &'a [u8],
 }
 
-impl Pixels<'_> {
+impl<'a> Pixels<'a> {
+    /// Grey pixels of 8 bits.
+    pub(super) fn grey(columns: usize, body: &'a [u8]) -> Self {
+        Self {
+            columns,
+            channels: 1,
+            is_16_bit: false,
+            body,
+        }
+    }
+
     /// The 16-bit value at index `at`.
     pub(super) fn u16_at(&self, at: usize) -> u16 {
         u16::from_be_bytes([self.body[2 * at], self.body[2 * at + 1]])
@@ -104,14 +115,9 @@ impl Pixels<'_> {
         }
     }
 
-    /// Luma averaged over blocks of `reduced`² pixels, for the given columns and rows; the border is repeated beyond them.
-    pub(super) fn brightness(
-        &self,
-        reduced: usize,
-        [columns, rows]: [usize; 2],
-        white: u32,
-        luma: &mut [u8; PIXELS],
-    ) {
+    /// Luma averaged over the blocks of a reduction; the border is repeated beyond its columns and rows.
+    pub(super) fn brightness(&self, by: &Reduction, white: u32, luma: &mut [u8; PIXELS]) {
+        let ([columns, rows], reduced) = (by.frame_size(), by.factor);
         for row in 0..rows {
             let line = &mut luma[row * WIDTH..][..WIDTH];
             for (col, out) in line[..columns].iter_mut().enumerate() {
@@ -197,6 +203,27 @@ impl PictureFile {
     }
 }
 
+/// Columns and rows of a picture of unknown size.
+///
+/// # Errors
+/// If the file cannot be read or its header is damaged.
+pub(super) fn size_of(path: &Path) -> Result<[usize; 2], Damage> {
+    let mut bytes = Vec::new();
+    let file = bounded_read::open_regular(path)?;
+    file.take(HEADER_MAX as u64).read_to_end(&mut bytes)?;
+    if let Some(([_, columns, rows, _], _)) = netpbm(&bytes) {
+        return Ok([columns, rows]);
+    }
+    #[cfg(feature = "studio")]
+    {
+        let reader = image::ImageReader::open(path)?.with_guessed_format()?;
+        let size = reader.into_dimensions().map_err(|_| Damage::Format)?;
+        Ok([size.0, size.1].map(|n| n as usize))
+    }
+    #[cfg(not(feature = "studio"))]
+    Err(Damage::Format)
+}
+
 fn pixels(
     body: &[u8],
     channels: usize,
@@ -280,13 +307,17 @@ mod tests {
             .collect();
         let picture = pixels(&body, 1, true, [4, 4], [4, 4]).unwrap();
         let mut luma = Frame::default().luma;
-        picture.brightness(2, [2, 2], 15_000, &mut luma);
+        let by = |factor| Reduction {
+            size: [4, 4],
+            factor,
+        };
+        picture.brightness(&by(2), 15_000, &mut luma);
         // Means of 0 1 4 5 and of 2 3 6 7, each times 17.
         assert_eq!(luma[..4], [42, 76, 76, 76]);
         assert_eq!(luma[WIDTH * 2..][..2], luma[WIDTH..][..2]);
         let colours: Vec<u8> = (0..48).map(|k| if k % 3 == 1 { 200 } else { k }).collect();
         let coloured = pixels(&colours, 3, false, [4, 4], [4, 4]).unwrap();
-        coloured.brightness(1, [4, 4], 255, &mut luma);
+        coloured.brightness(&by(1), 255, &mut luma);
         // (77 r + 150 · 200 + 29 b) / 256 of r = 0, 3, 6, 9 and b = r + 2.
         assert_eq!(luma[..4], [117, 119, 120, 121]);
         assert!(pixels(&body[1..], 1, true, [4, 4], [4, 4]).is_err());

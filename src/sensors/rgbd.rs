@@ -1,14 +1,15 @@
-//! Recordings of any depth camera: a folder in the layout of the TUM RGB-D data sets, and its calibration in one small file.
+//! Recordings of any depth camera, or of colour alone: a folder in the layout of the TUM RGB-D data sets, and its calibration in one
+//! small file.
 //!
 //! | file | holds |
 //! | --- | --- |
 //! | `depth.txt` | a line per depth picture: seconds, and its file; `#` begins a comment |
-//! | `rgb.txt` | the same for colour or infrared pictures; optional |
-//! | `camera.json` | size, focal lengths, centre and scale of both cameras, and the pose between them: [`calibration`] |
+//! | `rgb.txt` | the same for colour or infrared pictures; optional beside `depth.txt`; alone, its pictures are the frames |
+//! | `camera.json` | size, focal lengths, centre and scale of the cameras, and the pose between them: [`calibration`] |
 //!
 //! Depth has 16 bits, 0 = none; pictures are grey of 8 or 16 bits or RGB of 8. Files are PGM or PPM, or with the feature `studio`
 //! PNG and JPEG (`picture_file`). A depth picture is paired with the other picture nearest in time, at most half a period away; a
-//! depth picture without one is a frame without colour. Pictures larger than [`WIDTH`] × [`HEIGHT`] are reduced by a whole factor:
+//! depth picture without one is a frame without colour. Pictures larger than a frame are reduced by a whole factor:
 //! depth is subsampled, so that edges are not blurred; brightness is averaged. A frame holds depth in the recording's own unit. A
 //! damaged frame is skipped with a warning and a count.
 //!
@@ -16,19 +17,26 @@
 //! delivers it.
 
 mod calibration;
+mod index;
 
 use std::path::{Path, PathBuf};
 
-use super::camera::{Camera, ColourProjection, DepthScale, Pinhole, RANGE_M};
-use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, nearest};
+use super::camera::{Camera, ColourProjection, DepthScale, RANGE_M};
+use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, size_of};
+use super::reduction::{ASSUMED_VIEW_DEG, Reduction};
 use super::{Frame, NO_DEPTH};
 use crate::kinect::frame::FrameSink;
 use crate::sensor::{Sensor, SensorError, SensorState};
 use calibration::{Calibration, Intrinsics};
+use index::{Entry, Index, misread_times};
 use mien_stages::base::bounded_read::{self, reason};
-use mien_stages::base::capacity::{HEIGHT, WIDTH};
+use mien_stages::base::capacity::{PIXELS, WIDTH};
 use mien_stages::base::time::Timestamp;
 
+/// The lists of depth pictures and of the others.
+const LISTS: [&str; 2] = ["depth.txt", "rgb.txt"];
+/// Number of pictures of which one must have a size that can be read.
+const SIZE_TRIES: usize = 10;
 /// Largest list of pictures, bytes.
 const LIST_MAX: usize = 1 << 26;
 /// Largest calibration file, bytes.
@@ -38,11 +46,9 @@ const UNLISTED: Damage = Damage::Listed(
     "expected a time in seconds, later than in the line before, and a file in this folder",
 );
 
-/// One stream: size of its pictures, reduction, and file buffers.
+/// One stream: size of its pictures, and file buffers.
 struct Stream {
-    size: [usize; 2],
-    /// File pixels per frame pixel, along each side.
-    reduced: usize,
+    reduction: Reduction,
     file: PictureFile,
 }
 
@@ -50,25 +56,123 @@ impl Stream {
     fn new(view: &Intrinsics) -> Self {
         let [columns, rows] = view.size();
         Self {
-            size: view.size(),
-            reduced: columns.div_ceil(WIDTH).max(rows.div_ceil(HEIGHT)),
+            reduction: Reduction::new(view.size()),
             file: PictureFile::new(columns * rows * 6),
         }
     }
+}
 
-    /// Columns and rows in the frame.
-    fn frame_size(&self) -> [usize; 2] {
-        self.size.map(|pixels| pixels / self.reduced)
-    }
+/// The stream of depth.
+struct Depth {
+    stream: Stream,
+    metres_per_unit: f32,
+    /// Whether the scale has been checked on a picture.
+    scale_checked: bool,
+}
 
-    /// Pinhole of the reduced picture; `within`: position of a reduced pixel's centre in its block, file pixels.
-    fn pinhole(&self, view: &Intrinsics, within: f32) -> Pinhole {
-        let (reduced, whole) = (self.reduced as f32, view.pinhole());
-        Pinhole {
-            focal: whole.focal.map(|focal| focal / reduced),
-            centre: whole.centre.map(|centre| (centre - within) / reduced),
+impl Depth {
+    fn new(view: &Intrinsics) -> Self {
+        Self {
+            stream: Stream::new(view),
+            metres_per_unit: view.metres_per_unit,
+            scale_checked: false,
         }
     }
+
+    /// Reads the picture at `path` of a recording in `folder`.
+    fn read(
+        &mut self,
+        [folder, path]: [&Path; 2],
+        camera: &Camera,
+        into: &mut [u16; PIXELS],
+    ) -> Result<(), Damage> {
+        let Stream { reduction, file } = &mut self.stream;
+        let ([columns, rows], factor) = (reduction.frame_size(), reduction.factor);
+        let pixels = file.read(path, reduction.size)?;
+        if pixels.channels != 1 || !pixels.is_16_bit {
+            return Err(Damage::Kind("a 16-bit grey picture, as depth is"));
+        }
+        if !std::mem::replace(&mut self.scale_checked, true)
+            && let Some(problem) = misread_depth(&pixels, self.metres_per_unit)
+        {
+            let file = folder.join("camera.json");
+            tracing::warn!("{}: {problem}", file.display());
+        }
+        into.fill(NO_DEPTH);
+        for row in 0..rows {
+            let from = (row * factor + factor / 2) * reduction.size[0] + factor / 2;
+            let values = pixels.body.as_chunks().0[from..].iter().step_by(factor);
+            let out = &mut into[row * WIDTH..][..columns];
+            for (out, value) in out.iter_mut().zip(values) {
+                let raw = u16::from_be_bytes(*value);
+                let is_measured = camera.depth_m(raw) > 0.0;
+                *out = if is_measured { raw } else { NO_DEPTH };
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The calibration in `folder`; `has_depth`: whether there are depth pictures. Without them it may be missing, and the size of the
+/// `pictures` is all that is known.
+fn calibration(
+    folder: &Path,
+    has_depth: bool,
+    pictures: &[Entry],
+) -> Result<Calibration, RecordingError> {
+    let path = folder.join("camera.json");
+    let fails = |problem| RecordingError(path.clone(), problem);
+    if !has_depth && matches!(path.try_exists(), Ok(false)) {
+        let timed = pictures.iter().filter(|entry| entry.time_us.is_some());
+        let size = timed
+            .take(SIZE_TRIES)
+            .find_map(|entry| size_of(&folder.join(&entry.name)).ok());
+        let size = size.ok_or_else(|| fails("is missing, and the size of the first pictures cannot be read; are they in the folder?".into()))?;
+        warn_once(format_args!(
+            "{} is missing, so a camera with a field of view of {ASSUMED_VIEW_DEG} degrees is assumed; write the focal lengths of yours to it (docs/recordings.md) for right distances",
+            path.display()
+        ));
+        return Calibration::assumed(size).map_err(fails);
+    }
+    let mut calibration = Calibration::parse(&read_text(&path, CALIBRATION_MAX)?).map_err(fails)?;
+    match (has_depth, &calibration.depth) {
+        (true, None) => {
+            return Err(fails("expected `depth`, because there is a depth.txt, found only `colour`; add the numbers of the depth camera, or remove depth.txt".into()));
+        }
+        (false, Some(_)) => {
+            warn_once(format_args!(
+                "{} has a depth camera, but there is no depth.txt: playing the pictures without depth",
+                path.display()
+            ));
+            calibration.depth = None;
+        }
+        _ => {}
+    }
+    Ok(calibration)
+}
+
+/// Warns about a recording; once, because some programs open it again for every picture that they show.
+fn warn_once(problem: std::fmt::Arguments<'_>) {
+    static WARNED: std::sync::Once = std::sync::Once::new();
+    WARNED.call_once(|| tracing::warn!("{problem}"));
+}
+
+/// The camera of the reduced pictures.
+fn camera(of: &Calibration, depth: Option<&Depth>, picture: Reduction) -> Camera {
+    let (view, distortion) = (picture.averaged(of.colour.pinhole()), of.colour.distortion);
+    let Some((Depth { stream, .. }, intrinsics)) = depth.zip(of.depth.as_ref()) else {
+        return Camera::without_depth(view, distortion, picture.frame_size());
+    };
+    Camera::new(
+        DepthScale::metric(intrinsics.metres_per_unit),
+        stream.reduction.picked(intrinsics.pinhole()),
+        stream.reduction.frame_size(),
+        ColourProjection::Pinhole {
+            distortion,
+            view,
+            colour_from_sensor: of.colour_from_depth,
+        },
+    )
 }
 
 fn read_text(path: &Path, most: usize) -> Result<String, RecordingError> {
@@ -84,13 +188,11 @@ pub struct Rgbd {
     index: Index,
     next: usize,
     skipped: Skipped,
-    /// Geometry of both cameras.
+    /// Geometry of the cameras.
     pub camera: Camera,
-    depth: Stream,
+    /// `None` for a recording of colour alone.
+    depth: Option<Depth>,
     picture: Stream,
-    metres_per_unit: f32,
-    /// Whether the scale has been checked on a picture.
-    scale_checked: bool,
     /// Value of a 16-bit picture that becomes 255.
     white: u32,
     path: PathBuf,
@@ -99,52 +201,46 @@ pub struct Rgbd {
 impl Rgbd {
     /// Whether `folder` has such a recording.
     pub fn is_recording(folder: &Path) -> bool {
-        folder.join("depth.txt").exists()
+        LISTS.iter().any(|list| folder.join(list).exists())
     }
 
     /// Opens the recording in `folder`.
     ///
     /// # Errors
-    /// If there is no list of depth pictures, or the calibration is missing or unusable.
+    /// If there is no list of pictures, or the calibration is missing beside depth or unusable.
     pub fn open(folder: &Path) -> Result<Self, RecordingError> {
-        let text = |name, most| read_text(&folder.join(name), most);
-        let calibration = Calibration::parse(&text("camera.json", CALIBRATION_MAX)?);
-        let calibration =
-            calibration.map_err(|problem| RecordingError(folder.join("camera.json"), problem))?;
-        let pictures = match folder.join("rgb.txt").try_exists() {
-            Ok(false) => String::new(),
-            _ => text("rgb.txt", LIST_MAX)?,
+        let [depths, pictures] = LISTS;
+        let has = |name: &str| !matches!(folder.join(name).try_exists(), Ok(false));
+        let text = |name| match has(name) {
+            true => read_text(&folder.join(name), LIST_MAX),
+            false => Ok(String::new()),
         };
-        let depths = text("depth.txt", LIST_MAX)?;
-        if let Some(problem) = misread_times(&depths) {
-            return Err(RecordingError(folder.join("depth.txt"), problem));
+        let list = if has(depths) { depths } else { pictures };
+        let problem = |problem: String| Err(RecordingError(folder.join(list), problem));
+        let frames = text(list)?;
+        if let Some(misread) = misread_times(&frames) {
+            return problem(misread);
         }
-        let index = Index::parse(&depths, &pictures);
+        let index = Index::parse(&frames, &text(pictures)?);
         if let Some(problem) = index.pairing_problem() {
-            tracing::warn!("{}: {problem}", folder.join("rgb.txt").display());
+            tracing::warn!("{}: {problem}", folder.join(pictures).display());
         }
-        if index.depth.is_empty() {
-            return Err(RecordingError(folder.join("depth.txt"), "lists no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?".into()));
+        if index.frames.is_empty() {
+            let example = format!("1305031102.160407 {0}/0001.png", list.replace(".txt", ""));
+            return problem(format!(
+                "lists no picture, expected lines like {example}; is the recording complete?"
+            ));
         }
         #[cfg(not(feature = "studio"))]
-        if index.depth[0].name.ends_with(".png") {
-            return Err(RecordingError(folder.join("depth.txt"), "lists PNG files, which this build cannot read; use a build with --features studio, or convert them to PGM (see docs/recordings.md)".into()));
+        if let Some((_, kind)) = index.frames[0].name.rsplit_once('.')
+            && ["png", "jpg", "jpeg"].contains(&kind)
+        {
+            return problem("lists PNG or JPEG files, which this build cannot read; use a build with --features studio, or convert them to PGM (see docs/recordings.md)".into());
         }
-        let (depth, picture) = (&calibration.depth, &calibration.colour);
-        let streams = [depth, picture].map(Stream::new);
-        let [depth_stream, picture_stream] = &streams;
-        let camera = Camera::new(
-            DepthScale::metric(depth.metres_per_unit),
-            depth_stream.pinhole(depth, (depth_stream.reduced / 2) as f32),
-            depth_stream.frame_size(),
-            ColourProjection::Pinhole {
-                distortion: picture.distortion,
-                view: picture_stream.pinhole(picture, (picture_stream.reduced - 1) as f32 * 0.5),
-                colour_from_sensor: calibration.colour_from_depth,
-            },
-        );
-        let metres_per_unit = depth.metres_per_unit;
-        let [depth_stream, picture_stream] = streams;
+        let calibration = calibration(folder, list == depths, &index.frames)?;
+        let picture = &calibration.colour;
+        let depth = calibration.depth.as_ref().map(Depth::new);
+        let picture_stream = Stream::new(picture);
         Ok(Self {
             // Capacity for usual file names, so that frames do not allocate.
             path: PathBuf::with_capacity(folder.as_os_str().len() + 256),
@@ -152,18 +248,22 @@ impl Rgbd {
             index,
             next: 0,
             skipped: Skipped::default(),
-            camera,
-            depth: depth_stream,
+            camera: camera(&calibration, depth.as_ref(), picture_stream.reduction),
+            depth,
             white: picture.white,
             picture: picture_stream,
-            metres_per_unit,
-            scale_checked: false,
         })
     }
 
     /// File pixels per frame pixel along each side: of depth, of pictures.
     pub fn reduced(&self) -> [usize; 2] {
-        [self.depth.reduced, self.picture.reduced]
+        let picture = self.picture.reduction.factor;
+        // Without depth, the picture's pixels stand for both.
+        let depth = self.depth.as_ref();
+        [
+            depth.map_or(picture, |depth| depth.stream.reduction.factor),
+            picture,
+        ]
     }
 
     /// Number of frames skipped so far because of a damaged or missing file.
@@ -171,19 +271,19 @@ impl Rgbd {
         self.skipped.0
     }
 
-    /// Number of depth pictures in the list, skipped ones included.
+    /// Number of frames in the list, skipped ones included.
     pub fn frames(&self) -> usize {
-        self.index.depth.len()
+        self.index.frames.len()
     }
 
-    /// Continues at the depth picture with this [`Frame::index`].
+    /// Continues at the frame with this [`Frame::index`].
     pub fn seek(&mut self, number: usize) {
         self.next = number.min(self.frames());
     }
 
     /// Fills `frame` with the next undamaged frame; `false` at the end.
     pub fn next_frame(&mut self, frame: &mut Frame) -> bool {
-        while self.next < self.index.depth.len() {
+        while self.next < self.index.frames.len() {
             self.next += 1;
             let Err(damage) = self.read(self.next - 1, frame) else {
                 return true;
@@ -195,115 +295,35 @@ impl Rgbd {
 
     fn read(&mut self, at: usize, frame: &mut Frame) -> Result<(), Damage> {
         let (index, path, camera) = (&self.index, &mut self.path, &self.camera);
-        let entry = &index.depth[at];
+        let entry = &index.frames[at];
         let set_path = |path: &mut PathBuf, name: &str| {
             path.clone_from(&self.folder);
             path.push(name);
         };
         set_path(path, &entry.name);
         let time_us = entry.time_us.ok_or(UNLISTED)?;
-        let ([columns, rows], reduced) = (self.depth.frame_size(), self.depth.reduced);
-        let width = self.depth.size[0];
-        let pixels = self.depth.file.read(path, self.depth.size)?;
-        if pixels.channels != 1 || !pixels.is_16_bit {
-            return Err(Damage::Kind("a 16-bit grey picture, as depth is"));
-        }
-        if !std::mem::replace(&mut self.scale_checked, true)
-            && let Some(problem) = misread_depth(&pixels, self.metres_per_unit)
-        {
-            let file = self.folder.join("camera.json");
-            tracing::warn!("{}: {problem}", file.display());
-        }
-        frame.depth.fill(NO_DEPTH);
-        for row in 0..rows {
-            let from = (row * reduced + reduced / 2) * width + reduced / 2;
-            let values = pixels.body.as_chunks().0[from..].iter().step_by(reduced);
-            let out = &mut frame.depth[row * WIDTH..][..columns];
-            for (out, value) in out.iter_mut().zip(values) {
-                let raw = u16::from_be_bytes(*value);
-                let is_measured = camera.depth_m(raw) > 0.0;
-                *out = if is_measured { raw } else { NO_DEPTH };
-            }
+        match &mut self.depth {
+            Some(depth) => depth.read([&self.folder, path], camera, &mut frame.depth)?,
+            None => frame.depth.fill(NO_DEPTH),
         }
         match entry.picture {
             Some(other) => {
                 set_path(path, &index.pictures[other].name);
-                let (frame_size, reduced) = (self.picture.frame_size(), self.picture.reduced);
-                let pixels = self.picture.file.read(path, self.picture.size)?;
-                pixels.brightness(reduced, frame_size, self.white, &mut frame.luma);
+                let Stream { reduction, file } = &mut self.picture;
+                let pixels = file.read(path, reduction.size)?;
+                pixels.brightness(reduction, self.white, &mut frame.luma);
                 frame.has_colour = true;
             }
             None => frame.drop_colour(),
         }
-        // Never negative: times start at 0 with the first depth picture and rise.
+        // Never negative: times start at 0 with the first one in the list and rise.
         (frame.index, frame.at) = (at as u64, Timestamp::from_us(time_us.unsigned_abs()));
         Ok(())
     }
 }
 
-/// Assumed period if there is only one picture, µs.
-const PERIOD_US: i64 = 33_333;
-
-/// A line of a list.
-#[derive(Clone, Debug, PartialEq)]
-struct Entry {
-    name: String,
-    /// Time since the first depth picture, µs; `None` if it is missing or not later than the line before.
-    time_us: Option<i64>,
-    /// Index of a depth picture's partner in the other list.
-    picture: Option<usize>,
-}
-
-/// Both lists.
-struct Index {
-    depth: Vec<Entry>,
-    pictures: Vec<Entry>,
-    /// Time of the first picture since the first depth picture, µs.
-    picture_start: Option<i64>,
-}
-
-/// Time and file name of every line that is no comment, as text.
-fn fields(text: &str) -> impl Iterator<Item = (&str, &str)> {
-    let lines = text.lines().map(str::trim);
-    let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
-    lines.map(|line| line.split_once(char::is_whitespace).unwrap_or(("", line)))
-}
-
-/// Units of time used by mistake in lists, and their number per second.
-const OTHER_UNITS: [(&str, f64); 3] = [
-    ("nanoseconds", 1e9),
-    ("microseconds", 1e6),
-    ("milliseconds", 1e3),
-];
-/// Largest plausible median period, seconds; larger ones indicate another unit of time.
-const PERIOD_MAX_S: f64 = 4.0;
 /// Smallest share of depth values that must be in the range of depth cameras.
 const IN_RANGE_SHARE: f32 = 0.2;
-/// Smallest share of depth pictures that must have a partner.
-const PAIRED_SHARE: f64 = 0.1;
-
-/// The problem with the times of a list, if they are evidently not seconds.
-fn misread_times(text: &str) -> Option<String> {
-    if let Some((time, _)) = fields(text).find(|(time, _)| {
-        let split = time.split_once(',');
-        split.is_some_and(|(a, b)| a.parse::<u64>().is_ok() && b.parse::<u64>().is_ok())
-    }) {
-        return Some(format!(
-            "expected seconds with a decimal point, found {time:?}; replace the commas"
-        ));
-    }
-    let times = fields(text).filter_map(|(time, _)| time.parse::<f64>().ok());
-    let times: Vec<f64> = times.filter(|time| time.is_finite()).collect();
-    let mut spacing: Vec<f64> = times.windows(2).map(|two| two[1] - two[0]).collect();
-    spacing.sort_unstable_by(f64::total_cmp);
-    let spacing = *spacing.get(spacing.len() / 2)?;
-    let (unit, second) = OTHER_UNITS
-        .into_iter()
-        .find(|(_, second)| spacing / second >= 1e-3 && spacing >= PERIOD_MAX_S)?;
-    Some(format!(
-        "expected seconds, found times {spacing} apart, which look like {unit}; divide them by {second}"
-    ))
-}
 
 /// The problem with the scale of depth, if most values of a picture are out of range.
 fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
@@ -332,68 +352,6 @@ fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
     ))
 }
 
-/// Time (µs) and file name of every line that is no comment; no time if the file is outside of the folder.
-fn lines(text: &str) -> impl Iterator<Item = (Option<i64>, &str)> {
-    fields(text).map(|(time, name)| {
-        let seconds = time.parse().ok().filter(|s: &f64| s.abs() < 1e11);
-        let name = name.trim();
-        let inside = !name.starts_with('/') && name.split(['/', '\\']).all(|part| part != "..");
-        let seconds: Option<f64> = seconds.filter(|_| inside);
-        (seconds.map(|s| (s * 1e6).round() as i64), name)
-    })
-}
-
-/// The entries of a list, without partners; times are relative to `start`, µs.
-fn entries(text: &str, start: i64) -> Vec<Entry> {
-    let mut last = None;
-    let entries = lines(text).map(|(time, name)| {
-        let time = time.filter(|time| last.is_none_or(|last| *time > last));
-        last = time.or(last);
-        Entry {
-            name: name.to_owned(),
-            time_us: time.map(|time| time - start),
-            picture: None,
-        }
-    });
-    entries.collect()
-}
-
-impl Index {
-    /// The problem with pairing, if hardly any depth picture has a partner.
-    fn pairing_problem(&self) -> Option<String> {
-        let paired = self.depth.iter().filter(|entry| entry.picture.is_some());
-        let enough = paired.count() as f64 >= PAIRED_SHARE * self.depth.len() as f64;
-        let seconds = self.picture_start? as f64 * 1e-6;
-        (!enough).then(|| {
-            format!("hardly any picture was taken at the time of one in depth.txt, and its times begin {seconds:.3} s later: are both from the same clock? Heads are tracked by depth alone")
-        })
-    }
-
-    fn parse(depth: &str, pictures: &str) -> Self {
-        let start = lines(depth).find_map(|(time, _)| time).unwrap_or(0);
-        let (mut depth, pictures) = (entries(depth, start), entries(pictures, start));
-        let times: Vec<i64> = depth.iter().filter_map(|entry| entry.time_us).collect();
-        let mut periods: Vec<i64> = times.windows(2).map(|two| two[1] - two[0]).collect();
-        periods.sort_unstable();
-        let period = *periods.get(periods.len() / 2).unwrap_or(&PERIOD_US);
-        let timed = pictures.iter().enumerate();
-        let timed = timed.filter_map(|(at, entry)| Some((entry.time_us?, at)));
-        let timed: Vec<(i64, usize)> = timed.collect();
-        let partner = |time: i64| {
-            let (other, at) = timed[nearest(&timed, time, |other| other.0)?];
-            ((other - time).abs() * 2 <= period).then_some(at)
-        };
-        for entry in &mut depth {
-            entry.picture = entry.time_us.and_then(partner);
-        }
-        Self {
-            picture_start: timed.first().map(|other| other.0),
-            depth,
-            pictures,
-        }
-    }
-}
-
 impl Sensor for Rgbd {
     fn next_frame(&mut self, into: &mut dyn FrameSink) -> Result<bool, SensorError> {
         let (frame, original) = into.parts();
@@ -409,7 +367,7 @@ impl Sensor for Rgbd {
     }
 
     fn luma_size(&self) -> [usize; 2] {
-        self.picture.frame_size()
+        self.picture.reduction.frame_size()
     }
 
     fn state(&self) -> SensorState {
@@ -423,64 +381,5 @@ impl Sensor for Rgbd {
 
     fn seek(&mut self, number: usize) {
         Rgbd::seek(self, number);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_nearest_in_time_goes_together_and_a_step_back_has_no_time() {
-        let depth = "# depth maps\n10.000 d/0\n10.033 d/1\n10.066 d/2\n10.050 d/x\n10.2 d/3\nodd\n10.3 ../d\n";
-        let index = Index::parse(
-            depth,
-            "# colour\n9.99 r/0\n10.045 r/1\n10.06 r/2\n10.222 r/3\n",
-        );
-        let known: Vec<_> = index.depth.iter().map(|e| (e.time_us, e.picture)).collect();
-        let expected = [
-            (Some(0), Some(0)),
-            (Some(33_000), Some(1)),
-            (Some(66_000), Some(2)),
-            (None, None),
-            (Some(200_000), None),
-            (None, None),
-            (None, None),
-        ];
-        assert_eq!(known, expected);
-        assert!(Index::parse("", "").depth.is_empty());
-        assert_eq!(index.pairing_problem(), None);
-        let problem = Index::parse("10.0 d/0\n10.033 d/1\n", "900.5 r/0\n").pairing_problem();
-        assert!(
-            problem
-                .expect("two clocks")
-                .contains("begin 890.500 s later")
-        );
-    }
-
-    #[test]
-    fn times_that_are_no_seconds_are_named() {
-        let list = |first: f64, spacing: f64| -> String {
-            (0..5)
-                .map(|k| format!("{} d/{k}\n", first + spacing * f64::from(k)))
-                .collect()
-        };
-        for (first, spacing, unit) in [
-            (0.0, 33.0, "milliseconds"),
-            (1_763_720_000_000.0, 33.0, "milliseconds"),
-            (0.0, 33_333.0, "microseconds"),
-            (1.76e18, 33_333_333.0, "nanoseconds"),
-        ] {
-            let problem = misread_times(&list(first, spacing)).expect(unit);
-            assert!(problem.contains(unit), "{problem}");
-        }
-        let problem = misread_times("10,033 d/0\n10,066 d/1\n").expect("commas");
-        assert!(
-            problem.contains("decimal point, found \"10,033\""),
-            "{problem}"
-        );
-        for (first, spacing) in [(1_305_031_102.16, 0.033), (0.0, 1.0), (0.0, 0.004)] {
-            assert_eq!(misread_times(&list(first, spacing)), None);
-        }
     }
 }

@@ -79,7 +79,7 @@ pub fn record(
     stop: &AtomicBool,
 ) -> Result<Recorded, Fault> {
     let registration = source.registration().ok_or_else(|| {
-        Fault::new("expected frames from a Kinect, found those of another depth camera; copy its recording's folder instead")
+        Fault::new("expected frames from a Kinect, found those of another camera; copy its recording instead")
     })?;
     let mut recorder = Recorder::create(out, registration, started_unix_s)?;
     if let Some(axes) = source.acceleration() {

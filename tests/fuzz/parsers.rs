@@ -113,6 +113,7 @@ fuzz_target!(init: {
         }
         "recording" => recording(bytes),
         "camera" => camera(bytes),
+        "film" => film(bytes),
         "usb_reply" => {
             for command in [Command::FixedParameters, Command::AlgorithmParameters] {
                 let _ = black_box(command::parse_reply(bytes, command, 1));
@@ -227,6 +228,16 @@ fn camera(bytes: &[u8]) {
     std::fs::write(folder.join(names[usize::from(which % 3)]), rest).expect("a file");
     if let Ok(mut source) = source::recording(&folder) {
         drop(source.next_frame(&mut Frame::default()));
+    }
+}
+
+/// A film from a file.
+fn film(bytes: &[u8]) {
+    std::fs::create_dir_all(&*FOLDER).expect("a folder");
+    let path = FOLDER.join("film.y4m");
+    std::fs::write(&path, bytes).expect("a file");
+    if let Ok(mut source) = source::recording(&path) {
+        while let Ok(true) = source.next_frame(&mut Frame::default()) {}
     }
 }
 

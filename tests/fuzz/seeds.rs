@@ -114,6 +114,7 @@ pub fn write(folder: &Path) {
     corpus.add("stages", "count", [20, 0, 0, 0, 255, 255, 255, 127]);
     corpus.add("camera", "json", b"\0{\"depth\": {\"width\": 64, \"height\": 64, \"fx\": 60, \"fy\": 60, \"cx\": 32, \"cy\": 32, \"metres_per_unit\": 0.001}}");
     corpus.add("camera", "depth", b"\x011305031102.160407 a.pgm\n1305031102.194330 a.pgm\n");
+    corpus.add("film", "grey", [b"YUV4MPEG2 W64 H64 F25:1 Ip A1:1 Cmono\nFRAME\n".as_slice(), &[90; 64 * 64]].concat());
     corpus.add("camera", "picture", b"\x02# colour\n0.001 b.pgm\n0.034 b.pgm\n");
     recording(&corpus);
     usb(&corpus);

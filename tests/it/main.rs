@@ -29,6 +29,7 @@ mod outlasts_odd_models;
 mod output_bytes;
 mod places_points;
 mod plays_any_depth_camera;
+mod plays_colour_alone;
 #[cfg(all(feature = "studio", feature = "wires"))]
 mod plays_gestures;
 mod plays_what_others_recorded;

@@ -38,7 +38,7 @@ keyed! {
     pub struct SensorSettings {
         /// Where frames come from; the option --source takes precedence. auto is a Kinect, or the simulated sensor if none is plugged in; kinect waits for one.
         source: String = source::AUTO.into() => Text(
-            "\"auto\", \"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording",
+            "\"auto\", \"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\", the path of a recording or .y4m film, or \"-\" for such a film at standard input",
             |source| !source.is_empty()
         ),
         /// Face model file; the option --model takes precedence.

@@ -1,12 +1,12 @@
-//! `camera.json`: both cameras of a recording and the pose between them.
+//! `camera.json`: the cameras of a recording and the pose between them.
 
 use serde::Deserialize;
 
 use mien_stages::base::geometry::{Rigid, Rotation, Vector};
 use mien_stages::camera::{Distortion, Pinhole};
 
-/// Largest width and height, pixels.
-const SIZE_MAX: usize = 8192;
+use crate::reduction::{SIZES, assumed_view};
+
 /// Largest deviation of a matrix from a rotation.
 const ROTATION_TOLERANCE: f32 = 1e-2;
 /// Largest plausible distortion coefficient.
@@ -58,8 +58,9 @@ impl Intrinsics {
     fn problem(&self) -> Option<String> {
         let (size, focal, centre) = (self.size(), [self.fx, self.fy], [self.cx, self.cy]);
         let coefficients = self.distortion.0;
-        Some(if size.iter().any(|n| !(64..=SIZE_MAX).contains(n)) {
-            format!("width and height are {size:?}, expected 64 to {SIZE_MAX} pixels")
+        Some(if size.iter().any(|n| !SIZES.contains(n)) {
+            let (least, most) = (SIZES.start(), SIZES.end());
+            format!("width and height are {size:?}, expected {least} to {most} pixels")
         } else if focal.iter().any(|f| !(16.0..1e5).contains(f)) {
             format!("fx and fy are {focal:?}, expected focal lengths in pixels")
         } else if centre.iter().any(|c| c.is_nan() || c.abs() >= 1e4) {
@@ -108,9 +109,10 @@ fn rigid(m: &[f32; 16]) -> Result<Rigid, String> {
     ))
 }
 
-/// Both cameras and the pose between them.
+/// The cameras and the pose between them.
 pub(super) struct Calibration {
-    pub(super) depth: Intrinsics,
+    /// `None` for a recording of colour alone.
+    pub(super) depth: Option<Intrinsics>,
     pub(super) colour: Intrinsics,
     pub(super) colour_from_depth: Rigid,
 }
@@ -124,22 +126,25 @@ impl Calibration {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
         struct File {
-            depth: Intrinsics,
+            depth: Option<Intrinsics>,
             colour: Option<Intrinsics>,
             colour_from_depth: Option<[f32; 16]>,
         }
         let file: File = serde_json::from_str(text).map_err(|error| error.to_string())?;
         // Without a colour camera, pictures are infrared ones of the depth camera.
-        let colour = file.colour.unwrap_or_else(|| file.depth.clone());
-        if file.depth.distortion != Distortion::default() {
+        let colour = file.colour.or_else(|| file.depth.clone());
+        let colour = colour
+            .ok_or("expected `depth`, `colour` or both, found neither; see docs/recordings.md")?;
+        for (name, view) in [("depth", file.depth.as_ref()), ("colour", Some(&colour))] {
+            if let Some(problem) = view.and_then(Intrinsics::problem) {
+                return Err(format!("{name}: {problem}"));
+            }
+        }
+        let is_distorted = |view: &Intrinsics| view.distortion != Distortion::default();
+        if file.depth.as_ref().is_some_and(is_distorted) {
             return Err(
                 "depth: distortion is not supported; undistort the depth pictures first".into(),
             );
-        }
-        for (name, view) in [("depth", &file.depth), ("colour", &colour)] {
-            if let Some(problem) = view.problem() {
-                return Err(format!("{name}: {problem}"));
-            }
         }
         let colour_from_depth = file.colour_from_depth.as_ref().map(rigid);
         Ok(Self {
@@ -148,6 +153,31 @@ impl Calibration {
             colour_from_depth: colour_from_depth
                 .transpose()?
                 .unwrap_or_else(Rigid::identity),
+        })
+    }
+
+    /// Of a colour camera that is unknown but for the size of its pictures.
+    ///
+    /// # Errors
+    /// If it is no usable size.
+    pub(super) fn assumed(size: [usize; 2]) -> Result<Self, String> {
+        let Pinhole { focal, centre } = assumed_view(size);
+        let colour = Intrinsics {
+            width: size[0],
+            height: size[1],
+            fx: focal[0],
+            fy: focal[1],
+            cx: centre[0],
+            cy: centre[1],
+            metres_per_unit: millimetres(),
+            white: all_bits(),
+            distortion: Distortion::default(),
+        };
+        colour.problem().map_or(Ok(()), Err)?;
+        Ok(Self {
+            depth: None,
+            colour,
+            colour_from_depth: Rigid::identity(),
         })
     }
 }

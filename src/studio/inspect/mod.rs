@@ -6,7 +6,7 @@
 //!        run, model, mesh, ranges
 //! each draws on a canvas and fills an album ─► HTML page (page) or PNG sheet
 //! ```
-//! A directory is a recording; a file that begins like a model or like saved people is one; `.csv` is a run, `.obj`
+//! A directory is a recording, and so is a `.y4m` film; a file that begins like a model or like saved people is one; `.csv` is a run, `.obj`
 //! and `.glb` a mesh. The page needs only a browser. Nothing is written unless all succeeded.
 
 pub mod album;
@@ -25,6 +25,7 @@ use std::path::{Path, PathBuf};
 
 use album::Album;
 use mien_appliance::settings::Settings;
+use mien_appliance::source::is_film;
 use mien_stages::face_model::{FaceModel, file::MAGIC};
 use mien_workbench::atomic_write::{write_beside, write_out};
 use mien_workbench::fault::Fault;
@@ -35,7 +36,7 @@ use mien_workbench::text_files::{MAX_BYTES, decoded, display_name};
 const MAX_CSV_BYTES: usize = 256 << 20;
 
 /// Accepted kinds, for messages.
-const EXPECTED: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh or saved people";
+const EXPECTED: &str = "expected a recording directory, a .y4m film, a run's .csv, a face model, an .obj or .glb mesh or saved people";
 
 /// Inspects `path`. `model` and `settings` are for recordings.
 ///
@@ -45,7 +46,7 @@ pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Albu
     let advice = format!("; {EXPECTED}");
     let unreadable = Fault::cannot("read", path, &advice);
     let name = display_name(path);
-    if std::fs::metadata(path).map_err(&unreadable)?.is_dir() {
+    if std::fs::metadata(path).map_err(&unreadable)?.is_dir() || is_film(path) {
         return recording::inspect(&name, path, model, settings);
     }
     let bytes = mien_stages::base::bounded_read::read(path, MAX_BYTES).map_err(&unreadable)?;

@@ -302,7 +302,10 @@ impl Drawn {
             let none = if frame.has_colour { "" } else { ", no colour" };
             let caption = format!("{at}: depth, {near:.1} m light to {far:.1} m dark{none}");
             let pictures = &mut self.album.pictures;
-            pictures.push((caption, depth));
+            // Without depth there is nothing to see.
+            if pipeline.camera().measures(&*frame.depth) || !frame.has_colour {
+                pictures.push((caption, depth));
+            }
             let caption = format!("{at}: colour, landmarks, axes of the head");
             pictures.extend(colour.map(|colour| (caption, colour)));
         }

@@ -338,7 +338,7 @@ impl Preview {
         let given: Vec<_> = given.collect::<Result<_, _>>()?;
         let mut recording = None;
         if let Feed::Sensor(name) = *feed
-            && !["kinect", "simulated"].contains(&source::parts(name).0)
+            && !["kinect", "simulated", source::STANDARD_INPUT].contains(&source::parts(name).0)
         {
             let settings = service::settings(args.config.as_deref())?;
             recording = Some((name.into(), settings.sensor.turned));
