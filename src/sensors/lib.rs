@@ -3,6 +3,7 @@
 //! ```text
 //! kinect   the Kinect v1: packets to frames over USB, its calibration, its motor, recordings as libfreenect writes them
 //! rgbd     recordings of any depth camera
+//! v4l2     a webcam through Video4Linux2: images without depth
 //! turned   any of them on its side or upside down
 //! ```
 
@@ -21,6 +22,8 @@ pub mod sensor;
 pub mod table;
 #[cfg(feature = "std")]
 pub mod turned;
+#[cfg(feature = "std")]
+mod v4l2;
 
 pub use mien_stages::camera;
 pub use mien_stages::frame::{Frame, NO_DEPTH};

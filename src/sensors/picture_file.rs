@@ -108,27 +108,38 @@ impl Pixels<'_> {
     pub(super) fn brightness(
         &self,
         reduced: usize,
-        [columns, rows]: [usize; 2],
+        size: [usize; 2],
         white: u32,
         luma: &mut [u8; PIXELS],
     ) {
-        for row in 0..rows {
-            let line = &mut luma[row * WIDTH..][..WIDTH];
-            for (col, out) in line[..columns].iter_mut().enumerate() {
-                let mut sum = 0;
-                for y in 0..reduced {
-                    let from = (row * reduced + y) * self.columns + col * reduced;
-                    let line = from..from + reduced;
-                    sum += line.map(|at| self.luma(at, white)).sum::<u32>();
-                }
-                *out = (sum / (reduced * reduced) as u32) as u8;
+        let pixel = |col, row| self.luma(row * self.columns + col, white);
+        reduce(reduced, size, luma, pixel);
+    }
+}
+
+/// Fills `luma` with means of blocks of `reduced`² pixels, for the given columns and rows; the border is repeated beyond them.
+/// `pixel`: brightness at a column and row before the reduction, 0…255.
+pub(super) fn reduce(
+    reduced: usize,
+    [columns, rows]: [usize; 2],
+    luma: &mut [u8; PIXELS],
+    pixel: impl Fn(usize, usize) -> u32,
+) {
+    for row in 0..rows {
+        let line = &mut luma[row * WIDTH..][..WIDTH];
+        for (col, out) in line[..columns].iter_mut().enumerate() {
+            let mut sum = 0;
+            for y in row * reduced..(row + 1) * reduced {
+                let block = col * reduced..(col + 1) * reduced;
+                sum += block.map(|x| pixel(x, y)).sum::<u32>();
             }
-            let last = line[columns - 1];
-            line[columns..].fill(last);
+            *out = (sum / (reduced * reduced) as u32) as u8;
         }
-        for row in rows..HEIGHT {
-            luma.copy_within((rows - 1) * WIDTH..rows * WIDTH, row * WIDTH);
-        }
+        let last = line[columns - 1];
+        line[columns..].fill(last);
+    }
+    for row in rows..HEIGHT {
+        luma.copy_within((rows - 1) * WIDTH..rows * WIDTH, row * WIDTH);
     }
 }
 
