@@ -13,6 +13,8 @@ extern crate alloc;
 
 pub mod kinect;
 #[cfg(feature = "std")]
+mod live;
+#[cfg(feature = "std")]
 mod picture_file;
 #[cfg(feature = "std")]
 pub mod rgbd;

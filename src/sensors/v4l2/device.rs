@@ -126,9 +126,6 @@ pub(super) enum CameraError {
     /// Another error of the kernel.
     #[error("the camera {} fails ({why}); unplug it and plug it in again", .0.display(), why = .1)]
     Failed(PathBuf, io::ErrorKind),
-    /// The thread could not be started.
-    #[error("the camera has no thread to read it; restart mien")]
-    NoThread,
 }
 
 impl CameraError {

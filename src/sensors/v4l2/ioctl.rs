@@ -135,13 +135,9 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes.unwrap_or_default()).into_owned()
 }
 
-fn buffer(index: usize) -> Buffer {
-    Buffer {
-        index: index as u32,
-        kind: CAPTURE,
-        memory: MAPPED,
-        ..Buffer::default()
-    }
+/// A buffer of this index, as requests take it.
+fn buffer(index: usize) -> impl FnOnce(&mut Buffer) {
+    move |with| (with.index, with.kind, with.memory) = (index as u32, CAPTURE, MAPPED)
 }
 
 impl Node {
@@ -156,7 +152,10 @@ impl Node {
         })
     }
 
-    fn call<T: Plain>(&self, request: &Request<T>, mut with: T) -> io::Result<T> {
+    /// Makes a request with what `set` sets, and zeros; returns what the kernel wrote.
+    fn call<T: Plain>(&self, request: &Request<T>, set: impl FnOnce(&mut T)) -> io::Result<T> {
+        let mut with = T::default();
+        set(&mut with);
         // SAFETY: the request's number has the size of `T`, which has the kernel's layout and is valid whatever is written.
         match unsafe { libc::ioctl(self.file.as_raw_fd(), request.0, &raw mut with) } {
             0.. => Ok(with),
@@ -165,13 +164,10 @@ impl Node {
     }
 
     fn request_buffers(&self, count: u32) -> io::Result<u32> {
-        let with = Requested {
-            count,
-            kind: CAPTURE,
-            memory: MAPPED,
-            ..Requested::default()
+        let set = |with: &mut Requested| {
+            (with.count, with.kind, with.memory) = (count, CAPTURE, MAPPED);
         };
-        Ok(self.call(&REQUEST_BUFFERS, with)?.count)
+        Ok(self.call(&REQUEST_BUFFERS, set)?.count)
     }
 
     fn map(&self, index: usize) -> io::Result<Mapping> {
@@ -201,7 +197,7 @@ impl Node {
 
 impl Device for Node {
     fn about(&self) -> io::Result<About> {
-        let found = self.call(&QUERY_CAPABILITY, Capability::default())?;
+        let found = self.call(&QUERY_CAPABILITY, |_| {})?;
         let by_node = found.all & CAP_BY_NODE != 0;
         let bits = if by_node { found.node } else { found.all };
         Ok(About {
@@ -213,33 +209,22 @@ impl Device for Node {
     }
 
     fn format(&self, index: u32) -> io::Result<FourCc> {
-        let with = Described {
-            index,
-            kind: CAPTURE,
-            ..Described::default()
-        };
-        Ok(self.call(&LIST_FORMATS, with)?.code)
+        let set = |with: &mut Described| (with.index, with.kind) = (index, CAPTURE);
+        Ok(self.call(&LIST_FORMATS, set)?.code)
     }
 
     fn sizes(&self, code: FourCc, index: u32) -> io::Result<Sizes> {
-        let with = SizeRow {
-            index,
-            code,
-            ..SizeRow::default()
+        let set = |with: &mut SizeRow| (with.index, with.code) = (index, code);
+        let SizeRow { kind, numbers, .. } = self.call(&LIST_SIZES, set)?;
+        let [least, most, step] = match (kind, numbers) {
+            (DISCRETE, [columns, rows, ..]) => [[columns, rows], [columns, rows], [1; 2]],
+            (_, [from_column, to_column, by_column, from_row, to_row, by_row]) => [
+                [from_column, from_row],
+                [to_column, to_row],
+                [by_column, by_row],
+            ],
         };
-        let SizeRow { kind, numbers, .. } = self.call(&LIST_SIZES, with)?;
-        Ok(match (kind, numbers) {
-            (DISCRETE, [columns, rows, ..]) => Sizes {
-                least: [columns, rows],
-                most: [columns, rows],
-                step: [1; 2],
-            },
-            (_, [columns, to_column, by_column, rows, to_row, by_row]) => Sizes {
-                least: [columns, rows],
-                most: [to_column, to_row],
-                step: [by_column, by_row],
-            },
-        })
+        Ok(Sizes { least, most, step })
     }
 
     fn check_free(&self) -> io::Result<()> {
@@ -248,14 +233,10 @@ impl Device for Node {
     }
 
     fn set_format(&self, code: FourCc, size: [u32; 2]) -> io::Result<Answer> {
-        let with = Format {
-            kind: CAPTURE,
-            size,
-            code,
-            field: WHOLE_FIELDS[1],
-            ..Format::default()
-        };
-        let found = self.call(&SET_FORMAT, with)?;
+        let found = self.call(&SET_FORMAT, |with| {
+            (with.kind, with.size, with.code) = (CAPTURE, size, code);
+            with.field = WHOLE_FIELDS[1];
+        })?;
         Ok(Answer {
             code: found.code,
             size: found.size,
@@ -265,12 +246,8 @@ impl Device for Node {
     }
 
     fn set_rate(&self, per_s: u32) -> io::Result<f32> {
-        let with = Parameters {
-            kind: CAPTURE,
-            period: [1, per_s],
-            ..Parameters::default()
-        };
-        let [numerator, denominator] = self.call(&SET_PARAMETERS, with)?.period;
+        let set = |with: &mut Parameters| (with.kind, with.period) = (CAPTURE, [1, per_s]);
+        let [numerator, denominator] = self.call(&SET_PARAMETERS, set)?.period;
         Ok(denominator as f32 / numerator as f32)
     }
 

@@ -5,8 +5,6 @@
 
 use core::time::Duration;
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Instant;
 
 use super::capture::{Capture, Taken};
@@ -16,13 +14,12 @@ use super::nodes;
 use crate::NO_DEPTH;
 use crate::camera::Camera;
 use crate::kinect::frame::FrameSink;
+use crate::live::{Live, Shared, Worker};
 use crate::sensor::{Sensor, SensorError, SensorState};
 use mien_stages::base::capacity::{PIXELS, WAITING_FRAMES as RING};
 use mien_stages::base::defaults;
 use mien_stages::base::time::Timestamp;
 
-/// Interval between attempts to open the camera.
-const RETRY: Duration = Duration::from_millis(500);
 /// Longest wait for an image in the thread; also the delay of the end.
 const POLL: Duration = Duration::from_millis(50);
 /// Longest wait for an image in the main thread.
@@ -59,22 +56,21 @@ defaults! {
     }
 }
 
-#[derive(Default)]
-struct Shared {
-    inner: Mutex<Inner>,
-    changed: Condvar,
-}
+impl Live for Inner {
+    type Problem = CameraError;
+    const NAME: &str = "camera";
+    const TITLE: &str = "camera";
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Inner> {
-        // The content is consistent at every step, even if a holder panicked.
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    fn waiting_for(&mut self) -> &mut Option<CameraError> {
+        &mut self.waiting_for
     }
 
-    /// Waits until `is_over` returns true, but at most `wait`.
-    fn wait(&self, wait: Duration, is_over: impl Fn(&Inner) -> bool) -> MutexGuard<'_, Inner> {
-        let waited = (self.changed).wait_timeout_while(self.lock(), wait, |inner| !is_over(inner));
-        waited.unwrap_or_else(PoisonError::into_inner).0
+    fn was_opened(&self) -> bool {
+        self.choice.is_some()
+    }
+
+    fn stop(&mut self) -> &mut bool {
+        &mut self.stop
     }
 }
 
@@ -103,8 +99,7 @@ impl Clock {
 
 /// The consumer's end.
 pub(super) struct LiveCamera {
-    shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    worker: Worker<Inner>,
     clock: Clock,
     arrived: Option<Instant>,
     /// Format of the last image, and the geometry that follows from it.
@@ -120,19 +115,13 @@ impl LiveCamera {
 
     /// The camera opened by `open`, which is called until it succeeds and whenever the camera is lost.
     pub(super) fn with_camera<D: Device>(
-        open: impl FnMut() -> Result<Capture<D>, CameraError> + Send + 'static,
+        mut open: impl FnMut() -> Result<Capture<D>, CameraError> + Send + 'static,
     ) -> Self {
-        let shared = Arc::<Shared>::default();
-        let thread_shared = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name("camera".to_owned())
-            .spawn(move || run(&thread_shared, open));
-        if thread.is_err() {
-            shared.lock().waiting_for = Some(CameraError::NoThread);
-        }
+        let (mut spare, mut number) = (Image::default(), 0);
+        let worker =
+            Worker::start(move |shared| deliver(shared, &open()?, &mut spare, &mut number));
         Self {
-            shared,
-            thread: thread.ok(),
+            worker,
             clock: Clock::default(),
             arrived: None,
             choice: Choice::default(),
@@ -142,8 +131,8 @@ impl LiveCamera {
 
     /// Waits for at most `wait` until a camera streams or the first attempt has failed: the reason.
     pub(super) fn wait_for_first_attempt(&mut self, wait: Duration) -> Option<CameraError> {
-        let attempted = |inner: &Inner| inner.choice.is_some() || inner.waiting_for.is_some();
-        let inner = self.shared.wait(wait, attempted);
+        let attempted = |inner: &mut Inner| inner.choice.is_some() || inner.waiting_for.is_some();
+        let inner = self.worker.shared.wait(wait, attempted);
         let (choice, problem) = (inner.choice, inner.waiting_for.clone());
         drop(inner);
         match choice {
@@ -163,7 +152,10 @@ impl LiveCamera {
 
 impl Sensor for LiveCamera {
     fn next_frame(&mut self, into: &mut dyn FrameSink) -> Result<bool, SensorError> {
-        let mut inner = self.shared.wait(WAIT, |inner| !inner.ring.is_empty());
+        let mut inner = self
+            .worker
+            .shared
+            .wait(WAIT, |inner| !inner.ring.is_empty());
         let Some(mut image) = inner.ring.pop_front() else {
             let problem = inner.waiting_for.clone().unwrap_or(CameraError::Late);
             return Err(SensorError::new(problem));
@@ -193,7 +185,7 @@ impl Sensor for LiveCamera {
         SensorState {
             is_live: true,
             arrived: self.arrived,
-            skipped: self.shared.lock().damaged,
+            skipped: self.worker.shared.lock().damaged,
             reduced: [1, self.choice.reduced()],
             ..SensorState::default()
         }
@@ -204,53 +196,15 @@ impl Sensor for LiveCamera {
     }
 }
 
-impl Drop for LiveCamera {
-    fn drop(&mut self) {
-        self.shared.lock().stop = true;
-        self.shared.changed.notify_all();
-        if let Some(thread) = self.thread.take() {
-            // The panic hook has already reported a panic.
-            let _ = thread.join();
-        }
-    }
-}
-
-/// The thread: opens the camera, streams, and repeats.
-fn run<D: Device>(shared: &Shared, mut open: impl FnMut() -> Result<Capture<D>, CameraError>) {
-    let mut attempted = false;
-    let (mut spare, mut number) = (Image::default(), 0);
-    loop {
-        let opened = open();
-        attempted |= opened.is_ok();
-        let streamed =
-            opened.and_then(|capture| deliver(shared, &capture, &mut spare, &mut number));
-        let Err(problem) = streamed else { return };
-        let mut inner = shared.lock();
-        if inner.waiting_for.as_ref() != Some(&problem) {
-            // The caller reports the first failure.
-            if attempted {
-                tracing::warn!("waiting for the camera: {problem}");
-            }
-            inner.waiting_for = Some(problem);
-            shared.changed.notify_all();
-        }
-        drop(inner);
-        attempted = true;
-        if shared.wait(RETRY, |inner| inner.stop).stop {
-            return;
-        }
-    }
-}
-
 /// Passes images on until asked to stop (`Ok`) or the camera fails. `number` counts whole images of all openings.
 fn deliver<D: Device>(
-    shared: &Shared,
+    shared: &Shared<Inner>,
     capture: &Capture<D>,
     spare: &mut Image,
     number: &mut u64,
 ) -> Result<(), CameraError> {
     shared.lock().choice = Some(capture.choice());
-    shared.changed.notify_all();
+    shared.notify();
     let (mut last, mut damaged) = (Instant::now(), 0_u64);
     loop {
         let taken = capture.take(POLL, &mut spare.luma);
@@ -271,7 +225,7 @@ fn deliver<D: Device>(
                 *number += 1;
                 inner.waiting_for = None;
                 push(&mut inner, spare);
-                shared.changed.notify_all();
+                shared.notify();
             }
             Taken::Damaged => {
                 damaged += 1;
@@ -332,7 +286,7 @@ mod tests {
                 return (frame.index, frame.at.as_us());
             }
         }
-        panic!("no frame: {:?}", live.shared.lock().waiting_for);
+        panic!("no frame: {:?}", live.worker.shared.lock().waiting_for);
     }
 
     #[test]
@@ -398,6 +352,7 @@ mod tests {
         script.then((0..5).map(|number| Ok(whole(number % 4, number as u64))));
         let mut live = camera(vec![(0, script)]);
         let done = live
+            .worker
             .shared
             .wait(Duration::from_secs(5), |inner| inner.overwritten == 3);
         assert_eq!(done.overwritten, 3);
