@@ -1,5 +1,5 @@
-//! A camera that may come and go, as `kinect::live`: a thread opens it, keeps it streaming, and reopens it after it was unplugged or
-//! fell silent. It passes luma on through a bounded ring, in which new images replace old ones (counted).
+//! A camera that may come and go ([`crate::live`]): its thread passes luma on through a bounded ring, in which new images replace old
+//! ones (counted), and reopens a camera that fell silent.
 //!
 //! Memory: luma of three images, 0.9 MB, allocated at the start; images are passed on by swapping buffers.
 

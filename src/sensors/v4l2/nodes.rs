@@ -68,7 +68,9 @@ fn identify<D: Device>(
             let read = |file| std::fs::read_to_string(folder.join(file)).unwrap_or_default();
             // The first node of a webcam gives images, the others metadata.
             let is_first = matches!(read("index").trim(), "0" | "");
-            let is_camera = is_first && !matches!(problem, CameraError::Gone(_));
+            let driver = std::fs::read_link(folder.join("device/driver"));
+            let is_kinect = driver.is_ok_and(|driver| driver.ends_with(KINECT_DRIVER));
+            let is_camera = is_first && !is_kinect && !matches!(problem, CameraError::Gone(_));
             is_camera.then(|| (read("name").trim().to_owned(), Err(problem)))
         }
     }
