@@ -193,7 +193,7 @@ mod tests {
             ),
             (
                 refusing(libc::ENOMEM),
-                "the camera /dev/video0 fails (out of memory); unplug it and plug it in again",
+                "the camera /dev/video0 fails (cannot allocate memory); unplug it and plug it in again",
             ),
             (
                 scant,

@@ -4,7 +4,9 @@
 
 use core::time::Duration;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use mien_stages::base::bounded_read::reason;
 
 /// Code of a pixel format, four characters.
 pub(super) type FourCc = [u8; 4];
@@ -99,10 +101,8 @@ pub(super) enum CameraError {
     /// It cannot share memory.
     #[error("the camera {} cannot stream through shared memory; use another camera", .0.display())]
     NoStreaming(PathBuf),
-    /// It has no known format: what it has.
-    #[error(
-        "the camera {} gives {found}, expected an uncompressed format ({known}); use another camera", .0.display(), found = .1, known = super::format::names()
-    )]
+    /// It has no known format: what it has, and what is known.
+    #[error("the camera {} gives {found}; use another camera", .0.display(), found = .1)]
     Format(PathBuf, String),
     /// It has no usable size.
     #[error(
@@ -125,18 +125,18 @@ pub(super) enum CameraError {
     Gone(PathBuf),
     /// Another error of the kernel.
     #[error("the camera {} fails ({why}); unplug it and plug it in again", .0.display(), why = .1)]
-    Failed(PathBuf, io::ErrorKind),
+    Failed(PathBuf, String),
 }
 
 impl CameraError {
     /// The kernel's error at a node.
-    pub(super) fn at(node: &std::path::Path, problem: &io::Error) -> Self {
+    pub(super) fn at(node: &Path, problem: &io::Error) -> Self {
         let node = node.to_owned();
         match problem.raw_os_error() {
             Some(libc::EACCES | libc::EPERM) => Self::Access(node),
             Some(libc::EBUSY) => Self::Busy(node),
             Some(libc::ENODEV | libc::ENXIO | libc::ENOENT) => Self::Gone(node),
-            _ => Self::Failed(node, problem.kind()),
+            _ => Self::Failed(node, reason(problem)),
         }
     }
 }

@@ -51,11 +51,6 @@ const FORMATS: [PixelFormat; 6] = [
     format(b"GREY", 0, 1, false),
 ];
 
-/// Names of all known formats.
-pub(super) fn names() -> String {
-    FORMATS.each_ref().map(|known| name(known.code)).join(", ")
-}
-
 fn name(code: FourCc) -> String {
     String::from_utf8_lossy(&code).trim().to_owned()
 }
@@ -153,7 +148,9 @@ pub(super) fn choose(device: &impl Device, node: &Path) -> Result<Choice, Camera
             true => "no format".to_owned(),
             false => format!("only {}", names.join(", ")),
         };
-        return Err(CameraError::Format(node.to_owned(), names));
+        let known = FORMATS.each_ref().map(|known| name(known.code)).join(", ");
+        let found = format!("{names}, expected an uncompressed format ({known})");
+        return Err(CameraError::Format(node.to_owned(), found));
     }
     let choices = known.iter().rev().flat_map(|&format| {
         let sizes: Vec<Sizes> = all(|index| device.sizes(format.code, index)).collect();
