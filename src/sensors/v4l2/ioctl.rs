@@ -172,7 +172,7 @@ impl Node {
 
     fn map(&self, index: usize) -> io::Result<Mapping> {
         let found = self.call(&QUERY_BUFFER, buffer(index))?;
-        let (length, offset) = (found.length as usize, libc::off_t::from(found.offset));
+        let (length, offset) = (found.length as usize, found.offset as libc::off_t);
         let (fd, shared) = (self.file.as_raw_fd(), libc::MAP_SHARED);
         // SAFETY: a new mapping at an address of the kernel's choice; the result is checked.
         let start = unsafe {
