@@ -47,7 +47,7 @@ impl<D: Device> Capture<D> {
         let at = |problem| CameraError::at(node, &problem);
         let asked = inspect(&device, node)?;
         let size = asked.size.map(|pixels| pixels as u32);
-        let answer = device.set_format(asked.code(), size).map_err(at)?;
+        let answer = device.set_format(asked.format.code, size).map_err(at)?;
         let lies = |how| CameraError::Lies(node.to_owned(), how);
         let layout = Layout::new(asked, answer).map_err(lies)?;
         // Not every driver knows rates.

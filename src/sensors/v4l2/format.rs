@@ -24,7 +24,7 @@ const MOST_LISTED: u32 = 64;
 /// A format whose luma is read in place.
 #[derive(Debug, PartialEq)]
 pub(super) struct PixelFormat {
-    code: FourCc,
+    pub(super) code: FourCc,
     /// Bytes from the start of a row to its first luma, and from one luma to the next.
     first: usize,
     step: usize,
@@ -78,11 +78,6 @@ impl core::fmt::Display for Choice {
 }
 
 impl Choice {
-    /// Code of the format.
-    pub(super) fn code(&self) -> FourCc {
-        self.format.code
-    }
-
     /// Image pixels to one of the frame, along each side.
     pub(super) fn reduced(&self) -> usize {
         let [columns, rows] = self.size;

@@ -26,7 +26,8 @@ pub(crate) const KIND: SensorKind = SensorKind {
 };
 
 fn open(wanted: Option<&str>, _: Settings) -> Opened {
-    let mut live = LiveCamera::of_this_machine(wanted.map(str::to_owned));
+    let wanted = wanted.map(str::to_owned);
+    let mut live = LiveCamera::new(move || nodes::open(wanted.as_deref()));
     let problem = live.wait_for_first_attempt(FIRST_ATTEMPT);
     (Box::new(live), problem.map(SensorError::new))
 }

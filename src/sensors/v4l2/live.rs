@@ -10,7 +10,6 @@ use std::time::Instant;
 use super::capture::{Capture, Taken};
 use super::device::{CameraError, Device};
 use super::format::Choice;
-use super::nodes;
 use crate::NO_DEPTH;
 use crate::camera::Camera;
 use crate::kinect::frame::FrameSink;
@@ -108,13 +107,8 @@ pub(super) struct LiveCamera {
 }
 
 impl LiveCamera {
-    /// The camera that is meant by a name, or the first usable one. Returns at once, whether or not there is one.
-    pub(super) fn of_this_machine(wanted: Option<String>) -> Self {
-        Self::with_camera(move || nodes::open(wanted.as_deref()))
-    }
-
-    /// The camera opened by `open`, which is called until it succeeds and whenever the camera is lost.
-    pub(super) fn with_camera<D: Device>(
+    /// The camera opened by `open`, which is called until it succeeds and whenever the camera is lost. Returns at once.
+    pub(super) fn new<D: Device>(
         mut open: impl FnMut() -> Result<Capture<D>, CameraError> + Send + 'static,
     ) -> Self {
         let (mut spare, mut number) = (Image::default(), 0);
@@ -265,7 +259,7 @@ mod tests {
     /// Starts scripted cameras one after the other; a camera is not there for as many attempts as its number says.
     fn camera(scripts: Vec<(usize, Script)>) -> LiveCamera {
         let mut scripts = VecDeque::from(scripts);
-        LiveCamera::with_camera(move || {
+        LiveCamera::new(move || {
             let Some((absent, script)) = scripts.front_mut() else {
                 return Err(CameraError::Absent);
             };
