@@ -80,6 +80,7 @@ mod tests {
         Found {
             line: line.to_owned(),
             serial: String::new(),
+            name: String::new(),
             trouble: trouble.map(str::to_owned),
         }
     }

@@ -77,26 +77,32 @@ fn sensor(lines: &mut Lines, settings: &Settings) {
         let text = format_args!("turned by {} degrees, as configured", turn.degrees());
         lines.say(OK, "sensor", text);
     }
-    let Some((kind, serial)) = source::kind(&settings.sensor.source) else {
-        let text = format_args!("using {}; no USB sensor is needed", settings.sensor.source);
+    let (kinds, wanted) = source::kinds(&settings.sensor.source);
+    if kinds.is_empty() {
+        let text = format_args!("using {}; no sensor is needed", settings.sensor.source);
         return lines.say(OK, "sensor", text);
-    };
-    let found = match (kind.list)() {
-        Err(Missing { is_absent, text }) => {
-            return lines.say(if is_absent { WARN } else { FAIL }, "sensor", text);
-        }
-        Ok(found) => found,
-    };
-    for sensor in &found {
-        match &sensor.trouble {
-            None => lines.say(OK, "sensor", &sensor.line),
-            Some(trouble) => lines.say(FAIL, "sensor", trouble),
-        }
     }
-    if let Some(wanted) = serial
-        && found.iter().all(|sensor| sensor.serial != wanted)
-    {
-        lines.say(FAIL, "sensor", (kind.other_serial)(wanted, found.len()));
+    for kind in kinds {
+        let found = match (kind.list)() {
+            Ok(found) => found,
+            Err(Missing { is_absent, text }) => {
+                lines.say(if is_absent { WARN } else { FAIL }, "sensor", text);
+                continue;
+            }
+        };
+        for sensor in &found {
+            match &sensor.trouble {
+                None => lines.say(OK, "sensor", &sensor.line),
+                Some(trouble) => lines.say(FAIL, "sensor", trouble),
+            }
+        }
+        if wanted.is_none() && found.iter().any(|sensor| sensor.trouble.is_none()) {
+            // What a run with this source opens; further kinds do not matter.
+            return;
+        }
+        if let Some(text) = wanted.and_then(|wanted| (kind.missing)(wanted, &found)) {
+            lines.say(FAIL, "sensor", text);
+        }
     }
 }
 

@@ -8,22 +8,22 @@ pub use mien_sensors::kinect::driver::Settings as SensorSettings;
 pub use mien_sensors::kinect::geometry::nominal;
 use mien_sensors::kinect::recording::Recording;
 use mien_sensors::rgbd::Rgbd;
-use mien_sensors::sensor::{Sensor, SensorError, SensorKind};
+use mien_sensors::sensor::{Sensor, SensorKind};
 use mien_sensors::table::SENSORS;
 use mien_sensors::y4m::Y4m;
 use mien_simulator::simulated::{Simulated, UnknownScene};
 use mien_stages::base::nearest_word::hint;
 use mien_stages::base::time::Timestamp;
 
-/// Default source: a Kinect if one is connected, else the simulated sensor.
+/// Default source: the first kind of sensor that is connected, else the simulated sensor.
 pub const AUTO: &str = "auto";
 /// Name of the simulated sensor.
 pub const SIMULATED: &str = "simulated";
 /// Name of a film at standard input.
 pub const STANDARD_INPUT: &str = "-";
 
-/// Splits a source's name at the first colon into kind and detail (serial number or scene). Any kind but `auto`, `kinect`,
-/// `simulated` and `-` is a path; `./kinect` is the directory of that name.
+/// Splits a source's name at the first colon into kind and detail (serial number, node, or scene). Any kind but `auto`, `kinect`,
+/// `camera`, `simulated` and `-` is a path; `./kinect` is the directory of that name.
 ///
 /// ```
 /// use mien_appliance::source::parts;
@@ -44,7 +44,7 @@ pub enum SourceError {
     Recording(#[from] RecordingError),
     /// Neither a sensor nor a recording: the name, and a hint to the nearest one.
     #[error(
-        "expected auto, kinect, kinect:SERIAL, simulated, simulated:SCENE, the path of a recording or .y4m film, or - for a film at standard input, found {0}{1}"
+        "expected auto, kinect, kinect:SERIAL, camera, camera:/dev/videoN, camera:NAME, simulated, simulated:SCENE, the path of a recording or .y4m film, or - for a film at standard input, found {0}{1}"
     )]
     Unknown(String, String),
     /// None of this number of frames of a recording could be used.
@@ -53,9 +53,9 @@ pub enum SourceError {
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
-    /// A sensor was required, and none can be opened.
+    /// A sensor was required, and none can be opened: the reasons.
     #[error("{0}")]
-    Missing(SensorError),
+    Missing(String),
 }
 
 /// A source of frames.
@@ -94,11 +94,14 @@ pub fn is_film(path: &Path) -> bool {
     path.extension().is_some_and(|kind| kind == "y4m") && !path.is_dir()
 }
 
-/// The kind of sensor and the serial number in a name; [`AUTO`] is the first kind.
-pub(crate) fn kind(name: &str) -> Option<(&'static SensorKind, Option<&str>)> {
+/// The kinds of sensors that a name stands for, and the serial number in it; [`AUTO`] is all of them, the preferred one first.
+pub(crate) fn kinds(name: &str) -> (&'static [SensorKind], Option<&str>) {
     match parts(name) {
-        (AUTO, None) => Some((&SENSORS[0], None)),
-        (kind, serial) => Some((SENSORS.iter().find(|known| known.name == kind)?, serial)),
+        (AUTO, None) => (SENSORS, None),
+        (kind, serial) => {
+            let at = SENSORS.iter().position(|known| known.name == kind);
+            (at.map_or(&[], |at| &SENSORS[at..=at]), serial)
+        }
     }
 }
 
@@ -108,7 +111,7 @@ pub(crate) fn kind(name: &str) -> Option<(&'static SensorKind, Option<&str>)> {
 /// As [`open`].
 pub fn check(name: &str) -> Result<(), SourceError> {
     match parts(name) {
-        _ if kind(name).is_some() => Ok(()),
+        _ if !kinds(name).0.is_empty() => Ok(()),
         (SIMULATED, scene) => Ok(Simulated::scene(scene).map(drop)?),
         // What is read from a pipe is gone for the run.
         (STANDARD_INPUT, None) => Ok(()),
@@ -116,8 +119,8 @@ pub fn check(name: &str) -> Result<(), SourceError> {
     }
 }
 
-/// Opens a source by name; `settings` are for a sensor on USB. Returns it with its name, [`AUTO`] resolved. Without a connected
-/// sensor, `required` fails, [`AUTO`] opens the simulated sensor, and a sensor's name waits for one.
+/// Opens a source by name; `settings` are for a Kinect. Returns it with its name, [`AUTO`] resolved. Without a connected sensor,
+/// `required` fails, [`AUTO`] opens the simulated sensor, and a sensor's name waits for one.
 ///
 /// # Errors
 /// If the source does not exist or cannot be opened.
@@ -126,24 +129,41 @@ pub fn open(
     required: bool,
     settings: SensorSettings,
 ) -> Result<(Source, &str), SourceError> {
-    let Some((kind, serial)) = kind(name) else {
+    let (kinds, serial) = kinds(name);
+    let Some(preferred) = kinds.first() else {
         return match parts(name) {
             (SIMULATED, scene) => Ok((simulated(scene)?, name)),
             (STANDARD_INPUT, None) => Ok((Box::new(Y4m::standard_input()?), name)),
             _ => Ok((recording(Path::new(name))?, name)),
         };
     };
-    let (sensor, problem) = (kind.open)(serial, settings);
-    match problem {
-        Some(problem) if required => return Err(SourceError::Missing(problem)),
-        Some(problem) if name == AUTO => {
-            tracing::warn!("{problem}; using the simulated sensor until mien is restarted");
-            return Ok((simulated(None)?, SIMULATED));
+    let mut problems = String::new();
+    for kind in kinds {
+        let (sensor, problem) = (kind.open)(serial, settings);
+        let title = kind.title;
+        match problem {
+            None if problems.is_empty() => {}
+            None => {
+                let waits = format_args!(
+                    "--source {} waits for a {}",
+                    preferred.name, preferred.title
+                );
+                tracing::warn!("{problems}; using the {title} until mien is restarted ({waits})");
+            }
+            Some(problem) if required || name == AUTO => {
+                let separator = if problems.is_empty() { "" } else { "; " };
+                problems += &format!("{separator}{problem}");
+                continue;
+            }
+            Some(problem) => tracing::warn!("waiting for the {title}: {problem}"),
         }
-        Some(problem) => tracing::warn!("waiting for the {}: {problem}", kind.title),
-        None => {}
+        return Ok((sensor, if name == AUTO { kind.name } else { name }));
     }
-    Ok((sensor, if name == AUTO { kind.name } else { name }))
+    if required {
+        return Err(SourceError::Missing(problems));
+    }
+    tracing::warn!("{problems}; using the simulated sensor until mien is restarted");
+    Ok((simulated(None)?, SIMULATED))
 }
 
 /// Delays frames to real time, for sources that deliver them as fast as possible.

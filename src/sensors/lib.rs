@@ -3,6 +3,7 @@
 //! ```text
 //! kinect   the Kinect v1: packets to frames over USB, its calibration, its motor, recordings as libfreenect writes them
 //! rgbd     recordings of any depth camera, or of colour alone
+//! v4l2     a webcam through Video4Linux2: images without depth
 //! y4m      films without depth, from a file or through a pipe
 //! turned   any of them on its side or upside down
 //! ```
@@ -12,6 +13,8 @@
 extern crate alloc;
 
 pub mod kinect;
+#[cfg(feature = "std")]
+mod live;
 #[cfg(feature = "std")]
 mod picture_file;
 #[cfg(feature = "std")]
@@ -24,6 +27,8 @@ pub mod sensor;
 pub mod table;
 #[cfg(feature = "std")]
 pub mod turned;
+#[cfg(feature = "std")]
+mod v4l2;
 #[cfg(feature = "std")]
 pub mod y4m;
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::reduction::Reduction;
 use mien_stages::base::bounded_read::{self, reason};
-use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
+use mien_stages::base::capacity::PIXELS;
 
 /// Most bytes of a file besides its pixels.
 const HEADER_MAX: usize = 4096;
@@ -117,24 +117,7 @@ impl<'a> Pixels<'a> {
 
     /// Luma averaged over the blocks of a reduction; the border is repeated beyond its columns and rows.
     pub(super) fn brightness(&self, by: &Reduction, white: u32, luma: &mut [u8; PIXELS]) {
-        let ([columns, rows], reduced) = (by.frame_size(), by.factor);
-        for row in 0..rows {
-            let line = &mut luma[row * WIDTH..][..WIDTH];
-            for (col, out) in line[..columns].iter_mut().enumerate() {
-                let mut sum = 0;
-                for y in 0..reduced {
-                    let from = (row * reduced + y) * self.columns + col * reduced;
-                    let line = from..from + reduced;
-                    sum += line.map(|at| self.luma(at, white)).sum::<u32>();
-                }
-                *out = (sum / (reduced * reduced) as u32) as u8;
-            }
-            let last = line[columns - 1];
-            line[columns..].fill(last);
-        }
-        for row in rows..HEIGHT {
-            luma.copy_within((rows - 1) * WIDTH..rows * WIDTH, row * WIDTH);
-        }
+        by.average(luma, |col, row| self.luma(row * self.columns + col, white));
     }
 }
 
@@ -275,6 +258,7 @@ fn netpbm(bytes: &[u8]) -> Option<([usize; 4], usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mien_stages::base::capacity::WIDTH;
     use crate::Frame;
 
     #[test]

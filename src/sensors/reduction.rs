@@ -2,17 +2,19 @@
 
 use core::ops::RangeInclusive;
 
-use mien_stages::base::capacity::{HEIGHT, WIDTH};
+use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use mien_stages::camera::Pinhole;
 
 /// Width and height of pictures that are read, pixels.
 pub(super) const SIZES: RangeInclusive<usize> = 64..=8192;
-/// Assumed field of view across a picture whose camera is unknown, degrees: webcams and telephones see about 50 to 75.
+/// Assumed field of view along the longer side of a picture of 4:3 whose camera is unknown, degrees: webcams and telephones see about
+/// 50 to 70. Wider formats of the same lens have the same height and see more at the sides.
 pub(super) const ASSUMED_VIEW_DEG: f32 = 60.0;
 
-/// The view of an unknown camera by the size of its pictures: [`ASSUMED_VIEW_DEG`] from the left border to the right, axis in the middle.
+/// The view of an unknown camera by the size of its pictures: focal length by the shorter side, axis in the middle.
 pub(super) fn assumed_view(size: [usize; 2]) -> Pinhole {
-    let focal = size[0] as f32 * 0.5 / (ASSUMED_VIEW_DEG * 0.5).to_radians().tan();
+    let across = size[0].min(size[1]) as f32 * 4.0 / 3.0;
+    let focal = across * 0.5 / (ASSUMED_VIEW_DEG * 0.5).to_radians().tan();
     Pinhole {
         focal: [focal; 2],
         // Pixel centres are integers.
@@ -31,13 +33,34 @@ pub(super) struct Reduction {
 
 impl Reduction {
     pub(super) fn new(size: [usize; 2]) -> Self {
-        let factor = size[0].div_ceil(WIDTH).max(size[1].div_ceil(HEIGHT));
+        let factor = size[0].div_ceil(WIDTH).max(size[1].div_ceil(HEIGHT)).max(1);
         Self { size, factor }
     }
 
     /// Columns and rows in the frame.
     pub(super) fn frame_size(&self) -> [usize; 2] {
         self.size.map(|pixels| pixels / self.factor)
+    }
+
+    /// Fills `luma` with means of blocks; the border is repeated beyond them. `pixel`: brightness at a column and row of the file, 0…255.
+    pub(super) fn average(&self, luma: &mut [u8; PIXELS], pixel: impl Fn(usize, usize) -> u32) {
+        let ([columns, rows], factor) = (self.frame_size(), self.factor);
+        for row in 0..rows {
+            let line = &mut luma[row * WIDTH..][..WIDTH];
+            for (col, out) in line[..columns].iter_mut().enumerate() {
+                let mut sum = 0;
+                for y in row * factor..(row + 1) * factor {
+                    let block = col * factor..(col + 1) * factor;
+                    sum += block.map(|x| pixel(x, y)).sum::<u32>();
+                }
+                *out = (sum / (factor * factor) as u32) as u8;
+            }
+            let last = line[columns - 1];
+            line[columns..].fill(last);
+        }
+        for row in rows..HEIGHT {
+            luma.copy_within((rows - 1) * WIDTH..rows * WIDTH, row * WIDTH);
+        }
     }
 
     /// The view of pictures reduced by picking one pixel of each block, near its middle.
@@ -65,15 +88,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_unknown_camera_sees_sixty_degrees_after_reduction_too() {
-        let reduction = Reduction::new([1280, 720]);
-        assert_eq!((reduction.factor, reduction.frame_size()), (2, [640, 360]));
-        let view = reduction.averaged(assumed_view([1280, 720]));
-        // Outer borders of the first and the last column.
-        let [left, right] = [-0.5, 639.5].map(|col| (col - view.centre[0]) / view.focal[0]);
-        let seen_deg = (right.atan() - left.atan()).to_degrees();
-        assert!((seen_deg - 60.0).abs() < 1e-3, "{seen_deg}");
-        assert_eq!(view.centre, [319.5, 179.5]);
-        assert_eq!(view.focal[0], view.focal[1]);
+    fn an_unknown_camera_sees_sixty_degrees_across_four_to_three_after_reduction_too() {
+        for (size, reduced, focal) in [
+            ([1280, 960], [640, 480], 320.0 * 3f32.sqrt()),
+            ([1280, 720], [640, 360], 240.0 * 3f32.sqrt()),
+            // A telephone held upright.
+            ([720, 1280], [240, 426], 160.0 * 3f32.sqrt()),
+        ] {
+            let reduction = Reduction::new(size);
+            assert_eq!(reduction.frame_size(), reduced);
+            let view = reduction.averaged(assumed_view(size));
+            assert!((view.focal[0] - focal).abs() < 1e-3 && view.focal[0] == view.focal[1]);
+            assert!((view.centre[0] - (reduced[0] as f32 - 1.0) * 0.5).abs() < 1e-3);
+        }
     }
 }

@@ -81,8 +81,10 @@ pub trait Sensor: Send {
 pub struct Found {
     /// One line about it.
     pub line: String,
-    /// What follows the colon in its source's name.
+    /// What may follow the colon in its source's name.
     pub serial: String,
+    /// Its name, for kinds that are chosen by name too.
+    pub name: String,
     /// What would keep it from being opened, and the remedy.
     pub trouble: Option<String>,
 }
@@ -104,11 +106,11 @@ pub struct SensorKind {
     pub name: &'static str,
     /// Its name in messages.
     pub title: &'static str,
-    /// Opens the device with this serial number, else the first free one. Returns within seconds, with the reason if it could not be
-    /// opened so far; the sensor then waits for it.
+    /// Opens the device with this serial number or name, else the first free one. Returns within seconds, with the reason if it could
+    /// not be opened so far; the sensor then waits for it.
     pub open: fn(Option<&str>, Settings) -> Opened,
     /// Lists the devices.
     pub list: fn() -> Result<Vec<Found>, Missing>,
-    /// The sentence that none of so many devices has this serial number.
-    pub other_serial: fn(&str, usize) -> String,
+    /// The sentence that none of these devices is the one of this serial number or name; `None` if one is.
+    pub missing: fn(&str, &[Found]) -> Option<String>,
 }

@@ -1,7 +1,8 @@
 //! The table of sensors that can be plugged in: a row each. Another sensor is its file beside this one and a row here.
 
-use crate::kinect::kind::KIND;
+use crate::kinect;
 use crate::sensor::SensorKind;
+use crate::v4l2;
 
 /// Every kind, the preferred one first.
-pub const SENSORS: &[SensorKind] = &[KIND];
+pub const SENSORS: &[SensorKind] = &[kinect::kind::KIND, v4l2::kind::KIND];

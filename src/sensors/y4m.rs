@@ -513,7 +513,7 @@ mod tests {
             read.depth.fill(700);
             assert!(film.next_frame(&mut read).unwrap());
             assert_eq!((read.index, read.at.as_us()), (number, at));
-            assert!(read.has_colour && !read.has_depth(film.camera()));
+            assert!(read.has_colour && !film.camera().measures(&*read.depth));
             assert!(read.luma.iter().all(|&found| found == luma));
         }
         assert!(!film.next_frame(&mut read).unwrap());

@@ -9,7 +9,9 @@ use mien_sensors::Frame;
 use mien_sensors::kinect::geometry::nominal;
 use mien_sensors::kinect::packet::LONGEST;
 use mien_sensors::kinect::pairing::Pairing;
-use mien_stages::base::capacity::{PACKETS, TRANSFERS, USERS, WAITING_FRAMES};
+use mien_sensors::sensor::Opened;
+use mien_sensors::table::SENSORS;
+use mien_stages::base::capacity::{PACKETS, PIXELS, TRANSFERS, USERS, WAITING_FRAMES};
 use mien_stages::face_model::FaceModel;
 use mien_stages::landmarks::Scratch;
 use mien_stages::segment::Segmenter;
@@ -40,9 +42,11 @@ const PICTURES: usize = 729_600;
 /// Frames in the ring or being unpacked, pictures being paired, pictures being assembled, transfers in flight or landed:
 /// 3,901,440.
 const SENSOR: usize = (WAITING_FRAMES + 2) * PICTURES + 2 * TRANSFERS * PACKETS * LONGEST;
+/// Of a webcam: images in the ring, being read and being shown; distances by raw value, of which none is used.
+const WEBCAM: usize = (WAITING_FRAMES + 1) * PIXELS + 40_004;
 /// What the stages may take, and the sensor.
 const BUDGET: usize = 8 << 20;
-const _: () = assert!(STAGES <= BUDGET && SENSOR <= BUDGET);
+const _: () = assert!(STAGES <= BUDGET && SENSOR <= BUDGET && WEBCAM <= BUDGET);
 
 /// Resident set of `mien run`, bytes.
 const RESIDENT: u64 = 16 << 20;
@@ -53,6 +57,12 @@ fn bytes_of<T>(make: impl FnOnce() -> T) -> (usize, T) {
     let before = MEMORY.bytes_in_use();
     let made = make();
     (MEMORY.bytes_in_use() - before + size_of::<T>(), made)
+}
+
+/// A webcam that nobody has: what it takes is taken before it is found.
+fn absent_webcam() -> Opened {
+    let kind = SENSORS.iter().find(|kind| kind.name == "camera");
+    (kind.expect("a row").open)(Some("no such name"), Default::default())
 }
 
 #[test]
@@ -76,6 +86,7 @@ fn every_row_of_the_table_is_what_is_taken() {
         ("model", model_bytes, MODEL),
         ("anchor and people", people, PEOPLE),
         ("pairing", bytes_of(Pairing::default).0, PICTURES),
+        ("webcam", bytes_of(absent_webcam).0, WEBCAM),
     ];
     for (part, taken, row) in rows {
         println!("{part:<20}{taken:>10} of {row:>10}");

@@ -24,7 +24,11 @@ pub(crate) const KIND: SensorKind = SensorKind {
     title: "Kinect",
     open,
     list: || listed(usb_devices::devices()),
-    other_serial: |wanted, count| DeviceError::OtherSerial(wanted.to_owned(), count).to_string(),
+    missing: |wanted, found| {
+        let is_other = found.iter().all(|device| device.serial != wanted);
+        let other = || DeviceError::OtherSerial(wanted.to_owned(), found.len()).to_string();
+        is_other.then(other)
+    },
 };
 
 fn open(serial: Option<&str>, settings: Settings) -> Opened {
@@ -43,6 +47,7 @@ fn listed(devices: Result<Vec<Listed>, DeviceError>) -> Result<Vec<Found>, Missi
     let found = devices.iter().map(|device| Found {
         line: device.to_string(),
         serial: device.serial.clone(),
+        name: String::new(),
         trouble: device.trouble.as_ref().map(ToString::to_string),
     });
     Ok(found.collect())

@@ -7,8 +7,6 @@
 
 use core::time::Duration;
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Instant;
 
 use super::device::{DeviceError, Model, PacketSource, Stream};
@@ -20,12 +18,11 @@ use super::picture_clock::PictureClock;
 use super::registration::Registration;
 use super::stream::Tally;
 use super::usb::UsbKinect;
+use crate::live::{Live, Shared, Worker};
 use mien_stages::base::capacity::WAITING_FRAMES as RING;
 use mien_stages::base::defaults;
 use mien_stages::camera::Camera;
 
-/// Interval between attempts to open the device.
-const RETRY: Duration = Duration::from_millis(500);
 /// Longest wait for packets; also the delay of commands and of the end.
 const POLL: Duration = Duration::from_millis(20);
 
@@ -44,12 +41,6 @@ pub struct Status {
     pub overwritten: u64,
 }
 
-#[derive(Default)]
-struct Shared {
-    inner: Mutex<Inner>,
-    changed: Condvar,
-}
-
 defaults! {
     struct Inner {
         /// Filled pairs, oldest first, each with the number of its opening and the time of its completion.
@@ -63,23 +54,27 @@ defaults! {
     }
 }
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Inner> {
-        // The content is consistent at every step, even if a holder panicked.
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+impl Live for Inner {
+    type Problem = KinectError;
+    const NAME: &str = "kinect";
+    const TITLE: &str = "Kinect";
+
+    fn waiting_for(&mut self) -> &mut Option<KinectError> {
+        &mut self.status.waiting_for
     }
 
-    /// Waits until `is_over` returns true, but at most `wait`.
-    fn wait(&self, wait: Duration, is_over: impl Fn(&Inner) -> bool) -> MutexGuard<'_, Inner> {
-        let waited = (self.changed).wait_timeout_while(self.lock(), wait, |inner| !is_over(inner));
-        waited.unwrap_or_else(PoisonError::into_inner).0
+    fn was_opened(&self) -> bool {
+        self.status.openings > 0
+    }
+
+    fn stop(&mut self) -> &mut bool {
+        &mut self.stop
     }
 }
 
 /// The consumer's end.
 pub struct LiveKinect {
-    shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    worker: Worker<Inner>,
     clock: PictureClock,
     /// Number of the last frame's opening, and when it was taken from the ring.
     last: Option<(u64, Instant)>,
@@ -104,19 +99,17 @@ impl LiveKinect {
 
     /// The device opened by `open`, which is called until it succeeds and whenever the device is lost.
     pub fn with_source<S: PacketSource>(
-        open: impl FnMut() -> Result<S, DeviceError> + Send + 'static,
+        mut open: impl FnMut() -> Result<S, DeviceError> + Send + 'static,
         settings: Settings,
     ) -> Self {
-        let shared = Arc::<Shared>::default();
-        let thread_shared = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name("kinect".to_owned())
-            .spawn(move || run(&thread_shared, open, settings))
-            .map_err(|problem| tracing::error!("cannot start the sensor thread: {problem}"))
-            .ok();
+        // Whole depth pictures of former openings, to continue the numbering.
+        let mut pictures = 0;
+        let worker = Worker::start(move |shared| {
+            let kinect = Kinect::open(open()?, settings)?;
+            stream(shared, kinect, &mut pictures)
+        });
         Self {
-            shared,
-            thread,
+            worker,
             clock: PictureClock::default(),
             last: None,
             arrived: None,
@@ -128,7 +121,10 @@ impl LiveKinect {
 
     /// Fills `frame` with the oldest frame in the ring, waiting at most `wait`; `false` if there is none.
     pub fn next_frame(&mut self, frame: &mut impl FrameSink, wait: Duration) -> bool {
-        let mut inner = self.shared.wait(wait, |inner| !inner.ring.is_empty());
+        let mut inner = self
+            .worker
+            .shared
+            .wait(wait, |inner| !inner.ring.is_empty());
         let Some((opening, arrived, mut pair)) = inner.ring.pop_front() else {
             return false;
         };
@@ -147,15 +143,15 @@ impl LiveKinect {
         self.last = Some((opening, now));
         drop(inner);
         unpack_into(&mut pair, &mut self.clock, frame);
-        self.shared.lock().free.push(pair);
+        self.worker.shared.lock().free.push(pair);
         true
     }
 
     /// Waits for at most `wait` until a sensor has been opened or the first attempt has failed.
     pub fn wait_for_first_attempt(&mut self, wait: Duration) -> Status {
         let attempted =
-            |inner: &Inner| inner.status.openings > 0 || inner.status.waiting_for.is_some();
-        let inner = self.shared.wait(wait, attempted);
+            |inner: &mut Inner| inner.status.openings > 0 || inner.status.waiting_for.is_some();
+        let inner = self.worker.shared.wait(wait, attempted);
         self.registration.clone_from(&inner.registration);
         self.camera = inner.registration.camera();
         self.acceleration = inner.acceleration;
@@ -164,66 +160,23 @@ impl LiveKinect {
 
     /// Damaged depth images of the sensor last opened. Cheap to call every frame: nothing is copied.
     pub fn broken_depth_images(&self) -> u64 {
-        self.shared.lock().status.health.streams[Stream::Depth.index()].broken
+        self.worker.shared.lock().status.health.streams[Stream::Depth.index()].broken
     }
 
     /// State and counters.
     pub fn status(&self) -> Status {
-        self.shared.lock().status.clone()
+        self.worker.shared.lock().status.clone()
     }
 
     /// Shows on the LED whether a face is tracked, and locks or frees exposure if the settings say so. Cheap to call every frame.
     pub fn show_tracking(&self, tracking: bool) {
-        self.shared.lock().tracking = tracking;
-    }
-}
-
-impl Drop for LiveKinect {
-    fn drop(&mut self) {
-        self.shared.lock().stop = true;
-        self.shared.changed.notify_all();
-        if let Some(thread) = self.thread.take() {
-            // The panic hook has already reported a panic.
-            let _ = thread.join();
-        }
-    }
-}
-
-/// The thread: opens the device, streams, and repeats.
-fn run<S: PacketSource>(
-    shared: &Shared,
-    mut open: impl FnMut() -> Result<S, DeviceError>,
-    settings: Settings,
-) {
-    let mut attempted = false;
-    // Whole depth pictures of former openings, to continue the numbering.
-    let mut pictures = 0;
-    loop {
-        let opened = open().map_err(KinectError::from);
-        let opened = opened.and_then(|source| Kinect::open(source, settings));
-        attempted |= opened.is_ok();
-        let streamed = opened.and_then(|kinect| stream(shared, kinect, &mut pictures));
-        let Err(problem) = streamed else { return };
-        let mut inner = shared.lock();
-        if inner.status.waiting_for.as_ref() != Some(&problem) {
-            // The caller reports the first failure.
-            if attempted {
-                tracing::warn!("waiting for the Kinect: {problem}");
-            }
-            inner.status.waiting_for = Some(problem);
-            shared.changed.notify_all();
-        }
-        drop(inner);
-        attempted = true;
-        if shared.wait(RETRY, |inner| inner.stop).stop {
-            return;
-        }
+        self.worker.shared.lock().tracking = tracking;
     }
 }
 
 /// Streams until asked to stop (`Ok`) or the device fails. `pictures` counts whole depth pictures of all openings.
 fn stream<S: PacketSource>(
-    shared: &Shared,
+    shared: &Shared<Inner>,
     mut kinect: Kinect<S>,
     pictures: &mut u64,
 ) -> Result<(), KinectError> {
@@ -267,7 +220,7 @@ fn stream<S: PacketSource>(
 
 /// Starts the streams and passes pairs on until asked to stop.
 fn deliver<S: PacketSource>(
-    shared: &Shared,
+    shared: &Shared<Inner>,
     kinect: &mut Kinect<S>,
     former: u64,
 ) -> Result<(), KinectError> {
@@ -298,7 +251,7 @@ fn deliver<S: PacketSource>(
 }
 
 /// Swaps a completed pair into the ring, replacing the oldest if full; numbers continue from `former`.
-fn push_pair(shared: &Shared, former: u64, pair: Paired<'_>) {
+fn push_pair(shared: &Shared<Inner>, former: u64, pair: Paired<'_>) {
     let mut inner = shared.lock();
     let opening = inner.status.openings;
     if inner.free.is_empty()
@@ -311,6 +264,6 @@ fn push_pair(shared: &Shared, former: u64, pair: Paired<'_>) {
         pair.swap_into(&mut filled);
         filled.number += former;
         inner.ring.push_back((opening, Instant::now(), filled));
-        shared.changed.notify_all();
+        shared.notify();
     }
 }

@@ -1,4 +1,4 @@
-//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of six files with unsafe code.
+//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of seven files with unsafe code.
 //!
 //! Per stream there are 16 transfers of 16 packets (32 ms of the bus). A completed transfer is queued; `poll` reads its packets in
 //! place and resubmits it. Packets that arrive while the caller does not poll for 32 ms, for instance during a long request to the

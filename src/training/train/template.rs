@@ -218,6 +218,6 @@ pub(super) fn learn(args: &TrainArgs, out: &Path, say: &mut dyn FnMut(&str)) -> 
         empty.len(),
         100.0 * passed as f64 / empty.len().max(1) as f64
     ));
-    write_out(out, &template.bytes())?;
+    write_out(out, template.bytes())?;
     Ok(())
 }

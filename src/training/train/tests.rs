@@ -40,6 +40,7 @@ fn a_small_training_gives_the_golden_figures() {
         paper_of: Some(crate::data::root().join("config/face.model")),
         paper_into: None,
         person: None,
+        template: false,
         hold_out_dev: true,
     };
     let mut lines = Vec::new();

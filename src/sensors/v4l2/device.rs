@@ -1,0 +1,142 @@
+//! The interface below the camera's driver: what Video4Linux2 can be asked, and why there are no images.
+//!
+//! [`Device`] has two implementations: the kernel's (`ioctl`) and, in tests, a scripted one that lies, breaks and goes away.
+
+use core::time::Duration;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use mien_stages::base::bounded_read::reason;
+
+/// Code of a pixel format, four characters.
+pub(super) type FourCc = [u8; 4];
+
+/// What a device says about itself.
+#[derive(Clone, Debug, Default)]
+pub(super) struct About {
+    /// Name of its driver.
+    pub(super) driver: String,
+    /// Its name.
+    pub(super) card: String,
+    /// Whether this node gives images; others give metadata, or take images.
+    pub(super) captures: bool,
+    /// Whether it streams through shared memory.
+    pub(super) streams: bool,
+}
+
+/// Sizes of images that a device offers: `least`, and steps from there up to `most`; columns and rows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sizes {
+    pub(super) least: [u32; 2],
+    pub(super) most: [u32; 2],
+    pub(super) step: [u32; 2],
+}
+
+/// The format that a driver has set, which need not be the one asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Answer {
+    pub(super) code: FourCc,
+    pub(super) size: [u32; 2],
+    /// Bytes from one row to the next; 0 if rows have no gaps.
+    pub(super) stride: u32,
+    /// Whether an image has all rows of one moment or of two; not every second row.
+    pub(super) whole: bool,
+}
+
+/// A filled buffer.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Filled {
+    pub(super) index: usize,
+    /// Number of its bytes that are the image's.
+    pub(super) used: usize,
+    /// Whether the driver says that they are damaged.
+    pub(super) is_damaged: bool,
+    /// Capture time on the monotonic clock; `None` if the driver uses another.
+    pub(super) taken: Option<Duration>,
+}
+
+/// An open device. Every wait is bounded; a [`Filled`] buffer is the caller's until it is queued again.
+pub(super) trait Device {
+    fn about(&self) -> io::Result<About>;
+    /// The format with this index; an error after the last.
+    fn format(&self, index: u32) -> io::Result<FourCc>;
+    /// The sizes of a format with this index; an error after the last.
+    fn sizes(&self, code: FourCc, index: u32) -> io::Result<Sizes>;
+    /// Whether it can be used, which changes nothing.
+    fn check_free(&self) -> io::Result<()>;
+    fn set_format(&self, code: FourCc, size: [u32; 2]) -> io::Result<Answer>;
+    /// Asks for frames a second; returns how many there will be.
+    fn set_rate(&self, per_s: u32) -> io::Result<f32>;
+    /// Maps and queues the buffers and starts the stream; returns the bytes of the smallest buffer.
+    fn start(&mut self) -> io::Result<usize>;
+    /// Waits for a filled buffer; `false` if there is none.
+    fn wait(&self, wait: Duration) -> io::Result<bool>;
+    /// Takes the oldest filled buffer; `WouldBlock` if there is none.
+    fn take(&self) -> io::Result<Filled>;
+    /// All bytes of a buffer that was taken; none if there is no such buffer.
+    fn bytes(&self, index: usize) -> &[u8];
+    /// Gives a buffer back to be filled.
+    fn queue(&self, index: usize) -> io::Result<()>;
+}
+
+/// Why a camera gives no images; each message contains the remedy.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(super) enum CameraError {
+    /// No node gives images.
+    #[error(
+        "no camera (none of /dev/video* gives images); plug in a webcam, or load its driver (`modprobe uvcvideo` for most)"
+    )]
+    Absent,
+    /// No camera has this name; number of cameras found.
+    #[error("no camera {0} among the {1} found; `mien devices` lists them")]
+    Other(String, usize),
+    /// No permission for the node.
+    #[error(
+        "no permission to open the camera {}; add the user to the group video and log in again", .0.display()
+    )]
+    Access(PathBuf),
+    /// Another program streams from it.
+    #[error("the camera {} is in use; stop the other program that reads it", .0.display())]
+    Busy(PathBuf),
+    /// It cannot share memory.
+    #[error("the camera {} cannot stream through shared memory; use another camera", .0.display())]
+    NoStreaming(PathBuf),
+    /// It has no known format: what it has, and what is known.
+    #[error("the camera {} gives {found}; use another camera", .0.display(), found = .1)]
+    Format(PathBuf, String),
+    /// It has no usable size.
+    #[error(
+        "the camera {} gives no usable size, expected 320 x 240 to 2560 x 1920; use another camera", .0.display()
+    )]
+    Size(PathBuf),
+    /// The driver contradicts itself.
+    #[error("the driver of the camera {} {how}; update the kernel or use another camera", .0.display(), how = .1)]
+    Lies(PathBuf, &'static str),
+    /// None for half a second, from a camera that streams.
+    #[error("the camera gave no image for half a second; it is starting, or needs more light")]
+    Late,
+    /// No whole image for a time: number of damaged ones.
+    #[error(
+        "the camera {} gave no whole image for three seconds ({damaged} damaged ones); plug it into a port of the computer itself", .0.display(), damaged = .1
+    )]
+    Silent(PathBuf, u64),
+    /// It is gone.
+    #[error("the camera {} was unplugged; plug it in again", .0.display())]
+    Gone(PathBuf),
+    /// Another error of the kernel.
+    #[error("the camera {} fails ({why}); unplug it and plug it in again", .0.display(), why = .1)]
+    Failed(PathBuf, String),
+}
+
+impl CameraError {
+    /// The kernel's error at a node.
+    pub(super) fn at(node: &Path, problem: &io::Error) -> Self {
+        let node = node.to_owned();
+        match problem.raw_os_error() {
+            Some(libc::EACCES | libc::EPERM) => Self::Access(node),
+            Some(libc::EBUSY) => Self::Busy(node),
+            Some(libc::ENODEV | libc::ENXIO | libc::ENOENT) => Self::Gone(node),
+            _ => Self::Failed(node, reason(problem)),
+        }
+    }
+}

@@ -1,0 +1,415 @@
+//! Pixel formats, the choice of a format and size, and images to luma.
+//!
+//! Of every format only luma is read. Images larger than a frame are reduced by a whole factor, averaged.
+
+use core::cmp::Reverse;
+use std::io;
+use std::path::Path;
+
+use super::device::{Answer, CameraError, Device, FourCc, Sizes};
+use crate::camera::{Camera, Distortion};
+use crate::reduction::{Reduction, assumed_view};
+use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
+
+/// Smallest frame in which a face can be followed, columns and rows.
+const SMALLEST: [usize; 2] = [320, 240];
+/// Most image pixels to one of the frame along each side.
+const MOST_REDUCED: usize = 4;
+/// Most formats, and sizes of each, that are asked for: a driver need not come to an end.
+const MOST_LISTED: u32 = 64;
+
+/// A format whose luma is read in place.
+#[derive(Debug, PartialEq)]
+pub(super) struct PixelFormat {
+    pub(super) code: FourCc,
+    /// Bytes from the start of a row to its first luma, and from one luma to the next.
+    first: usize,
+    step: usize,
+    /// Whether planes of chroma with half as many rows follow.
+    has_planes: bool,
+}
+
+const fn format(code: &FourCc, first: usize, step: usize, has_planes: bool) -> PixelFormat {
+    PixelFormat {
+        code: *code,
+        first,
+        step,
+        has_planes,
+    }
+}
+
+/// Known formats, preferred ones first: what webcams send themselves before what a driver converts to.
+const FORMATS: [PixelFormat; 6] = [
+    format(b"YUYV", 0, 2, false),
+    format(b"UYVY", 1, 2, false),
+    format(b"NV12", 0, 1, true),
+    format(b"NV21", 0, 1, true),
+    format(b"YU12", 0, 1, true),
+    format(b"GREY", 0, 1, false),
+];
+
+fn name(code: FourCc) -> String {
+    String::from_utf8_lossy(&code).trim().to_owned()
+}
+
+/// A format and a size of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Choice {
+    pub(super) format: &'static PixelFormat,
+    /// Columns and rows.
+    pub(super) size: [usize; 2],
+}
+
+impl core::fmt::Display for Choice {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let [columns, rows] = self.size;
+        write!(f, "{} {columns} x {rows}", name(self.format.code))?;
+        match self.reduced() {
+            1 => Ok(()),
+            reduced => {
+                let [columns, rows] = self.frame_size();
+                write!(f, " reduced by {reduced} to {columns} x {rows}")
+            }
+        }
+    }
+}
+
+impl Choice {
+    fn reduction(&self) -> Reduction {
+        Reduction::new(self.size)
+    }
+
+    /// Image pixels to one of the frame, along each side.
+    pub(super) fn reduced(&self) -> usize {
+        self.reduction().factor
+    }
+
+    /// Columns and rows in the frame.
+    pub(super) fn frame_size(&self) -> [usize; 2] {
+        self.reduction().frame_size()
+    }
+
+    /// Greater is better: not reduced, then large in the frame, then little reduced; `None` if it cannot be used.
+    fn rank(&self) -> Option<(bool, usize, Reverse<usize>)> {
+        let (reduced, [columns, rows]) = (self.reduced(), self.frame_size());
+        let is_usable = columns >= SMALLEST[0] && rows >= SMALLEST[1] && reduced <= MOST_REDUCED;
+        is_usable.then_some((reduced == 1, columns * rows, Reverse(reduced)))
+    }
+
+    /// Geometry of the frame, by an assumed lens.
+    pub(super) fn camera(&self) -> Camera {
+        let view = self.reduction().averaged(assumed_view(self.size));
+        Camera::without_depth(view, Distortion::default(), self.frame_size())
+    }
+}
+
+impl Default for Choice {
+    fn default() -> Self {
+        Self {
+            format: &FORMATS[0],
+            size: [WIDTH, HEIGHT],
+        }
+    }
+}
+
+/// The size nearest to a frame's within what is offered.
+fn nearest(sizes: Sizes) -> [usize; 2] {
+    [0, 1].map(|side| {
+        let (least, step) = (sizes.least[side], sizes.step[side].max(1));
+        let up_to = [WIDTH, HEIGHT][side].min(sizes.most[side] as usize);
+        let steps = up_to.saturating_sub(least as usize) / step as usize;
+        least as usize + steps * step as usize
+    })
+}
+
+/// What is listed by index, until an error.
+fn all<T>(at: impl Fn(u32) -> io::Result<T>) -> impl Iterator<Item = T> {
+    (0..MOST_LISTED).map_while(move |index| at(index).ok())
+}
+
+/// The best format and size of a device.
+pub(super) fn choose(device: &impl Device, node: &Path) -> Result<Choice, CameraError> {
+    let offered: Vec<FourCc> = all(|index| device.format(index)).collect();
+    let known = FORMATS.iter().filter(|known| offered.contains(&known.code));
+    let known: Vec<&PixelFormat> = known.collect();
+    if known.is_empty() {
+        let names: Vec<String> = offered.into_iter().map(name).collect();
+        let names = match names.is_empty() {
+            true => "no format".to_owned(),
+            false => format!("only {}", names.join(", ")),
+        };
+        let known = FORMATS.each_ref().map(|known| name(known.code)).join(", ");
+        let found = format!("{names}, expected an uncompressed format ({known})");
+        return Err(CameraError::Format(node.to_owned(), found));
+    }
+    let choices = known.iter().rev().flat_map(|&format| {
+        let sizes: Vec<Sizes> = all(|index| device.sizes(format.code, index)).collect();
+        // A driver that lists no sizes is asked for the one wanted.
+        let unlisted = sizes.is_empty().then_some([WIDTH, HEIGHT]);
+        let sizes = sizes.into_iter().map(nearest).chain(unlisted);
+        sizes.map(move |size| Choice { format, size })
+    });
+    let choices = choices.filter(|choice| choice.rank().is_some());
+    // Of equally good ones the last, which is the preferred format.
+    let best = choices.max_by_key(Choice::rank);
+    best.ok_or_else(|| CameraError::Size(node.to_owned()))
+}
+
+/// Where luma is in a buffer, as the driver has answered.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    pub(super) choice: Choice,
+    stride: usize,
+    /// Bytes of a whole image.
+    pub(super) bytes: usize,
+}
+
+impl Layout {
+    /// Checks a driver's answer to `asked`; its size may differ.
+    ///
+    /// # Errors
+    /// How the driver contradicts itself.
+    pub(super) fn new(asked: Choice, answer: Answer) -> Result<Self, &'static str> {
+        let format = asked.format;
+        let choice = Choice {
+            format,
+            size: answer.size.map(|pixels| pixels as usize),
+        };
+        let row = choice.size[0] * format.step;
+        let stride = match answer.stride as usize {
+            0 => row,
+            stride => stride,
+        };
+        if answer.code != format.code {
+            return Err("sets another format than the one it offers");
+        }
+        if choice.rank().is_none() {
+            return Err("sets another size than those it offers");
+        }
+        if !answer.whole {
+            return Err("gives every second row only");
+        }
+        if stride < row {
+            return Err("states rows that are shorter than their pixels");
+        }
+        let rows = choice.size[1];
+        let rows = rows + if format.has_planes { rows / 2 } else { 0 };
+        // The last row needs no gap behind it.
+        let bytes = stride.checked_mul(rows - 1).map(|bytes| bytes + row);
+        Ok(Self {
+            choice,
+            stride,
+            bytes: bytes.ok_or("states rows of an impossible length")?,
+        })
+    }
+
+    /// Luma of an image, which has [`Self::bytes`] bytes or more; the border is repeated beyond its size.
+    pub(super) fn luma(&self, bytes: &[u8], luma: &mut [u8; PIXELS]) {
+        let PixelFormat { first, step, .. } = *self.choice.format;
+        let pixel = |col, row| u32::from(bytes[row * self.stride + first + col * step]);
+        self.choice.reduction().average(luma, pixel);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::v4l2::scripted::{Script, size};
+    use mien_stages::base::geometry::Point;
+
+    /// What is chosen of these formats, or the sentence.
+    fn chosen(formats: &[(&FourCc, &[Sizes])]) -> String {
+        let formats = formats.iter().map(|(code, sizes)| (**code, sizes.to_vec()));
+        let script = Script {
+            formats: formats.collect(),
+            ..Script::honest()
+        };
+        match choose(&script, Path::new("/dev/video0")) {
+            Ok(choice) => choice.to_string(),
+            Err(problem) => problem.to_string(),
+        }
+    }
+
+    #[test]
+    fn the_size_of_a_frame_is_preferred_then_smaller_ones_then_larger_ones_reduced() {
+        let any = Sizes {
+            least: [2, 2],
+            most: [3840, 2160],
+            step: [2, 2],
+        };
+        let large = Sizes {
+            least: [1280, 960],
+            ..any
+        };
+        let webcam = [size(320, 240), size(1280, 720), size(640, 480)];
+        for (sizes, expected) in [
+            (&webcam[..], "YUYV 640 x 480"),
+            (&webcam[..2], "YUYV 320 x 240"),
+            (&[size(640, 360), size(352, 288)], "YUYV 640 x 360"),
+            (
+                &[size(1920, 1080)],
+                "YUYV 1920 x 1080 reduced by 3 to 640 x 360",
+            ),
+            (
+                &[size(1280, 720), size(1280, 960)],
+                "YUYV 1280 x 960 reduced by 2 to 640 x 480",
+            ),
+            (&[any], "YUYV 640 x 480"),
+            (&[large], "YUYV 1280 x 960 reduced by 2 to 640 x 480"),
+            (&[], "YUYV 640 x 480"),
+            (
+                &[
+                    size(160, 120),
+                    size(4096, 3072),
+                    size(0, 0),
+                    size(u32::MAX, 1),
+                ],
+                "the camera /dev/video0 gives no usable size, expected 320 x 240 to 2560 x 1920; use another camera",
+            ),
+        ] {
+            assert_eq!(chosen(&[(b"YUYV", sizes)]), expected);
+        }
+    }
+
+    #[test]
+    fn the_size_counts_before_the_format_and_a_compressed_one_is_refused() {
+        let [small, frame] = [[size(320, 240)], [size(640, 480)]];
+        for (formats, expected) in [
+            (
+                &[(b"NV12", &frame[..]), (b"YUYV", &small)][..],
+                "NV12 640 x 480",
+            ),
+            (&[(b"GREY", &frame), (b"YUYV", &frame)], "YUYV 640 x 480"),
+            (
+                &[(b"MJPG", &frame), (b"H264", &frame)],
+                "the camera /dev/video0 gives only MJPG, H264, expected an uncompressed format (YUYV, UYVY, NV12, NV21, YU12, GREY); use another camera",
+            ),
+            (
+                &[],
+                "the camera /dev/video0 gives no format, expected an uncompressed format (YUYV, UYVY, NV12, NV21, YU12, GREY); use another camera",
+            ),
+        ] {
+            assert_eq!(chosen(formats), expected);
+        }
+    }
+
+    #[test]
+    fn luma_is_read_from_every_format_and_rows_may_have_gaps() {
+        // Luma of four pixels in a row, and what is around it.
+        let rows: [(&FourCc, &[u8]); 4] = [
+            (b"YUYV", &[10, 1, 20, 2, 30, 1, 40, 2]),
+            (b"UYVY", &[1, 10, 2, 20, 1, 30, 2, 40]),
+            (b"NV12", &[10, 20, 30, 40]),
+            (b"GREY", &[10, 20, 30, 40]),
+        ];
+        for (code, pixels) in rows {
+            let format = FORMATS.iter().find(|known| known.code == *code).unwrap();
+            for (columns, rows, reduced) in [(640, 480, 1), (320, 240, 1), (1280, 960, 2)] {
+                let choice = Choice {
+                    format,
+                    size: [columns, rows],
+                };
+                let mut row = pixels.repeat(columns / 4);
+                row.resize(row.len() + 32, 99);
+                let answer = Answer {
+                    code: *code,
+                    size: [columns as u32, rows as u32],
+                    stride: row.len() as u32,
+                    whole: true,
+                };
+                let layout = Layout::new(choice, answer).unwrap();
+                let chroma = if format.has_planes { rows / 2 } else { 0 };
+                assert_eq!(layout.bytes, row.len() * (rows + chroma) - 32);
+                let mut bytes = row.repeat(rows);
+                bytes.resize(layout.bytes, 77);
+                let mut luma = crate::Frame::default().luma;
+                layout.luma(&bytes, &mut luma);
+                let expected = [&[10, 20, 30, 40], &[15, 35, 15, 35]][reduced - 1];
+                for row in luma.chunks(WIDTH) {
+                    assert_eq!(row[..4], *expected);
+                    // The border is repeated.
+                    assert_eq!(row[639], expected[3]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_driver_that_contradicts_itself_is_found_out() {
+        let honest = Answer {
+            code: *b"YUYV",
+            size: [640, 480],
+            stride: 1280,
+            whole: true,
+        };
+        let asked = Choice::default();
+        assert_eq!(Layout::new(asked, honest).unwrap().bytes, 640 * 480 * 2);
+        let another_size = Answer {
+            size: [352, 288],
+            ..honest
+        };
+        let taken = Layout::new(asked, another_size).unwrap().choice;
+        assert_eq!(taken.to_string(), "YUYV 352 x 288");
+        for (answer, how) in [
+            (
+                Answer {
+                    code: *b"MJPG",
+                    ..honest
+                },
+                "sets another format than the one it offers",
+            ),
+            (
+                Answer {
+                    size: [0, 0],
+                    ..honest
+                },
+                "sets another size than those it offers",
+            ),
+            (
+                Answer {
+                    size: [u32::MAX; 2],
+                    ..honest
+                },
+                "sets another size than those it offers",
+            ),
+            (
+                Answer {
+                    stride: 1279,
+                    ..honest
+                },
+                "states rows that are shorter than their pixels",
+            ),
+            (
+                Answer {
+                    whole: false,
+                    ..honest
+                },
+                "gives every second row only",
+            ),
+        ] {
+            assert_eq!(Layout::new(asked, answer).unwrap_err(), how);
+        }
+    }
+
+    #[test]
+    fn the_assumed_lens_sees_60_degrees_across_4_3_and_more_at_the_sides_of_16_9() {
+        let right = |degrees: f32| Point::new(degrees.to_radians().tan(), 0.0, 1.0);
+        let camera = Choice::default().camera();
+        let [col, row] = camera.colour_pixel(&right(30.0));
+        assert!(
+            (col - 639.5).abs() < 1e-3 && (row - 239.5).abs() < 1e-3,
+            "{col} {row}"
+        );
+        let wide = Choice {
+            size: [1280, 720],
+            ..Choice::default()
+        };
+        // 480 of 640 columns are 60 degrees.
+        let [col, row] = wide.camera().colour_pixel(&right(30.0));
+        assert!(
+            (col - 559.5).abs() < 1e-3 && (row - 179.5).abs() < 1e-3,
+            "{col} {row}"
+        );
+        assert_eq!(wide.camera().depth_size(), [640, 360]);
+    }
+}

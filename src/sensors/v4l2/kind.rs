@@ -1,0 +1,98 @@
+//! Webcams as a kind of sensor.
+
+use core::time::Duration;
+use std::path::Path;
+
+use super::device::CameraError;
+use super::live::LiveCamera;
+use super::nodes::{self, Listed, is_meant};
+use crate::kinect::driver::Settings;
+use crate::sensor::{Found, Missing, Opened, SensorError, SensorKind};
+
+/// Longest wait for the first attempt to open a camera.
+const FIRST_ATTEMPT: Duration = Duration::from_secs(10);
+
+/// The row of webcams.
+pub(crate) const KIND: SensorKind = SensorKind {
+    name: "camera",
+    title: "camera",
+    open,
+    list: || found(&nodes::list()),
+    missing: |wanted, found| {
+        let meant = |found: &Found| is_meant(wanted, Path::new(&found.serial), &found.name);
+        let other = || CameraError::Other(wanted.to_owned(), found.len()).to_string();
+        (!found.iter().any(meant)).then(other)
+    },
+};
+
+fn open(wanted: Option<&str>, _: Settings) -> Opened {
+    let wanted = wanted.map(str::to_owned);
+    let mut live = LiveCamera::new(move || nodes::open(wanted.as_deref()));
+    let problem = live.wait_for_first_attempt(FIRST_ATTEMPT);
+    (Box::new(live), problem.map(SensorError::new))
+}
+
+fn found(listed: &[Listed]) -> Result<Vec<Found>, Missing> {
+    if listed.is_empty() {
+        return Err(Missing {
+            is_absent: true,
+            text: CameraError::Absent.to_string(),
+        });
+    }
+    let found = listed.iter().map(|camera| {
+        let node = camera.node.display();
+        let choice = camera.choice.map(|choice| format!(", {choice}"));
+        let (name, choice) = (camera.card.clone(), choice.unwrap_or_default());
+        Found {
+            line: format!("camera:{node} {name}{choice}"),
+            serial: node.to_string(),
+            name,
+            trouble: camera.trouble.as_ref().map(ToString::to_string),
+        }
+    });
+    Ok(found.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_is_one_line_and_may_be_named_by_node_number_or_name() {
+        let listed = Listed {
+            node: "/dev/video2".into(),
+            card: "HD Webcam C525".into(),
+            choice: Some(super::super::format::Choice::default()),
+            trouble: None,
+        };
+        let Ok(found) = found(&[listed]) else {
+            panic!("one camera");
+        };
+        assert_eq!(
+            found[0].line,
+            "camera:/dev/video2 HD Webcam C525, YUYV 640 x 480"
+        );
+        for wanted in ["2", "/dev/video2", "webcam"] {
+            assert_eq!((KIND.missing)(wanted, &found), None, "{wanted}");
+        }
+        assert_eq!(
+            (KIND.missing)("3", &found).as_deref(),
+            Some("no camera 3 among the 1 found; `mien devices` lists them")
+        );
+    }
+
+    #[test]
+    fn without_a_camera_the_remedy_is_named() {
+        let missing = found(&[]).err().expect("no camera");
+        assert!(missing.is_absent && missing.text.contains("modprobe uvcvideo"));
+    }
+
+    /// Holds on any machine: whatever is or is not plugged in.
+    #[test]
+    fn a_camera_that_does_not_exist_is_waited_for() {
+        let (mut sensor, problem) = open(Some("no such name"), Settings::default());
+        let problem = problem.expect("no camera").to_string();
+        assert!(problem.starts_with("no camera"), "{problem}");
+        assert!(sensor.next_frame(&mut crate::Frame::default()).is_err());
+    }
+}

@@ -1,0 +1,396 @@
+//! A camera that may come and go ([`crate::live`]): its thread passes luma on through a bounded ring, in which new images replace old
+//! ones (counted), and reopens a camera that fell silent.
+//!
+//! Memory: luma of three images, 0.9 MB, allocated at the start; images are passed on by swapping buffers.
+
+use core::time::Duration;
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use super::capture::{Capture, Taken};
+use super::device::{CameraError, Device};
+use super::format::Choice;
+use crate::NO_DEPTH;
+use crate::camera::Camera;
+use crate::kinect::frame::FrameSink;
+use crate::live::{Live, Shared, Worker};
+use crate::sensor::{Sensor, SensorError, SensorState};
+use mien_stages::base::capacity::{PIXELS, WAITING_FRAMES as RING};
+use mien_stages::base::defaults;
+use mien_stages::base::time::Timestamp;
+
+/// Longest wait for an image in the thread; also the delay of the end.
+const POLL: Duration = Duration::from_millis(50);
+/// Longest wait for an image in the main thread.
+const WAIT: Duration = Duration::from_millis(500);
+/// Time without a whole image after which the camera is reopened; in the dark some give one a second.
+const SILENT: Duration = Duration::from_secs(3);
+/// Largest difference between the times that passed on the driver's clock and on ours from one image to the next.
+const CLOCK_TOLERANCE: Duration = Duration::from_millis(500);
+
+defaults! {
+    /// An image in the ring.
+    struct Image {
+        luma: Box<[u8; PIXELS]> = vec![0; PIXELS].try_into().expect("PIXELS long"),
+        /// Number of whole images before it.
+        number: u64 = 0,
+        /// Its time on the driver's clock.
+        taken: Option<Duration> = None,
+        /// When it was complete in this machine's memory.
+        arrived: Instant = Instant::now(),
+        choice: Choice = Choice::default(),
+    }
+
+    struct Inner {
+        /// Images, oldest first.
+        ring: VecDeque<Image> = VecDeque::with_capacity(RING),
+        free: Vec<Image> = (0..RING).map(|_| Image::default()).collect(),
+        /// Why there are no images; `None` while streaming, and before the first attempt.
+        waiting_for: Option<CameraError> = None,
+        /// Format of the camera last opened.
+        choice: Option<Choice> = None,
+        damaged: u64 = 0,
+        overwritten: u64 = 0,
+        stop: bool = false,
+    }
+}
+
+impl Live for Inner {
+    type Problem = CameraError;
+    const NAME: &str = "camera";
+    const TITLE: &str = "camera";
+
+    fn waiting_for(&mut self) -> &mut Option<CameraError> {
+        &mut self.waiting_for
+    }
+
+    fn was_opened(&self) -> bool {
+        self.choice.is_some()
+    }
+
+    fn stop(&mut self) -> &mut bool {
+        &mut self.stop
+    }
+}
+
+/// Time since the first image, by the driver's clock as far as it is plausible.
+#[derive(Default)]
+struct Clock {
+    last: Option<(Option<Duration>, Instant)>,
+    at_us: u64,
+}
+
+impl Clock {
+    /// Time of the image `taken` on the driver's clock, if it has one, and `arrived` on ours. Times rise.
+    fn stamp(&mut self, taken: Option<Duration>, arrived: Instant) -> Timestamp {
+        if let Some((last, last_arrived)) = self.last.replace((taken, arrived)) {
+            let passed = arrived.saturating_duration_since(last_arrived);
+            let by_driver = taken
+                .zip(last)
+                .and_then(|(taken, last)| taken.checked_sub(last));
+            let by_driver = by_driver.filter(|step| step.abs_diff(passed) < CLOCK_TOLERANCE);
+            let step_us = by_driver.unwrap_or(passed).as_micros();
+            self.at_us += u64::try_from(step_us).unwrap_or(0).max(1);
+        }
+        Timestamp::from_us(self.at_us)
+    }
+}
+
+/// The consumer's end.
+pub(super) struct LiveCamera {
+    worker: Worker<Inner>,
+    clock: Clock,
+    arrived: Option<Instant>,
+    /// Format of the last image, and the geometry that follows from it.
+    choice: Choice,
+    camera: Camera,
+}
+
+impl LiveCamera {
+    /// The camera opened by `open`, which is called until it succeeds and whenever the camera is lost. Returns at once.
+    pub(super) fn new<D: Device>(
+        mut open: impl FnMut() -> Result<Capture<D>, CameraError> + Send + 'static,
+    ) -> Self {
+        let (mut spare, mut number) = (Image::default(), 0);
+        let worker =
+            Worker::start(move |shared| deliver(shared, &open()?, &mut spare, &mut number));
+        Self {
+            worker,
+            clock: Clock::default(),
+            arrived: None,
+            choice: Choice::default(),
+            camera: Choice::default().camera(),
+        }
+    }
+
+    /// Waits for at most `wait` until a camera streams or the first attempt has failed: the reason.
+    pub(super) fn wait_for_first_attempt(&mut self, wait: Duration) -> Option<CameraError> {
+        let attempted = |inner: &mut Inner| inner.choice.is_some() || inner.waiting_for.is_some();
+        let inner = self.worker.shared.wait(wait, attempted);
+        let (choice, problem) = (inner.choice, inner.waiting_for.clone());
+        drop(inner);
+        match choice {
+            Some(choice) => self.adopt(choice),
+            None => return Some(problem.unwrap_or(CameraError::Absent)),
+        }
+        None
+    }
+
+    /// Follows the format, which changes when another camera is plugged in.
+    fn adopt(&mut self, choice: Choice) {
+        if choice != self.choice {
+            (self.choice, self.camera) = (choice, choice.camera());
+        }
+    }
+}
+
+impl Sensor for LiveCamera {
+    fn next_frame(&mut self, into: &mut dyn FrameSink) -> Result<bool, SensorError> {
+        let mut inner = self
+            .worker
+            .shared
+            .wait(WAIT, |inner| !inner.ring.is_empty());
+        let Some(mut image) = inner.ring.pop_front() else {
+            let problem = inner.waiting_for.clone().unwrap_or(CameraError::Late);
+            return Err(SensorError::new(problem));
+        };
+        let (frame, original) = into.parts();
+        core::mem::swap(&mut frame.luma, &mut image.luma);
+        let (number, taken, arrived, choice) =
+            (image.number, image.taken, image.arrived, image.choice);
+        inner.free.push(image);
+        drop(inner);
+        self.adopt(choice);
+        self.arrived = Some(arrived);
+        frame.depth.fill(NO_DEPTH);
+        frame.has_colour = true;
+        (frame.index, frame.at) = (number, self.clock.stamp(taken, arrived));
+        if let Some(original) = original {
+            original.set_grey(frame);
+        }
+        Ok(true)
+    }
+
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn state(&self) -> SensorState {
+        SensorState {
+            is_live: true,
+            arrived: self.arrived,
+            skipped: self.worker.shared.lock().damaged,
+            reduced: [1, self.choice.reduced()],
+            ..SensorState::default()
+        }
+    }
+
+    fn luma_size(&self) -> [usize; 2] {
+        self.choice.frame_size()
+    }
+}
+
+/// Passes images on until asked to stop (`Ok`) or the camera fails. `number` counts whole images of all openings.
+fn deliver<D: Device>(
+    shared: &Shared<Inner>,
+    capture: &Capture<D>,
+    spare: &mut Image,
+    number: &mut u64,
+) -> Result<(), CameraError> {
+    shared.lock().choice = Some(capture.choice());
+    shared.notify();
+    let (mut last, mut damaged) = (Instant::now(), 0_u64);
+    loop {
+        let taken = capture.take(POLL, &mut spare.luma);
+        let mut inner = shared.lock();
+        if inner.stop {
+            let (delivered, overwritten) = (*number, inner.overwritten);
+            tracing::info!(
+                "camera: {delivered} images whole, {} damaged, {overwritten} overwritten",
+                inner.damaged
+            );
+            return Ok(());
+        }
+        match taken? {
+            Taken::Whole(taken) => {
+                last = Instant::now();
+                (spare.number, spare.taken, spare.arrived) = (*number, taken, last);
+                spare.choice = capture.choice();
+                *number += 1;
+                inner.waiting_for = None;
+                push(&mut inner, spare);
+                shared.notify();
+            }
+            Taken::Damaged => {
+                damaged += 1;
+                inner.damaged += 1;
+            }
+            Taken::Nothing => {}
+        }
+        drop(inner);
+        if last.elapsed() > SILENT {
+            return Err(CameraError::Silent(capture.node().to_owned(), damaged));
+        }
+    }
+}
+
+/// Swaps an image into the ring, replacing the oldest if full.
+fn push(inner: &mut Inner, image: &mut Image) {
+    let full = inner.free.is_empty();
+    let place = if full {
+        inner.ring.pop_front()
+    } else {
+        inner.free.pop()
+    };
+    inner.overwritten += u64::from(full);
+    if let Some(mut place) = place {
+        core::mem::swap(&mut place, image);
+        inner.ring.push_back(place);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Frame;
+    use crate::v4l2::scripted::{Script, whole};
+    use std::path::Path;
+
+    /// Starts scripted cameras one after the other; a camera is not there for as many attempts as its number says.
+    fn camera(scripts: Vec<(usize, Script)>) -> LiveCamera {
+        let mut scripts = VecDeque::from(scripts);
+        LiveCamera::new(move || {
+            let Some((absent, script)) = scripts.front_mut() else {
+                return Err(CameraError::Absent);
+            };
+            if *absent > 0 {
+                *absent -= 1;
+                return Err(CameraError::Absent);
+            }
+            let script = script.clone();
+            scripts.pop_front();
+            Capture::start(script, Path::new("/dev/video0"), "card")
+        })
+    }
+
+    /// The next frame within five seconds, its index and time in microseconds.
+    fn next(live: &mut LiveCamera, frame: &mut Frame) -> (u64, u64) {
+        for _ in 0..10 {
+            if live.next_frame(frame).is_ok() {
+                return (frame.index, frame.at.as_us());
+            }
+        }
+        panic!("no frame: {:?}", live.worker.shared.lock().waiting_for);
+    }
+
+    #[test]
+    fn frames_have_luma_no_depth_and_the_times_of_the_driver_from_the_first() {
+        let script = Script::honest();
+        let mut live = camera(vec![(0, script.clone())]);
+        assert_eq!(live.wait_for_first_attempt(Duration::from_secs(5)), None);
+        let mut frame = Frame::default();
+        frame.depth.fill(700);
+        for (number, us) in [5_000_000, 5_033_300, 5_066_700].into_iter().enumerate() {
+            script.then([Ok(whole(number, us))]);
+            let expected = (number as u64, us - 5_000_000);
+            assert_eq!(next(&mut live, &mut frame), expected);
+            assert_eq!(frame.luma[637..643], [125, 126, 127, 0, 1, 2]);
+            assert!(frame.has_colour && frame.depth.iter().all(|&raw| raw == NO_DEPTH));
+        }
+        let state = live.state();
+        assert!(state.is_live && state.arrived.is_some() && state.skipped == 0);
+        assert_eq!(live.luma_size(), [640, 480]);
+    }
+
+    #[test]
+    fn an_unplugged_camera_is_waited_for_and_another_size_is_noticed() {
+        let (first, mut second) = (Script::honest(), Script::honest());
+        let damaged = || {
+            Ok(crate::v4l2::device::Filled {
+                is_damaged: true,
+                ..whole(1, 0)
+            })
+        };
+        first.then([
+            Ok(whole(0, 1_000_000)),
+            damaged(),
+            damaged(),
+            Err(libc::ENODEV),
+        ]);
+        second.formats = vec![(*b"GREY", vec![crate::v4l2::scripted::size(320, 240)])];
+        // Its driver counts from another moment.
+        second.then([Ok(whole(0, 17))]);
+        let mut live = camera(vec![(0, first), (1, second)]);
+        let mut frame = Frame::default();
+        assert_eq!(next(&mut live, &mut frame), (0, 0));
+        assert_eq!(live.luma_size(), [640, 480]);
+        let absent = live.next_frame(&mut frame).expect_err("no camera");
+        let text = absent.to_string();
+        assert!(
+            text.contains("unplugged") || text.contains("no camera"),
+            "{text}"
+        );
+        let (index, us) = next(&mut live, &mut frame);
+        // Two attempts later, half a second each.
+        assert!(
+            index == 1 && (900_000..5_000_000).contains(&us),
+            "{index} {us}"
+        );
+        assert_eq!((live.state().skipped, live.luma_size()), (2, [320, 240]));
+        assert_eq!(live.camera().depth_size(), [320, 240]);
+    }
+
+    #[test]
+    fn a_slow_consumer_loses_the_oldest_images() {
+        let script = Script::honest();
+        script.then((0..5).map(|number| Ok(whole(number % 4, number as u64))));
+        let mut live = camera(vec![(0, script)]);
+        let done = live
+            .worker
+            .shared
+            .wait(Duration::from_secs(5), |inner| inner.overwritten == 3);
+        assert_eq!(done.overwritten, 3);
+        drop(done);
+        let mut frame = Frame::default();
+        assert_eq!(next(&mut live, &mut frame).0, 3);
+        assert_eq!(next(&mut live, &mut frame).0, 4);
+    }
+
+    #[test]
+    fn a_camera_that_falls_silent_is_reopened() {
+        let (silent, next_one) = (Script::honest(), Script::honest());
+        next_one.then([Ok(whole(0, 0))]);
+        let mut live = camera(vec![(0, silent), (0, next_one)]);
+        let began = Instant::now();
+        next(&mut live, &mut Frame::default());
+        assert!(began.elapsed() > SILENT);
+    }
+
+    #[test]
+    fn a_camera_that_is_absent_at_the_start_is_the_reason() {
+        let mut live = camera(vec![]);
+        let reason = live.wait_for_first_attempt(Duration::from_secs(5));
+        assert_eq!(reason, Some(CameraError::Absent));
+    }
+
+    #[test]
+    fn an_implausible_clock_is_replaced_by_ours() {
+        let (mut clock, start) = (Clock::default(), Instant::now());
+        let ms = Duration::from_millis;
+        let images = [
+            (Some(1000), 0, 0),
+            (Some(1033), 40, 33_000),
+            // Backwards, far ahead, unknown, known again, and twice the same: our clock decides.
+            (Some(20), 73, 66_000),
+            (Some(90_000), 106, 99_000),
+            (None, 139, 132_000),
+            (Some(10), 172, 165_000),
+            (Some(43), 200, 198_000),
+            (Some(43), 200, 198_001),
+        ];
+        for (taken, arrived, expected_us) in images {
+            let at = clock.stamp(taken.map(ms), start + ms(arrived));
+            assert_eq!(at.as_us(), expected_us);
+        }
+    }
+}
