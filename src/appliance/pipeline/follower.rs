@@ -54,7 +54,7 @@ pub(crate) struct Person {
     /// Last landmarks; kept while the face is held.
     landmarks: Option<Landmarks>,
     /// Confidence of the landmarks, or of the pose if there are none; 0…1.
-    confidence: f32,
+    pub(crate) confidence: f32,
     /// Box of the head in this frame's depth image, pixels; `None` if not seen.
     pub(crate) head_box: Option<PixelRect>,
     /// Last position and velocity, for prediction.
@@ -120,6 +120,11 @@ impl Follower {
     /// Whether the person is known well enough to accept an unsure pose.
     fn is_known(&self) -> bool {
         self.person.face_frames > 0 || self.person.posed_frames >= KNOWN_FRAMES
+    }
+
+    /// Whether the face was seen for long enough to be followed when something hides it from depth.
+    pub(super) fn is_known_face(&self) -> bool {
+        self.person.face_frames >= KNOWN_FRAMES
     }
 
     /// Whether the face is tracked without interruption, so that segmentation can be skipped.

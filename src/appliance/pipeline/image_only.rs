@@ -8,7 +8,7 @@
 use super::follower::Follower;
 use super::people::{CANDIDATE, People};
 use super::stage::{FrameContext, Stage};
-use mien_stages::base::capacity::{LANDMARKS, USERS};
+use mien_stages::base::capacity::{HEIGHT, LANDMARKS, USERS, WIDTH};
 use mien_stages::base::frames::SensorFromFace;
 use mien_stages::base::geometry::{Point, Vector, rotation_from_yaw_pitch_roll};
 use mien_stages::landmarks::face_search::{Candidate, FaceSearch};
@@ -17,10 +17,16 @@ use mien_stages::users::TrackingState;
 
 /// Consecutive frames in which a new face is followed before it becomes a user: most false faces are gone by then.
 const CONFIRMED_FRAMES: u64 = 3;
+/// Least confidence of a new face in each of them: of 385 portraits all but two have more, of as many upside-down or negative ones none.
+const NEW_CONFIDENCE: f32 = 0.9;
 /// Interval of the search while somebody is tracked, in frames.
 const SEARCH_STEP: u64 = 3;
 /// Rotations about the vertical at which a candidate is tried, radians.
 const YAWS_RAD: [f32; 3] = [0.0, 0.4, -0.4];
+/// Half the width of the part of the depth image that shows the middle of a face, metres.
+const BLIND_M: f32 = 0.06;
+/// Share of its pixels up to which depth shows nothing of the face.
+const BLIND_SHARE: f32 = 0.1;
 /// Distance from a lost user's last position within which a new face is theirs, metres.
 const SAME_PERSON_M: f32 = 0.3;
 /// Distance of two faces across the line of sight within which they are the same, metres at the nearer one.
@@ -57,6 +63,29 @@ impl Follower {
         let centre = sensor_from_face * Point::origin();
         self.observe_face(context, landmarks, sensor_from_face, centre);
         true
+    }
+
+    /// The same in a frame with depth, for a known face of which depth shows nothing: it is too near, or in the sun.
+    pub(super) fn follow_beside_depth(&mut self, context: &mut FrameContext<'_>) -> bool {
+        let (frame, camera) = (context.frame, context.camera);
+        let is_blind = || {
+            let expected = self.pose.expected_face(frame.at)?;
+            let [col, row] = camera.depth_pixel(&(expected * Point::origin()));
+            let reach = camera.depth_focal_px() * BLIND_M / expected.translation.z;
+            let span = |centre: f32, most: usize| {
+                let pixel = |at: f32| at.clamp(0.0, most as f32) as usize;
+                pixel(centre - reach)..pixel(centre + reach)
+            };
+            let [columns, rows] = [span(col, WIDTH), span(row, HEIGHT)];
+            let all = columns.len() * rows.len();
+            let pixels = rows.flat_map(|row| &frame.depth[row * WIDTH..][columns.clone()]);
+            let measured = pixels.filter(|&&raw| camera.depth_m(raw) > 0.0).count();
+            Some(measured as f32 <= BLIND_SHARE * all as f32)
+        };
+        self.is_known_face()
+            && frame.has_image()
+            && is_blind().unwrap_or(false)
+            && self.follow_in_image(context)
     }
 
     /// Whether a face at this position, sensor frame, metres, is this person's.
@@ -109,26 +138,22 @@ impl People {
 
     /// Follows the candidate, or searches for one.
     fn follow_new_face(&mut self, context: &mut FrameContext<'_>, search: &mut FaceSearch) {
-        let users = &self.followers[..USERS];
-        let present = users.iter().filter(|user| user.person.state.is_present());
-        let tracked = users
-            .iter()
-            .filter(|user| user.person.state.has_face())
-            .count();
-        if present.count() >= self.settings.most as usize && tracked >= self.settings.most as usize
-        {
+        let seen = self.seen_users().count();
+        if seen >= self.settings.most as usize {
+            self.followers[CANDIDATE].forget();
             return;
         }
         let candidate = &mut self.followers[CANDIDATE];
         if candidate.is_taken() {
-            if !candidate.follow_in_image(context) {
+            let found = candidate.follow_in_image(context);
+            if !found || candidate.person.confidence < NEW_CONFIDENCE {
                 candidate.forget();
             } else if candidate.person.face_frames >= CONFIRMED_FRAMES {
                 self.admit_face();
             }
             return;
         }
-        if tracked > 0 && !self.frame_count.is_multiple_of(SEARCH_STEP) {
+        if seen > 0 && !self.frame_count.is_multiple_of(SEARCH_STEP) {
             return;
         }
         let candidates = search.search(&context.frame.luma);
@@ -143,7 +168,7 @@ impl People {
         let users = &mut self.followers[..USERS];
         let mut lost = users
             .iter_mut()
-            .filter(|user| user.is_taken() && !user.person.state.has_face());
+            .filter(|user| user.is_taken() && user.person.head_box.is_none());
         let starts = match lost.find(|user| user.is_at(&place, SAME_PERSON_M)) {
             Some(user) => user,
             None => &mut self.followers[CANDIDATE],
@@ -169,16 +194,22 @@ impl People {
         YAWS_RAD.into_iter().find_map(|yaw| {
             let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
             let guess = SensorFromFace::from_parts(place.coords, turn);
-            let (_, seen) = stage.search_in_image(context.scratch, luma, camera, &guess)?;
-            (!self.is_tracked(&seen.translation.vector)).then_some(seen)
+            let (confidence, seen) =
+                stage.search_in_image(context.scratch, luma, camera, &guess)?;
+            (confidence >= NEW_CONFIDENCE && !self.is_tracked(&seen.translation.vector))
+                .then_some(seen)
         })
+    }
+
+    /// The users who are seen in this frame.
+    fn seen_users(&self) -> impl Iterator<Item = &Follower> {
+        let users = self.followers[..USERS].iter();
+        users.filter(|user| user.is_taken() && user.person.head_box.is_some())
     }
 
     /// Whether the face at this position, sensor frame, metres, is tracked.
     fn is_tracked(&self, place: &Vector) -> bool {
-        let users = self.followers[..USERS].iter();
-        let users = users.filter(|user| user.person.state.has_face());
-        let mut faces = users.filter_map(|user| user.person.position);
+        let mut faces = self.seen_users().filter_map(|user| user.person.position);
         faces.any(|face| {
             let other = face.centre().coords;
             let apart = other / other.z - place / place.z;
@@ -199,5 +230,129 @@ impl People {
             self.followers.swap(slot, CANDIDATE);
         }
         self.followers[CANDIDATE].forget();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::{Pipeline, Settings};
+    use mien_sensors::{Frame, NO_DEPTH};
+    use mien_simulator::simulated::Simulated;
+    use mien_stages::base::geometry::{Rigid, Rotation};
+    use mien_stages::face_model::FaceModel;
+
+    /// A frame's result: the pose of the only user's face, if it is tracked, and the truth.
+    type Seen = (Option<Rigid>, Rigid);
+
+    /// Plays a seated person; `change` is applied to each frame, of which it gets the number and the true pose.
+    fn play(count: usize, mut change: impl FnMut(usize, &mut Frame, &Rigid)) -> Vec<Seen> {
+        let mut sensor = Simulated::new(Some("acted")).expect("a scene");
+        let camera = sensor.camera().clone();
+        let settings = Settings::default();
+        let model = FaceModel::shipped();
+        let mut pipeline = Pipeline::new(&settings, &camera, &model).expect("a pipeline");
+        let mut frame = Frame::default();
+        let frames = (0..count).map(|number| {
+            sensor.next_frame(&mut frame);
+            let truth = sensor.truth().expect("somebody acts").sensor_from_head;
+            change(number, &mut frame, &truth);
+            pipeline.follow(&frame);
+            let reports = pipeline.reports();
+            assert!(reports.len() == 1 && reports[0].user.is_none_or(|slot| slot == 0));
+            let pose = reports[0].sensor_from_face.copied();
+            (pose.filter(|_| reports[0].landmarks.is_some()), truth)
+        });
+        frames.collect()
+    }
+
+    fn without_depth(frame: &mut Frame) {
+        frame.depth.fill(NO_DEPTH);
+    }
+
+    fn distance_m(pose: &Rigid) -> f32 {
+        pose.translation.vector.norm()
+    }
+
+    #[test]
+    fn a_face_is_found_within_ten_frames_and_followed_without_depth() {
+        let seen = play(120, |_, frame, _| without_depth(frame));
+        let first = seen.iter().position(|(pose, _)| pose.is_some());
+        assert!(first.is_some_and(|first| first <= 10), "{first:?}");
+        let followed = seen[10..].iter();
+        let followed = followed.map(|(pose, truth)| (pose.expect("a face"), truth));
+        // The face's axes are not exactly the truth's; its distance is that of a face of mean size.
+        let mut usual: Option<Rotation> = None;
+        let mut sizes = Vec::new();
+        for (pose, truth) in followed {
+            let off = truth.rotation.inverse() * pose.rotation;
+            let first = *usual.get_or_insert(off);
+            assert!(off.angle() < 0.15, "{} rad", off.angle());
+            assert!(off.angle_to(&first) < 0.1, "{} rad", off.angle_to(&first));
+            let [seen, true_] = [&pose, truth].map(|pose| pose.translation.vector.normalize());
+            assert!(seen.angle(&true_) < 0.02, "{} rad", seen.angle(&true_));
+            sizes.push(distance_m(&pose) / distance_m(truth));
+        }
+        let mean = sizes.iter().sum::<f32>() / sizes.len() as f32;
+        assert!((mean - 1.0).abs() < 0.1, "{mean}");
+        assert!(sizes.iter().all(|size| (size / mean - 1.0).abs() < 0.05));
+    }
+
+    /// Largest step of a pose relative to the truth from one frame to the next, radians and metres.
+    fn largest_step(seen: &[Seen]) -> [f32; 2] {
+        let off = |(pose, truth): &Seen| truth.inverse() * pose.expect("a face");
+        let steps = seen.windows(2).map(|two| {
+            let step = off(&two[0]).inverse() * off(&two[1]);
+            [step.rotation.angle(), step.translation.vector.norm()]
+        });
+        steps.fold([0.0; 2], |[a, b], [c, d]| [a.max(c), b.max(d)])
+    }
+
+    #[test]
+    fn depth_comes_and_goes_without_a_jump() {
+        let seen = play(180, |number, frame, _| {
+            if (60..120).contains(&number) {
+                without_depth(frame);
+            }
+        });
+        let [turn, shift] = largest_step(&seen[30..]);
+        assert!(turn < 0.04 && shift < 0.012, "{turn} rad, {shift} m");
+        // Depth has shown the size of the face.
+        for (pose, truth) in &seen[60..120] {
+            let ratio = distance_m(&pose.expect("a face")) / distance_m(truth);
+            assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
+        }
+    }
+
+    #[test]
+    fn a_face_that_depth_does_not_show_is_followed_before_a_room_that_it_shows() {
+        let camera = mien_sensors::kinect::geometry::nominal();
+        let seen = play(90, |number, frame, truth| {
+            if number >= 45 {
+                let near = camera.raw_from_m(truth.translation.z + 0.3) as u16;
+                for raw in frame.depth.iter_mut().filter(|raw| **raw < near) {
+                    *raw = NO_DEPTH;
+                }
+            }
+        });
+        let [turn, shift] = largest_step(&seen[30..]);
+        assert!(turn < 0.04 && shift < 0.012, "{turn} rad, {shift} m");
+    }
+
+    #[test]
+    fn pictures_without_a_face_show_nobody() {
+        let mut random = fastrand::Rng::with_seed(3);
+        for kind in 0..3 {
+            let seen = play(24, |_, frame, _| {
+                without_depth(frame);
+                match kind {
+                    0 => frame.luma.fill_with(|| random.u8(..)),
+                    // Upside down, and as a negative.
+                    1 => frame.luma.reverse(),
+                    _ => frame.luma.iter_mut().for_each(|grey| *grey = 255 - *grey),
+                }
+            });
+            assert!(seen.iter().all(|(pose, _)| pose.is_none()), "{kind}");
+        }
     }
 }

@@ -204,7 +204,7 @@ impl People {
             }
             let mut follow = |head| user.follow_in_cloud(context, &segmenter.heads()[head]);
             let found = found[slot].unwrap_or_else(|| theirs[slot].is_some_and(&mut follow));
-            if !found {
+            if !found && !user.follow_beside_depth(context) {
                 let before = user.person.state;
                 user.miss(at);
                 let is_absent = user.person.state == TrackingState::Absent;

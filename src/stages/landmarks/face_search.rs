@@ -44,6 +44,9 @@ const LARGEST: [usize; 2] = [
     (HEIGHT as f32 / FINEST) as usize / CELL * CELL,
 ];
 
+/// Columns of the widest picture that cells are computed of, pixels.
+const LONGEST_ROW: usize = 4096;
+
 /// A place where a face may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
@@ -61,6 +64,8 @@ pub struct Cells {
     pub size: [usize; 2],
     /// Grey values of the level, row by row.
     level: Vec<u8>,
+    /// Sums down the rows of a row of the level.
+    column_sums: Vec<u16>,
     sums: Vec<[f32; ORIENTATIONS]>,
     energy: Vec<f32>,
     /// Normalised cells, row by row.
@@ -74,6 +79,7 @@ impl Default for Cells {
         Self {
             size: [0; 2],
             level: vec![0; columns * rows],
+            column_sums: vec![0; LONGEST_ROW],
             sums: vec![[0.0; ORIENTATIONS]; cells],
             energy: vec![0.0; cells],
             values: vec![[0.0; ORIENTATIONS]; cells],
@@ -99,37 +105,47 @@ impl Cells {
             cells(columns, first[0], LARGEST[0]),
             cells(rows, first[1], LARGEST[1]),
         ];
-        self.reduce(luma, [columns, rows], first, scale);
-        self.sum_orientations();
-        self.normalise();
+        with_avx2(
+            #[inline(always)]
+            || {
+                self.reduce(luma, [columns, rows], first, scale);
+                self.sum_orientations();
+                self.normalise();
+            },
+        );
     }
 
     /// Means over areas of `scale`² pixels.
+    #[inline(always)]
     fn reduce(&mut self, luma: &[u8], [columns, rows]: [usize; 2], first: [f32; 2], scale: f32) {
         let width = self.size[0] * CELL;
         let span = |from: f32, at: usize, most: usize| {
             let start = ((from + at as f32 * scale).max(0.0) as usize).min(most - 1);
-            let end = (from + (at + 1) as f32 * scale).round().max(0.0) as usize;
+            let end = (from + (at + 1) as f32 * scale + 0.5).max(0.0) as usize;
             start..end.clamp(start + 1, most)
         };
-        for (y, line) in self.level.chunks_exact_mut(width.max(1)).enumerate() {
-            if y >= self.size[1] * CELL {
-                break;
-            }
+        let lines = self.level.chunks_exact_mut(width.max(1));
+        for (y, line) in lines.take(self.size[1] * CELL).enumerate() {
             let down = span(first[1], y, rows);
+            let sums = &mut self.column_sums[..columns];
+            sums.fill(0);
+            for row in down.clone() {
+                let greys = &luma[row * columns..][..columns];
+                for (sum, grey) in sums.iter_mut().zip(greys) {
+                    *sum += u16::from(*grey);
+                }
+            }
             for (x, out) in line.iter_mut().enumerate() {
                 let across = span(first[0], x, columns);
-                let count = (down.len() * across.len()) as u32;
-                let lines = down
-                    .clone()
-                    .map(|row| &luma[row * columns..][across.clone()]);
-                let sum: u32 = lines.flatten().map(|&grey| u32::from(grey)).sum();
-                *out = (sum / count) as u8;
+                let count = (down.len() * across.len()) as f32;
+                let sum: u32 = sums[across].iter().map(|sum| u32::from(*sum)).sum();
+                *out = (sum as f32 / count) as u8;
             }
         }
     }
 
     /// Sums the gradient's magnitude in each cell by orientation.
+    #[inline(always)]
     fn sum_orientations(&mut self) {
         let [columns, rows] = self.size.map(|cells| cells * CELL);
         self.sums[..self.size[0] * self.size[1]].fill([0.0; ORIENTATIONS]);
@@ -140,12 +156,14 @@ impl Cells {
             for x in 1..columns.max(1) - 1 {
                 let across = f32::from(here[x + 1]) - f32::from(here[x - 1]);
                 let down = f32::from(below[x]) - f32::from(above[x]);
-                sums[x / CELL][orientation(across, down)] += across.hypot(down);
+                let magnitude = (across * across + down * down).sqrt();
+                sums[x / CELL][orientation(across, down)] += magnitude;
             }
         }
     }
 
     /// Divides each cell by its neighbourhood of 3 × 3 cells, and takes square roots (the Hellinger map).
+    #[inline(always)]
     fn normalise(&mut self) {
         let [columns, rows] = self.size;
         for (energy, sums) in self.energy.iter_mut().zip(&self.sums).take(columns * rows) {
@@ -182,21 +200,16 @@ impl Cells {
     }
 }
 
-/// Which of eight orientations a gradient has, clockwise from the right.
+/// Orientations by the sign of x (1), the sign of y (2), and whether the gradient is flat (0), oblique (4) or steep (8).
+const ORIENTATION: [u8; 12] = [4, 0, 4, 0, 5, 7, 3, 1, 6, 6, 2, 2];
+
+/// Which of eight orientations a gradient has, clockwise from the right; without branches, which noise would mislead.
+#[inline(always)]
 fn orientation(across: f32, down: f32) -> usize {
     let (x, y) = (across.abs(), down.abs());
-    if y < x * HALF_ORIENTATION {
-        if across > 0.0 { 0 } else { 4 }
-    } else if x < y * HALF_ORIENTATION {
-        if down > 0.0 { 2 } else { 6 }
-    } else {
-        match (across > 0.0, down > 0.0) {
-            (true, true) => 1,
-            (false, true) => 3,
-            (false, false) => 5,
-            (true, false) => 7,
-        }
-    }
+    let steepness = usize::from(y >= x * HALF_ORIENTATION) + usize::from(x < y * HALF_ORIENTATION);
+    let signs = usize::from(across > 0.0) + 2 * usize::from(down > 0.0);
+    ORIENTATION[signs + 4 * steepness].into()
 }
 
 /// Searches whole images, one part of the pyramid a call.
@@ -224,37 +237,36 @@ impl FaceSearch {
         for level in levels {
             let scale = FINEST * STEP.powi(level);
             self.cells.compute(luma, [WIDTH, HEIGHT], [0.0; 2], scale);
-            self.add_best(scale, &mut best);
+            with_avx2(
+                #[inline(always)]
+                || self.add_best(scale, &mut best),
+            );
         }
         best
     }
 
+    #[inline(always)]
     fn add_best(&self, scale: f32, best: &mut heapless::Vec<Candidate, CANDIDATES>) {
         let [columns, rows] = self
             .cells
             .size
             .map(|cells| (cells + 1).saturating_sub(TEMPLATE_CELLS));
-        for row in 0..rows {
-            for column in 0..columns {
-                let score = self.template.bias
-                    + with_avx2(
-                        #[inline(always)]
-                        || self.cells.product(&self.template, column, row),
-                    );
-                if score <= 0.0 {
-                    continue;
-                }
-                let [x, y] = [column, row].map(|cell| (cell * CELL) as f32);
-                let [across, down] = TEMPLATE_ORIGIN;
-                add(
-                    best,
-                    Candidate {
-                        pixel: [(x + across) * scale, (y + down) * scale],
-                        pixels_per_metre: TEMPLATE_PIXELS_PER_METRE * scale,
-                        score,
-                    },
-                );
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)))
+        {
+            let score = self.template.bias + self.cells.product(&self.template, column, row);
+            if score <= 0.0 {
+                continue;
             }
+            let [x, y] = [column, row].map(|cell| (cell * CELL) as f32);
+            let new = Candidate {
+                pixel: [
+                    (x + TEMPLATE_ORIGIN[0]) * scale,
+                    (y + TEMPLATE_ORIGIN[1]) * scale,
+                ],
+                pixels_per_metre: TEMPLATE_PIXELS_PER_METRE * scale,
+                score,
+            };
+            add(best, new);
         }
     }
 }
@@ -281,5 +293,108 @@ fn add(best: &mut heapless::Vec<Candidate, CANDIDATES>, new: Candidate) {
     if at <= best.len() {
         // There is room now.
         let _ = best.insert(at, new);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture of random blocks of `side` pixels.
+    fn blocks(seed: u64, side: usize) -> Vec<u8> {
+        let mut random = fastrand::Rng::with_seed(seed);
+        let columns = WIDTH.div_ceil(side);
+        let greys: Vec<u8> = (0..columns * HEIGHT.div_ceil(side))
+            .map(|_| random.u8(..))
+            .collect();
+        let pixels = (0..WIDTH * HEIGHT).map(|k| (k % WIDTH / side, k / WIDTH / side));
+        pixels.map(|(x, y)| greys[y * columns + x]).collect()
+    }
+
+    #[test]
+    fn each_direction_has_its_orientation() {
+        for k in 0..64 {
+            // Not at the borders, which belong to either.
+            let angle = (k as f32 + 0.5) / 64.0 * core::f32::consts::TAU;
+            let expected = ((angle / core::f32::consts::FRAC_PI_4).round() as usize) % ORIENTATIONS;
+            let (down, across) = angle.sin_cos();
+            assert_eq!(orientation(across, down), expected, "{angle}");
+        }
+    }
+
+    #[test]
+    fn a_ramp_has_one_orientation_and_a_flat_picture_none() {
+        let mut cells = Cells::default();
+        // Two grey levels a pixel to the right, five a pixel of the level: gradients of 10.
+        let ramp: Vec<u8> = (0..100 * 80).map(|k| (k % 100 * 2) as u8).collect();
+        cells.compute(&ramp, [100, 80], [0.0; 2], 2.5);
+        assert_eq!(cells.size, [10, 8]);
+        let cell = cells.values[4 * 10 + 4];
+        let sum = 16.0 * 10.0;
+        let expected: f32 = (sum * 9.0 / (9.0 * sum + FLAT)).sqrt();
+        assert!((cell[0] - expected).abs() < 1e-3, "{cell:?} {expected}");
+        assert_eq!(cell[1..], [0.0; ORIENTATIONS - 1]);
+        cells.compute(&[90; 100 * 80], [100, 80], [0.0; 2], 2.5);
+        assert!(
+            cells.values[..80]
+                .iter()
+                .flatten()
+                .all(|value| *value == 0.0)
+        );
+    }
+
+    #[test]
+    fn a_planted_window_is_found_where_it_is_at_its_size() {
+        for (level, block) in [(0, 5), (3, 9), (8, 22)] {
+            let scale = FINEST * STEP.powi(level);
+            let picture = blocks(level as u64, block);
+            let mut cells = Cells::default();
+            cells.compute(&picture, [WIDTH, HEIGHT], [0.0; 2], scale);
+            let [column, row] = [3, 2];
+            let window = (0..TEMPLATE_CELLS).flat_map(|y| {
+                let first = (row + y) * cells.size[0] + column;
+                cells.values[first..first + TEMPLATE_CELLS].to_vec()
+            });
+            let window: Vec<f32> = window.flatten().collect();
+            let mean = window.iter().sum::<f32>() / window.len() as f32;
+            let weights = window.iter().map(|value| value - mean);
+            let own: f32 = weights.clone().zip(&window).map(|(w, v)| w * v).sum();
+            let floats = [-0.8 * own].into_iter().chain(weights);
+            let mut search = FaceSearch::new(FaceTemplate::from_floats(floats));
+            let luma = picture.try_into().expect("PIXELS long");
+            let found: Vec<Candidate> = (0..PARTS).flat_map(|_| search.search(&luma)).collect();
+            let [found] = found[..] else {
+                panic!("{level}: {found:?}");
+            };
+            for (k, cell) in [column, row].into_iter().enumerate() {
+                let expected = ((cell * CELL) as f32 + TEMPLATE_ORIGIN[k]) * scale;
+                assert!((found.pixel[k] - expected).abs() < 1e-3);
+            }
+            let size = found.pixels_per_metre / (TEMPLATE_PIXELS_PER_METRE * scale);
+            assert!((size - 1.0).abs() < 1e-4, "{size}");
+        }
+    }
+
+    #[test]
+    fn the_best_candidates_of_different_faces_are_kept() {
+        let candidate = |x: f32, score: f32| Candidate {
+            pixel: [x, 100.0],
+            pixels_per_metre: 500.0,
+            score,
+        };
+        let mut best = heapless::Vec::new();
+        // Less than 8 cm apart is the same face.
+        for (x, score) in [
+            (100.0, 1.0),
+            (130.0, 3.0),
+            (120.0, 2.0),
+            (300.0, 0.5),
+            (400.0, 4.0),
+            (500.0, 1.5),
+        ] {
+            add(&mut best, candidate(x, score));
+        }
+        let kept: Vec<f32> = best.iter().map(|candidate| candidate.pixel[0]).collect();
+        assert_eq!(kept, [400.0, 130.0, 500.0]);
     }
 }

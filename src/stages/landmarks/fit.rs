@@ -548,6 +548,42 @@ mod tests {
     }
 
     #[test]
+    fn a_pose_in_the_image_moves_across_turns_and_recedes_as_seen() {
+        let expected = SensorFromFace::from_parts(
+            Vector::new(0.0, 0.0, 0.8),
+            Rotation::new(Vector::new(0.1, 0.2, 0.0)),
+        );
+        let start = View {
+            log_scale: PIXELS_PER_METRE.ln(),
+            rotation: expected.rotation,
+            shift: [91.5, 66.0],
+            inverse_distance: 1.25,
+        };
+        // A face a tenth larger than the model's, which looks exactly so, stays.
+        let same = View {
+            log_scale: start.log_scale + 0.1,
+            ..start
+        };
+        let seen = pose_in_image(&expected, &start, 0.1, &same);
+        assert!((*seen).rotation.angle_to(&expected.rotation) < 1e-3);
+        assert!((seen.translation.vector - expected.translation.vector).norm() < 1e-6);
+        // 0.02 m to the right, as seen at 0.8 m; a tenth smaller, so 0.88 m away; and turned with the line of sight.
+        let turn = Rotation::new(Vector::new(0.0, -0.1, 0.0));
+        let end = View {
+            log_scale: start.log_scale - 1.1f32.ln(),
+            rotation: turn * start.rotation,
+            shift: [91.5 + 0.02 * PIXELS_PER_METRE, 66.0],
+            ..start
+        };
+        let seen = pose_in_image(&expected, &start, 0.0, &end);
+        let place = Vector::new(0.022, 0.0, 0.88);
+        assert!((seen.translation.vector - place).norm() < 1e-5);
+        let sight = Rotation::new(Vector::new(0.0, 0.025f32.atan(), 0.0));
+        let expected = sight * turn * expected.rotation;
+        assert!(seen.rotation.angle_to(&expected) < 1e-3);
+    }
+
+    #[test]
     fn the_size_is_a_running_mean_and_stays_until_the_person_is_forgotten() {
         let mut fitter = LandmarkFitter::new(Settings::default(), &FaceModel::shipped());
         let mut view = placement().start;

@@ -90,3 +90,49 @@ impl MeanShape {
         start.moved(&view.step_from(start).map(|step| step * SHARE))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
+    use crate::face_model::FaceModel;
+
+    #[test]
+    fn the_view_is_half_way_between_the_fits_and_the_mean_shapes() {
+        let shape = FaceModel::shipped().shape;
+        let mut mean = MeanShape::default();
+        let mut own = [0.0; MAX_MODES];
+        (own[0], own[3]) = (1.0, -0.5);
+        mean.add(&own, 0.1);
+        let planted = View {
+            log_scale: 6.5,
+            rotation: rotation_from_yaw_pitch_roll(0.2, -0.1, 0.1),
+            shift: [92.0, 64.0],
+            inverse_distance: 1.3,
+        };
+        let mut points = [Point::origin(); LANDMARKS];
+        shape.shape(&own, &mut points);
+        let mut seen = points.map(|point| planted.project(&point));
+        // The mouth does not count.
+        for pixel in &mut seen[48..] {
+            pixel[1] += 9.0;
+        }
+        let step = [0.2, -0.4, 0.3, 0.2, 0.3, -0.2];
+        let start = planted.moved(&step);
+        let found = mean.view(&shape, &start, &seen);
+        let left = found.step_from(&planted);
+        for (left, step) in left.iter().zip(step) {
+            assert!((left - SHARE * step).abs() < 0.02, "{left} of {step}");
+        }
+    }
+
+    #[test]
+    fn the_shape_is_a_running_mean() {
+        let mut mean = MeanShape::default();
+        for (frame, value) in [(0, 3.0), (1, 6.0), (2, 0.0)] {
+            mean.add(&[value; MAX_MODES], 0.1);
+            let expected = [3.0, 4.5, 3.0][frame];
+            assert!((mean.coefficients[7] - expected).abs() < 1e-5);
+        }
+    }
+}

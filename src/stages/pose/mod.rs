@@ -12,6 +12,7 @@
 pub mod anchor;
 mod face_in_head;
 pub mod guess;
+mod hand_over;
 pub mod icp;
 mod paper_tracker;
 mod plane;
@@ -34,6 +35,7 @@ use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;
 use anchor::{Anchor, Surface};
 pub use face_in_head::FaceInHead;
+use hand_over::HandOver;
 use paper_tracker::PaperTracker;
 use plane_tracker::PlaneTracker;
 pub use settings::{HeadPose, Method, Settings, WINDOW_FRAMES};
@@ -77,6 +79,7 @@ pub struct PoseTracker {
     pub face: FaceInHead,
     /// Whether the next start is from the image.
     has_hint: bool,
+    hand_over: HandOver,
 }
 
 impl PoseTracker {
@@ -107,6 +110,7 @@ impl PoseTracker {
             tracker,
             face: FaceInHead::default(),
             has_hint: false,
+            hand_over: HandOver::default(),
         }
     }
 
@@ -155,6 +159,7 @@ impl PoseTracker {
         self.trail.restart(None);
         self.tracker.forget();
         self.has_hint = false;
+        self.hand_over = HandOver::default();
     }
 
     /// Forgets the user but keeps the pose, from which tracking continues.
@@ -247,7 +252,9 @@ impl PoseTracker {
         if let Some(misalignment) = is_new.then(|| self.face.take_misalignment()).flatten() {
             self.correct(&misalignment);
         }
-        fused.unwrap_or(pose.sensor_from_head) * head_from_face
+        let seen = fused.unwrap_or(pose.sensor_from_head) * head_from_face;
+        let at = self.trail.last.map_or(Timestamp::default(), |(_, at)| at);
+        self.hand_over.reported(seen, false, at)
     }
 
     /// Predicted pose of a tracked face, for a frame whose depth does not show the head. `None` if it was last tracked too long ago.
@@ -272,7 +279,8 @@ impl PoseTracker {
             proven: true,
         };
         let smoothed = self.trail.store(found, Information::zeros(), at);
-        self.sensor_from_face(&smoothed.sensor_from_head)
+        let seen = self.sensor_from_face(&smoothed.sensor_from_head);
+        self.hand_over.reported(seen, true, at)
     }
 
     fn correct(&mut self, head_from_face: &HeadFromFace) {

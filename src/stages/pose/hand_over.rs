@@ -1,0 +1,78 @@
+//! Continuity of the reported distance where depth comes or goes.
+//!
+//! The image knows the distance of a face only by its size, to some per cent. When it takes over from depth, or depth from the image,
+//! the difference of the two is kept at first and then fades. Metres, seconds. Memory: some numbers a person.
+
+use super::trail::COAST_S;
+use crate::base::frames::SensorFromFace;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
+
+/// Time constant of the fading, seconds.
+const FADES_S: f32 = 0.5;
+
+/// The last reported distance, and what is left of the difference.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct HandOver {
+    /// Whether the last pose is the image's, its reported distance and its time.
+    last: Option<(bool, f32, Timestamp)>,
+    /// Logarithm of the reported distance relative to the measured one.
+    difference: f32,
+}
+
+impl HandOver {
+    /// The pose to report for a measured one.
+    pub(super) fn reported(
+        &mut self,
+        mut pose: SensorFromFace,
+        by_image: bool,
+        at: Timestamp,
+    ) -> SensorFromFace {
+        let distance = pose.translation.vector.norm();
+        let last = self
+            .last
+            .map(|(way, distance, before)| (way, distance, at.seconds_since(before)));
+        self.difference = match last.filter(|(.., gap)| (0.0..COAST_S).contains(gap)) {
+            Some((way, before, _)) if way != by_image => (before / distance).ln(),
+            Some((.., gap)) => self.difference * (-gap as f32 / FADES_S).exp(),
+            None => 0.0,
+        };
+        if self.difference != 0.0 {
+            let place = pose.translation.vector * self.difference.exp();
+            pose = SensorFromFace::from_parts(place, pose.rotation);
+        }
+        self.last = Some((by_image, pose.translation.vector.norm(), at));
+        pose
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::{Rotation, Vector};
+
+    #[test]
+    fn a_difference_of_distance_fades_where_the_way_of_following_changes() {
+        let mut hand_over = HandOver::default();
+        let mut distance = |frame: u64, measured: f32, by_image: bool| {
+            let place = Vector::new(0.0, 0.6, 0.8) * measured;
+            let pose = SensorFromFace::from_parts(place, Rotation::identity());
+            let at = Timestamp::from_us(frame * 100_000);
+            let seen = hand_over.reported(pose, by_image, at).translation.vector;
+            assert!((seen.normalize() - Vector::new(0.0, 0.6, 0.8)).norm() < 1e-6);
+            seen.norm()
+        };
+        assert_eq!(distance(0, 0.8, false), 0.8);
+        assert_eq!(distance(1, 0.9, false), 0.9);
+        // Another way: at first as before, after half a second a share of 1/e is left.
+        assert!((distance(2, 1.0, true) - 0.9).abs() < 1e-6);
+        for frame in 3..7 {
+            distance(frame, 1.0, true);
+        }
+        let left = 0.9f32.ln() * (-1f32).exp();
+        assert!((distance(7, 1.0, true) - left.exp()).abs() < 1e-5);
+        // After a gap it is another track.
+        assert_eq!(distance(10, 0.8, false), 0.8);
+    }
+}
