@@ -105,6 +105,12 @@ pub(crate) fn kinds(name: &str) -> (&'static [SensorKind], Option<&str>) {
     }
 }
 
+/// Whether a source of this name is no recording that has a first and a last frame.
+pub fn is_live(name: &str) -> bool {
+    let others = [SIMULATED, STANDARD_INPUT];
+    !kinds(name).0.is_empty() || others.contains(&parts(name).0)
+}
+
 /// Checks whether a source of this name can be opened, without accessing a sensor.
 ///
 /// # Errors

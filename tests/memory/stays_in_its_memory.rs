@@ -12,8 +12,9 @@ use mien_sensors::kinect::pairing::Pairing;
 use mien_sensors::sensor::Opened;
 use mien_sensors::table::SENSORS;
 use mien_stages::base::capacity::{PACKETS, PIXELS, TRANSFERS, USERS, WAITING_FRAMES};
-use mien_stages::face_model::FaceModel;
+use mien_stages::face_model::{FaceModel, FaceTemplate};
 use mien_stages::landmarks::Scratch;
+use mien_stages::landmarks::face_search::FaceSearch;
 use mien_stages::segment::Segmenter;
 
 use crate::common::mien;
@@ -27,6 +28,8 @@ use crate::{MEMORY, alone};
 const FRAME: usize = 921_600;
 /// Regions, histogram, clouds of six heads.
 const SEGMENT: usize = 312_400;
+/// Search of faces in a whole picture: the finest level of the pyramid, its cells and their orientations.
+const FACE_SEARCH: usize = 1_043_600;
 /// Distances by raw value.
 const CAMERA: usize = 8_192;
 /// Window, orientation maps, features, of each of two threads: shared by all; the second is untouched until two are followed.
@@ -35,8 +38,8 @@ const LANDMARKS: usize = 1_000_192;
 const MODEL: usize = 510_000;
 /// The standard head, prepared; four users and one candidate; the clouds of two heads looked for.
 const PEOPLE: usize = 700_000 + (USERS + 1) * 259_000 + 2 * 24_200;
-/// All stages: 5,795,976.
-const STAGES: usize = FRAME + SEGMENT + CAMERA + 2 * LANDMARKS + MODEL + PEOPLE;
+/// All stages: 6,839,576.
+const STAGES: usize = FRAME + SEGMENT + FACE_SEARCH + CAMERA + 2 * LANDMARKS + MODEL + PEOPLE;
 /// Of the live sensor, one picture per stream; a recording or the simulated sensor uses other buffers instead.
 const PICTURES: usize = 729_600;
 /// Frames in the ring or being unpacked, pictures being paired, pictures being assembled, transfers in flight or landed:
@@ -73,13 +76,18 @@ fn every_row_of_the_table_is_what_is_taken() {
     let camera = nominal();
     let (model_bytes, model) = bytes_of(FaceModel::shipped);
     let (pipeline, _made) = bytes_of(|| Pipeline::new(&settings.stages, &camera, &model).unwrap());
-    let people = pipeline - SEGMENT - CAMERA - 2 * LANDMARKS;
+    let people = pipeline - SEGMENT - FACE_SEARCH - CAMERA - 2 * LANDMARKS;
     let rows = [
         ("frame", bytes_of(Frame::default).0, FRAME),
         (
             "segment",
             bytes_of(|| Segmenter::new(settings.stages.segment)).0,
             SEGMENT,
+        ),
+        (
+            "face search",
+            bytes_of(|| FaceSearch::new(FaceTemplate::shipped())).0,
+            FACE_SEARCH,
         ),
         ("camera", bytes_of(nominal).0, CAMERA),
         ("landmarks", bytes_of(Scratch::default).0, LANDMARKS),

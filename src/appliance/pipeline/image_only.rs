@@ -235,7 +235,6 @@ impl People {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::pipeline::{Pipeline, Settings};
     use mien_sensors::{Frame, NO_DEPTH};
     use mien_simulator::simulated::Simulated;

@@ -102,7 +102,7 @@ pub struct Args {
     /// CSV written by mien run --csv, to play, pause and scrub; - for standard input
     #[arg(long, group = "feed")]
     csv: Option<PathBuf>,
-    /// A recording, kinect or simulated: tracked by this program, with pictures
+    /// A source named as in `mien run` (auto, kinect, camera, simulated, a recording, …): tracked by this program, with pictures
     #[arg(long, group = "feed")]
     source: Option<String>,
     /// Face model, with --source [default: the built-in one]
@@ -338,7 +338,7 @@ impl Preview {
         let given: Vec<_> = given.collect::<Result<_, _>>()?;
         let mut recording = None;
         if let Feed::Sensor(name) = *feed
-            && !["kinect", "simulated", source::STANDARD_INPUT].contains(&source::parts(name).0)
+            && !source::is_live(name)
         {
             let settings = service::settings(args.config.as_deref())?;
             recording = Some((name.into(), settings.sensor.turned));
