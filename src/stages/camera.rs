@@ -10,7 +10,7 @@
 //! camera.
 
 use crate::base::capacity::{DEPTH_BINS, RAW_DEPTH_VALUES};
-use crate::base::geometry::{Point, Rigid};
+use crate::base::geometry::{Point, Rigid, Vector};
 use crate::base::prelude::*;
 use crate::turn::{Turn, TurnedImage};
 
@@ -308,6 +308,22 @@ impl Camera {
         }
     }
 
+    /// The point that is seen at a grey pixel where a length across the line of sight has `pixels_per_metre`, sensor frame, metres.
+    pub fn point_in_image(&self, pixel: [f32; 2], pixels_per_metre: f32) -> Point {
+        /// Half the base of the differences, metres.
+        const DIFFERENCE: f32 = 0.03;
+        let mut point = self.point(pixel[0], pixel[1], self.depth.focal[0] / pixels_per_metre);
+        // The two cameras are alike, so that the second step changes little.
+        for _ in 0..3 {
+            let seen = self.colour_pixel(&point);
+            let beside = |x: f32| self.colour_pixel(&(point + Vector::x() * x))[0];
+            let per_metre = (beside(DIFFERENCE) - beside(-DIFFERENCE)) / (2.0 * DIFFERENCE);
+            let [x, y] = [0, 1].map(|k| point[k] + (pixel[k] - seen[k]) / per_metre);
+            point = Point::new(x, y, point.z) * (per_metre / pixels_per_metre);
+        }
+        point
+    }
+
     /// The same for a point in the frame of the sensor as it is mounted, with its `depth` camera.
     fn native_colour_pixel(&self, p: &Point, depth: &Pinhole) -> [f32; 2] {
         match &self.colour {
@@ -446,6 +462,21 @@ mod tests {
             212.0 + 601.0 * p.y / 0.8,
         ];
         assert!((col - expected[0]).abs() < 1e-3 && (row - expected[1]).abs() < 1e-3);
+        // By the size of what is seen there.
+        let found = camera.point_in_image([col, row], 600.0 / 0.8);
+        assert!((found - p).norm() < 1e-4, "{found} {p}");
+    }
+
+    #[test]
+    fn a_depth_image_is_measured_if_anything_in_it_is() {
+        let camera = Camera::default();
+        let mut depth = vec![NO_DEPTH; WIDTH * HEIGHT];
+        assert!(!camera.measures(&depth));
+        // A patch of nine by nine pixels.
+        for row in 100..109 {
+            depth[row * WIDTH + 300..][..9].fill(camera.raw_from_m(0.8) as u16);
+        }
+        assert!(camera.measures(&depth));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::stage::{FrameContext, Stage};
 use mien_stages::base::capacity::{HEIGHT, LANDMARKS, USERS, WIDTH};
 use mien_stages::base::frames::SensorFromFace;
 use mien_stages::base::geometry::{Point, Vector, rotation_from_yaw_pitch_roll};
-use mien_stages::landmarks::face_search::{Candidate, FaceSearch};
+use mien_stages::landmarks::face_search::FaceSearch;
 use mien_stages::segment::PixelRect;
 use mien_stages::users::TrackingState;
 
@@ -158,9 +158,15 @@ impl People {
         }
         let candidates = search.search(&context.frame.luma);
         (context.stage_done)(Stage::Segment);
-        let found = candidates
-            .iter()
-            .find_map(|found| self.confirmed(context, found));
+        // A face agrees with the template far better than anything else: the best candidate is tried.
+        let places = candidates.iter().map(|found| {
+            let camera = context.camera;
+            camera
+                .point_in_image(found.pixel, found.pixels_per_metre)
+                .coords
+        });
+        let mut new = places.filter(|place| !self.is_tracked(place));
+        let found = new.next().and_then(|place| self.confirmed(context, place));
         let Some(seen) = found else {
             return;
         };
@@ -177,23 +183,13 @@ impl People {
         starts.follow_in_image(context);
     }
 
-    /// The pose of a candidate's face, if the landmark fit confirms it and it is nobody's.
-    fn confirmed(
-        &self,
-        context: &mut FrameContext<'_>,
-        found: &Candidate,
-    ) -> Option<SensorFromFace> {
+    /// The pose of the face near this position, sensor frame, metres, if the landmark fit confirms it and it is nobody's.
+    fn confirmed(&self, context: &mut FrameContext<'_>, place: Vector) -> Option<SensorFromFace> {
         let (luma, camera) = (&context.frame.luma, context.camera);
-        let [column, row] = found.pixel;
-        let distance_m = camera.depth_focal_px() / found.pixels_per_metre;
-        let place = camera.point(column, row, distance_m);
-        if self.is_tracked(&place.coords) {
-            return None;
-        }
         let stage = &self.followers[CANDIDATE].landmarks;
         YAWS_RAD.into_iter().find_map(|yaw| {
             let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
-            let guess = SensorFromFace::from_parts(place.coords, turn);
+            let guess = SensorFromFace::from_parts(place, turn);
             let (confidence, seen) =
                 stage.search_in_image(context.scratch, luma, camera, &guess)?;
             (confidence >= NEW_CONFIDENCE && !self.is_tracked(&seen.translation.vector))
