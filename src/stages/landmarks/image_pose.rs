@@ -14,8 +14,6 @@ use super::view::View;
 use crate::base::capacity::LANDMARKS;
 use crate::base::defaults;
 use crate::base::geometry::Point;
-#[cfg(not(feature = "std"))]
-use crate::base::prelude::*;
 use crate::face_model::{MAX_MODES, ShapeModel, VIEW_PARAMETERS};
 
 /// Time over which the shape is averaged, seconds.

@@ -38,7 +38,7 @@ const EMPTY_WINDOWS: usize = 6;
 /// Added to the diagonal of the scatter, relative to its mean.
 const RIDGE: f64 = 0.02;
 /// Share of the faces that the threshold lets pass.
-const PASSED: f64 = 0.985;
+const PASSED: f64 = 0.92;
 
 /// A window's values.
 type Window = Vec<f32>;
