@@ -258,8 +258,8 @@ fn netpbm(bytes: &[u8]) -> Option<([usize; 4], usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mien_stages::base::capacity::WIDTH;
     use crate::Frame;
+    use mien_stages::base::capacity::WIDTH;
 
     #[test]
     fn a_header_is_read_however_it_is_spaced_and_anything_else_is_refused() {
