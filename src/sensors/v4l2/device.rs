@@ -20,8 +20,6 @@ pub(super) struct About {
     pub(super) card: String,
     /// Whether this node gives images; others give metadata, or take images.
     pub(super) captures: bool,
-    /// Whether it streams through shared memory.
-    pub(super) streams: bool,
 }
 
 /// Sizes of images that a device offers: `least`, and steps from there up to `most`; columns and rows.
@@ -30,6 +28,16 @@ pub(super) struct Sizes {
     pub(super) least: [u32; 2],
     pub(super) most: [u32; 2],
     pub(super) step: [u32; 2],
+}
+
+impl Sizes {
+    pub(super) const fn one(size: [u32; 2]) -> Self {
+        Self {
+            least: size,
+            most: size,
+            step: [1; 2],
+        }
+    }
 }
 
 /// The format that a driver has set, which need not be the one asked for.
@@ -98,12 +106,11 @@ pub(super) enum CameraError {
     /// Another program streams from it.
     #[error("the camera {} is in use; stop the other program that reads it", .0.display())]
     Busy(PathBuf),
-    /// It cannot share memory.
-    #[error("the camera {} cannot stream through shared memory; use another camera", .0.display())]
-    NoStreaming(PathBuf),
     /// It has no known format: what it has, and what is known.
-    #[error("the camera {} gives {found}; use another camera", .0.display(), found = .1)]
-    Format(PathBuf, String),
+    #[error(
+        "the camera {} gives {found}, expected an uncompressed format ({known}); use another camera", .0.display(), found = .1, known = .2
+    )]
+    Format(PathBuf, String, String),
     /// It has no usable size.
     #[error(
         "the camera {} gives no usable size, expected 320 x 240 to 2560 x 1920; use another camera", .0.display()

@@ -7,8 +7,7 @@ use std::io;
 use std::path::Path;
 
 use super::device::{Answer, CameraError, Device, FourCc, Sizes};
-use crate::camera::{Camera, Distortion};
-use crate::reduction::{Reduction, assumed_view};
+use crate::reduction::Reduction;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
 /// Smallest frame in which a face can be followed, columns and rows.
@@ -52,6 +51,11 @@ fn name(code: FourCc) -> String {
     String::from_utf8_lossy(&code).trim().to_owned()
 }
 
+fn names(codes: impl IntoIterator<Item = FourCc>) -> String {
+    let names: Vec<String> = codes.into_iter().map(name).collect();
+    names.join(", ")
+}
+
 /// A format and a size of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Choice {
@@ -64,13 +68,12 @@ impl core::fmt::Display for Choice {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let [columns, rows] = self.size;
         write!(f, "{} {columns} x {rows}", name(self.format.code))?;
-        match self.reduced() {
-            1 => Ok(()),
-            reduced => {
-                let [columns, rows] = self.frame_size();
-                write!(f, " reduced by {reduced} to {columns} x {rows}")
-            }
+        let Reduction { factor, .. } = self.reduction();
+        if factor > 1 {
+            let [columns, rows] = self.reduction().frame_size();
+            write!(f, " reduced by {factor} to {columns} x {rows}")?;
         }
+        Ok(())
     }
 }
 
@@ -79,27 +82,11 @@ impl Choice {
         Reduction::new(self.size)
     }
 
-    /// Image pixels to one of the frame, along each side.
-    pub(super) fn reduced(&self) -> usize {
-        self.reduction().factor
-    }
-
-    /// Columns and rows in the frame.
-    pub(super) fn frame_size(&self) -> [usize; 2] {
-        self.reduction().frame_size()
-    }
-
     /// Greater is better: not reduced, then large in the frame, then little reduced; `None` if it cannot be used.
     fn rank(&self) -> Option<(bool, usize, Reverse<usize>)> {
-        let (reduced, [columns, rows]) = (self.reduced(), self.frame_size());
+        let (reduced, [columns, rows]) = (self.reduction().factor, self.reduction().frame_size());
         let is_usable = columns >= SMALLEST[0] && rows >= SMALLEST[1] && reduced <= MOST_REDUCED;
         is_usable.then_some((reduced == 1, columns * rows, Reverse(reduced)))
-    }
-
-    /// Geometry of the frame, by an assumed lens.
-    pub(super) fn camera(&self) -> Camera {
-        let view = self.reduction().averaged(assumed_view(self.size));
-        Camera::without_depth(view, Distortion::default(), self.frame_size())
     }
 }
 
@@ -133,14 +120,12 @@ pub(super) fn choose(device: &impl Device, node: &Path) -> Result<Choice, Camera
     let known = FORMATS.iter().filter(|known| offered.contains(&known.code));
     let known: Vec<&PixelFormat> = known.collect();
     if known.is_empty() {
-        let names: Vec<String> = offered.into_iter().map(name).collect();
-        let names = match names.is_empty() {
+        let found = match offered.is_empty() {
             true => "no format".to_owned(),
-            false => format!("only {}", names.join(", ")),
+            false => format!("only {}", names(offered)),
         };
-        let known = FORMATS.each_ref().map(|known| name(known.code)).join(", ");
-        let found = format!("{names}, expected an uncompressed format ({known})");
-        return Err(CameraError::Format(node.to_owned(), found));
+        let known = names(FORMATS.iter().map(|known| known.code));
+        return Err(CameraError::Format(node.to_owned(), found, known));
     }
     let choices = known.iter().rev().flat_map(|&format| {
         let sizes: Vec<Sizes> = all(|index| device.sizes(format.code, index)).collect();
@@ -180,14 +165,8 @@ impl Layout {
             0 => row,
             stride => stride,
         };
-        if answer.code != format.code {
-            return Err("sets another format than the one it offers");
-        }
-        if choice.rank().is_none() {
-            return Err("sets another size than those it offers");
-        }
-        if !answer.whole {
-            return Err("gives every second row only");
+        if answer.code != format.code || !answer.whole || choice.rank().is_none() {
+            return Err("sets another format or size than those it offers");
         }
         if stride < row {
             return Err("states rows that are shorter than their pixels");
@@ -195,11 +174,11 @@ impl Layout {
         let rows = choice.size[1];
         let rows = rows + if format.has_planes { rows / 2 } else { 0 };
         // The last row needs no gap behind it.
-        let bytes = stride.checked_mul(rows - 1).map(|bytes| bytes + row);
+        let bytes = stride.saturating_mul(rows - 1).saturating_add(row);
         Ok(Self {
             choice,
             stride,
-            bytes: bytes.ok_or("states rows of an impossible length")?,
+            bytes,
         })
     }
 
@@ -215,7 +194,6 @@ impl Layout {
 mod tests {
     use super::*;
     use crate::v4l2::scripted::{Script, size};
-    use mien_stages::base::geometry::Point;
 
     /// What is chosen of these formats, or the sentence.
     fn chosen(formats: &[(&FourCc, &[Sizes])]) -> String {
@@ -356,21 +334,21 @@ mod tests {
                     code: *b"MJPG",
                     ..honest
                 },
-                "sets another format than the one it offers",
+                "sets another format or size than those it offers",
             ),
             (
                 Answer {
                     size: [0, 0],
                     ..honest
                 },
-                "sets another size than those it offers",
+                "sets another format or size than those it offers",
             ),
             (
                 Answer {
                     size: [u32::MAX; 2],
                     ..honest
                 },
-                "sets another size than those it offers",
+                "sets another format or size than those it offers",
             ),
             (
                 Answer {
@@ -384,32 +362,10 @@ mod tests {
                     whole: false,
                     ..honest
                 },
-                "gives every second row only",
+                "sets another format or size than those it offers",
             ),
         ] {
             assert_eq!(Layout::new(asked, answer).unwrap_err(), how);
         }
-    }
-
-    #[test]
-    fn the_assumed_lens_sees_60_degrees_across_4_3_and_more_at_the_sides_of_16_9() {
-        let right = |degrees: f32| Point::new(degrees.to_radians().tan(), 0.0, 1.0);
-        let camera = Choice::default().camera();
-        let [col, row] = camera.colour_pixel(&right(30.0));
-        assert!(
-            (col - 639.5).abs() < 1e-3 && (row - 239.5).abs() < 1e-3,
-            "{col} {row}"
-        );
-        let wide = Choice {
-            size: [1280, 720],
-            ..Choice::default()
-        };
-        // 480 of 640 columns are 60 degrees.
-        let [col, row] = wide.camera().colour_pixel(&right(30.0));
-        assert!(
-            (col - 559.5).abs() < 1e-3 && (row - 179.5).abs() < 1e-3,
-            "{col} {row}"
-        );
-        assert_eq!(wide.camera().depth_size(), [640, 360]);
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::device::CameraError;
 use super::live::LiveCamera;
-use super::nodes::{self, Listed, is_meant};
+use super::nodes::{self, is_meant};
 use crate::kinect::driver::Settings;
 use crate::sensor::{Found, Missing, Opened, SensorError, SensorKind};
 
@@ -17,7 +17,7 @@ pub(crate) const KIND: SensorKind = SensorKind {
     name: "camera",
     title: "camera",
     open,
-    list: || found(&nodes::list()),
+    list: || found(nodes::list()),
     missing: |wanted, found| {
         let meant = |found: &Found| is_meant(wanted, Path::new(&found.serial), &found.name);
         let other = || CameraError::Other(wanted.to_owned(), found.len()).to_string();
@@ -32,25 +32,14 @@ fn open(wanted: Option<&str>, _: Settings) -> Opened {
     (Box::new(live), problem.map(SensorError::new))
 }
 
-fn found(listed: &[Listed]) -> Result<Vec<Found>, Missing> {
-    if listed.is_empty() {
-        return Err(Missing {
+fn found(listed: Vec<Found>) -> Result<Vec<Found>, Missing> {
+    match listed.is_empty() {
+        true => Err(Missing {
             is_absent: true,
             text: CameraError::Absent.to_string(),
-        });
+        }),
+        false => Ok(listed),
     }
-    let found = listed.iter().map(|camera| {
-        let node = camera.node.display();
-        let choice = camera.choice.map(|choice| format!(", {choice}"));
-        let (name, choice) = (camera.card.clone(), choice.unwrap_or_default());
-        Found {
-            line: format!("camera:{node} {name}{choice}"),
-            serial: node.to_string(),
-            name,
-            trouble: camera.trouble.as_ref().map(ToString::to_string),
-        }
-    });
-    Ok(found.collect())
 }
 
 #[cfg(test)]
@@ -58,20 +47,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_is_one_line_and_may_be_named_by_node_number_or_name() {
-        let listed = Listed {
-            node: "/dev/video2".into(),
-            card: "HD Webcam C525".into(),
-            choice: Some(super::super::format::Choice::default()),
+    fn a_camera_may_be_named_by_node_number_or_name() {
+        let listed = Found {
+            line: String::new(),
+            serial: "/dev/video2".into(),
+            name: "HD Webcam C525".into(),
             trouble: None,
         };
-        let Ok(found) = found(&[listed]) else {
+        let Ok(found) = found(vec![listed]) else {
             panic!("one camera");
         };
-        assert_eq!(
-            found[0].line,
-            "camera:/dev/video2 HD Webcam C525, YUYV 640 x 480"
-        );
         for wanted in ["2", "/dev/video2", "webcam"] {
             assert_eq!((KIND.missing)(wanted, &found), None, "{wanted}");
         }
@@ -83,7 +68,7 @@ mod tests {
 
     #[test]
     fn without_a_camera_the_remedy_is_named() {
-        let missing = found(&[]).err().expect("no camera");
+        let missing = found(vec![]).err().expect("no camera");
         assert!(missing.is_absent && missing.text.contains("modprobe uvcvideo"));
     }
 

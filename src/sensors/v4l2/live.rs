@@ -5,17 +5,18 @@
 
 use core::time::Duration;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::capture::{Capture, Taken};
 use super::device::{CameraError, Device};
-use super::format::Choice;
 use crate::NO_DEPTH;
 use crate::camera::Camera;
 use crate::kinect::frame::FrameSink;
 use crate::live::{Live, Shared, Worker};
+use crate::rgbd::calibration::Calibration;
 use crate::sensor::{Sensor, SensorError, SensorState};
-use mien_stages::base::capacity::{PIXELS, WAITING_FRAMES as RING};
+use mien_stages::base::capacity::{HEIGHT, PIXELS, WAITING_FRAMES as RING, WIDTH};
 use mien_stages::base::defaults;
 use mien_stages::base::time::Timestamp;
 
@@ -28,6 +29,24 @@ const SILENT: Duration = Duration::from_secs(3);
 /// Largest difference between the times that passed on the driver's clock and on ours from one image to the next.
 const CLOCK_TOLERANCE: Duration = Duration::from_millis(500);
 
+/// What follows from the size of a camera's images.
+struct Geometry {
+    camera: Camera,
+    luma_size: [usize; 2],
+    reduced: [usize; 2],
+}
+
+impl Geometry {
+    fn new(calibration: &Calibration) -> Self {
+        let luma = calibration.colour.reduction();
+        Self {
+            camera: calibration.camera(),
+            luma_size: luma.frame_size(),
+            reduced: [1, luma.factor],
+        }
+    }
+}
+
 defaults! {
     /// An image in the ring.
     struct Image {
@@ -38,7 +57,7 @@ defaults! {
         taken: Option<Duration> = None,
         /// When it was complete in this machine's memory.
         arrived: Instant = Instant::now(),
-        choice: Choice = Choice::default(),
+        geometry: Option<Arc<Geometry>> = None,
     }
 
     struct Inner {
@@ -47,8 +66,8 @@ defaults! {
         free: Vec<Image> = (0..RING).map(|_| Image::default()).collect(),
         /// Why there are no images; `None` while streaming, and before the first attempt.
         waiting_for: Option<CameraError> = None,
-        /// Format of the camera last opened.
-        choice: Option<Choice> = None,
+        /// Of the camera last opened.
+        geometry: Option<Arc<Geometry>> = None,
         damaged: u64 = 0,
         overwritten: u64 = 0,
         stop: bool = false,
@@ -65,7 +84,7 @@ impl Live for Inner {
     }
 
     fn was_opened(&self) -> bool {
-        self.choice.is_some()
+        self.geometry.is_some()
     }
 
     fn stop(&mut self) -> &mut bool {
@@ -101,9 +120,8 @@ pub(super) struct LiveCamera {
     worker: Worker<Inner>,
     clock: Clock,
     arrived: Option<Instant>,
-    /// Format of the last image, and the geometry that follows from it.
-    choice: Choice,
-    camera: Camera,
+    /// Of the last image; it changes when another camera is plugged in.
+    geometry: Arc<Geometry>,
 }
 
 impl LiveCamera {
@@ -118,29 +136,20 @@ impl LiveCamera {
             worker,
             clock: Clock::default(),
             arrived: None,
-            choice: Choice::default(),
-            camera: Choice::default().camera(),
+            geometry: Arc::new(Geometry::new(&Calibration::assumed(None, [WIDTH, HEIGHT]))),
         }
     }
 
     /// Waits for at most `wait` until a camera streams or the first attempt has failed: the reason.
     pub(super) fn wait_for_first_attempt(&mut self, wait: Duration) -> Option<CameraError> {
-        let attempted = |inner: &mut Inner| inner.choice.is_some() || inner.waiting_for.is_some();
+        let attempted = |inner: &mut Inner| inner.was_opened() || inner.waiting_for.is_some();
         let inner = self.worker.shared.wait(wait, attempted);
-        let (choice, problem) = (inner.choice, inner.waiting_for.clone());
-        drop(inner);
-        match choice {
-            Some(choice) => self.adopt(choice),
-            None => return Some(problem.unwrap_or(CameraError::Absent)),
-        }
+        let Some(geometry) = &inner.geometry else {
+            let problem = inner.waiting_for.clone();
+            return Some(problem.unwrap_or(CameraError::Absent));
+        };
+        self.geometry = Arc::clone(geometry);
         None
-    }
-
-    /// Follows the format, which changes when another camera is plugged in.
-    fn adopt(&mut self, choice: Choice) {
-        if choice != self.choice {
-            (self.choice, self.camera) = (choice, choice.camera());
-        }
     }
 }
 
@@ -156,15 +165,15 @@ impl Sensor for LiveCamera {
         };
         let (frame, original) = into.parts();
         core::mem::swap(&mut frame.luma, &mut image.luma);
-        let (number, taken, arrived, choice) =
-            (image.number, image.taken, image.arrived, image.choice);
+        (frame.index, self.arrived) = (image.number, Some(image.arrived));
+        frame.at = self.clock.stamp(image.taken, image.arrived);
+        if let Some(geometry) = image.geometry.take() {
+            self.geometry = geometry;
+        }
         inner.free.push(image);
         drop(inner);
-        self.adopt(choice);
-        self.arrived = Some(arrived);
         frame.depth.fill(NO_DEPTH);
         frame.has_colour = true;
-        (frame.index, frame.at) = (number, self.clock.stamp(taken, arrived));
         if let Some(original) = original {
             original.set_grey(frame);
         }
@@ -172,7 +181,7 @@ impl Sensor for LiveCamera {
     }
 
     fn camera(&self) -> &Camera {
-        &self.camera
+        &self.geometry.camera
     }
 
     fn state(&self) -> SensorState {
@@ -180,13 +189,13 @@ impl Sensor for LiveCamera {
             is_live: true,
             arrived: self.arrived,
             skipped: self.worker.shared.lock().damaged,
-            reduced: [1, self.choice.reduced()],
+            reduced: self.geometry.reduced,
             ..SensorState::default()
         }
     }
 
     fn luma_size(&self) -> [usize; 2] {
-        self.choice.frame_size()
+        self.geometry.luma_size
     }
 }
 
@@ -197,11 +206,13 @@ fn deliver<D: Device>(
     spare: &mut Image,
     number: &mut u64,
 ) -> Result<(), CameraError> {
-    shared.lock().choice = Some(capture.choice());
+    let geometry = Geometry::new(&Calibration::assumed(None, capture.choice().size));
+    let geometry = Arc::new(geometry);
+    shared.lock().geometry = Some(Arc::clone(&geometry));
     shared.notify();
     let (mut last, mut damaged) = (Instant::now(), 0_u64);
     loop {
-        let taken = capture.take(POLL, &mut spare.luma);
+        let taken = capture.take(POLL, |layout, bytes| layout.luma(bytes, &mut spare.luma));
         let mut inner = shared.lock();
         if inner.stop {
             let (delivered, overwritten) = (*number, inner.overwritten);
@@ -215,7 +226,7 @@ fn deliver<D: Device>(
             Taken::Whole(taken) => {
                 last = Instant::now();
                 (spare.number, spare.taken, spare.arrived) = (*number, taken, last);
-                spare.choice = capture.choice();
+                spare.geometry = Some(Arc::clone(&geometry));
                 *number += 1;
                 inner.waiting_for = None;
                 push(&mut inner, spare);
@@ -236,14 +247,9 @@ fn deliver<D: Device>(
 
 /// Swaps an image into the ring, replacing the oldest if full.
 fn push(inner: &mut Inner, image: &mut Image) {
-    let full = inner.free.is_empty();
-    let place = if full {
-        inner.ring.pop_front()
-    } else {
-        inner.free.pop()
-    };
-    inner.overwritten += u64::from(full);
-    if let Some(mut place) = place {
+    let free = inner.free.pop();
+    inner.overwritten += u64::from(free.is_none());
+    if let Some(mut place) = free.or_else(|| inner.ring.pop_front()) {
         core::mem::swap(&mut place, image);
         inner.ring.push_back(place);
     }
@@ -254,6 +260,7 @@ mod tests {
     use super::*;
     use crate::Frame;
     use crate::v4l2::scripted::{Script, whole};
+    use mien_stages::base::geometry::Point;
     use std::path::Path;
 
     /// Starts scripted cameras one after the other; a camera is not there for as many attempts as its number says.
@@ -392,5 +399,24 @@ mod tests {
             let at = clock.stamp(taken.map(ms), start + ms(arrived));
             assert_eq!(at.as_us(), expected_us);
         }
+    }
+
+    #[test]
+    fn the_assumed_lens_sees_60_degrees_across_4_3_and_more_at_the_sides_of_16_9() {
+        let right = |degrees: f32| Point::new(degrees.to_radians().tan(), 0.0, 1.0);
+        let camera = |size| Geometry::new(&Calibration::assumed(None, size)).camera;
+        let [col, row] = camera([640, 480]).colour_pixel(&right(30.0));
+        assert!(
+            (col - 639.5).abs() < 1e-3 && (row - 239.5).abs() < 1e-3,
+            "{col} {row}"
+        );
+        let wide = camera([1280, 720]);
+        // 480 of 640 columns are 60 degrees.
+        let [col, row] = wide.colour_pixel(&right(30.0));
+        assert!(
+            (col - 559.5).abs() < 1e-3 && (row - 179.5).abs() < 1e-3,
+            "{col} {row}"
+        );
+        assert_eq!(wide.depth_size(), [640, 360]);
     }
 }

@@ -6,25 +6,16 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::capture::{self, Capture};
+use super::capture::Capture;
 use super::device::{CameraError, Device};
-use super::format::Choice;
+use super::format::choose;
 use super::ioctl::Node;
+use crate::sensor::Found;
 
 /// What the kernel knows of nodes, readable by everyone.
 const SYSFS: &str = "/sys/class/video4linux";
 /// The kernel's driver for the Kinect.
 const KINECT_DRIVER: &str = "kinect";
-
-/// A camera of this machine.
-pub(super) struct Listed {
-    pub(super) node: PathBuf,
-    pub(super) card: String,
-    /// What would be chosen; `None` if that cannot be asked.
-    pub(super) choice: Option<Choice>,
-    /// What would keep it from streaming.
-    pub(super) trouble: Option<CameraError>,
-}
 
 /// Whether a camera is meant by a number, a path (also a link such as `/dev/v4l/by-id/…`), or a part of its name.
 pub(super) fn is_meant(wanted: &str, node: &Path, card: &str) -> bool {
@@ -77,29 +68,23 @@ fn identify<D: Device>(
 }
 
 /// Every camera among these nodes.
-fn listed<D: Device>(nodes: &[PathBuf], open: impl Fn(&Path) -> io::Result<D>) -> Vec<Listed> {
-    let listed = nodes.iter().filter_map(|node| {
-        let (card, device) = identify(node, open(node))?;
-        let choice = device.and_then(|device| {
-            let choice = capture::inspect(&device, node)?;
+fn listed<D: Device>(nodes: &[PathBuf], open: impl Fn(&Path) -> io::Result<D>) -> Vec<Found> {
+    let found = nodes.iter().filter_map(|node| {
+        let (name, device) = identify(node, open(node))?;
+        let mut line = format!("camera:{} {name}", node.display());
+        let tried = device.and_then(|device| {
+            line += &format!(", {}", choose(&device, node)?);
             let free = device.check_free();
-            Ok((
-                choice,
-                free.err().map(|problem| CameraError::at(node, &problem)),
-            ))
+            free.map_err(|problem| CameraError::at(node, &problem))
         });
-        let (choice, trouble) = match choice {
-            Ok((choice, trouble)) => (Some(choice), trouble),
-            Err(trouble) => (None, Some(trouble)),
-        };
-        Some(Listed {
-            node: node.clone(),
-            card,
-            choice,
-            trouble,
+        Some(Found {
+            line,
+            serial: node.display().to_string(),
+            name,
+            trouble: tried.err().map(|trouble| trouble.to_string()),
         })
     });
-    listed.collect()
+    found.collect()
 }
 
 /// The camera that is meant, or the first one that starts.
@@ -130,7 +115,7 @@ fn started<D: Device>(
 }
 
 /// The cameras of this machine.
-pub(super) fn list() -> Vec<Listed> {
+pub(super) fn list() -> Vec<Found> {
     listed(&nodes(), Node::open)
 }
 
@@ -184,7 +169,7 @@ mod tests {
         }
         let node = |number: u32| PathBuf::from(format!("/dev/video{number}"));
         let first = node_started(None, &nodes(900..905));
-        assert!(matches!(first, Err(CameraError::Format(at, _)) if at == node(900)));
+        assert!(matches!(first, Err(CameraError::Format(at, ..)) if at == node(900)));
         let error = |wanted, range| node_started(wanted, &nodes(range)).unwrap_err();
         assert_eq!(error(Some("903"), 900..907), CameraError::Access(node(903)));
         assert_eq!(error(Some("904"), 900..907), CameraError::Busy(node(904)));
@@ -199,24 +184,18 @@ mod tests {
     #[test]
     fn cameras_are_listed_with_their_trouble_and_other_nodes_are_not() {
         let listed = listed(&nodes(900..907), open);
-        let rows = listed.iter().map(|camera| {
-            let trouble = camera.trouble.as_ref().map(ToString::to_string);
-            let choice = camera.choice.map(|choice| choice.to_string());
-            (
-                camera.node.to_str().unwrap(),
-                choice,
-                trouble.unwrap_or_default(),
-            )
-        });
-        let rows: Vec<_> = rows.collect();
-        let nodes = rows.iter().map(|row| row.0);
+        let rows: Vec<[&str; 2]> = listed
+            .iter()
+            .map(|found| [&*found.line, found.trouble.as_deref().unwrap_or_default()])
+            .collect();
+        let nodes = listed.iter().map(|found| found.serial.clone());
         let expected = [900, 903, 904, 905].map(|number| format!("/dev/video{number}"));
-        assert!(nodes.eq(expected.iter().map(String::as_str)), "{rows:?}");
-        assert!(rows[0].2.contains("gives only MJPG"), "{rows:?}");
-        assert!(rows[1].2.contains("group video"), "{rows:?}");
-        assert!(rows[2].2.contains("is in use"), "{rows:?}");
-        assert_eq!(rows[3].1.as_deref(), Some("YUYV 640 x 480"));
-        assert_eq!(rows[3].2, "");
+        assert!(nodes.eq(expected), "{rows:?}");
+        assert!(rows[0][1].contains("gives only MJPG"), "{rows:?}");
+        assert!(rows[1][1].contains("group video"), "{rows:?}");
+        assert!(rows[2][1].contains("is in use"), "{rows:?}");
+        let usable = "camera:/dev/video905 Integrated Camera, YUYV 640 x 480";
+        assert_eq!(rows[3], [usable, ""]);
     }
 
     #[test]

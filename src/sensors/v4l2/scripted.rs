@@ -30,11 +30,7 @@ pub(super) struct Script {
 
 /// One size.
 pub(super) fn size(columns: u32, rows: u32) -> Sizes {
-    Sizes {
-        least: [columns, rows],
-        most: [columns, rows],
-        step: [1; 2],
-    }
+    Sizes::one([columns, rows])
 }
 
 /// A whole image of 640 × 480 in YUYV, taken at a time in microseconds.
@@ -57,7 +53,6 @@ impl Script {
                 driver: "uvcvideo".into(),
                 card: "HD Webcam C525".into(),
                 captures: true,
-                streams: true,
             },
             formats: vec![
                 (*b"MJPG", vec![size(640, 480)]),
