@@ -138,6 +138,8 @@ pub(crate) struct Calibration {
     /// `None` for a recording of colour alone.
     pub(crate) depth: Option<Intrinsics>,
     pub(crate) colour: Intrinsics,
+    /// Whether `colour` is a camera of its own.
+    pub(crate) has_colour: bool,
     colour_from_depth: Rigid,
 }
 
@@ -156,12 +158,14 @@ impl Calibration {
         }
         let file: File = serde_json::from_str(text).map_err(|error| error.to_string())?;
         // Without a colour camera, pictures are infrared ones of the depth camera.
+        let has_colour = file.colour.is_some();
         let colour = file.colour.or_else(|| file.depth.clone());
         let colour = colour
             .ok_or("expected `depth`, `colour` or both, found neither; see docs/recordings.md")?;
         let mut calibration = Self {
             depth: file.depth,
             colour,
+            has_colour,
             colour_from_depth: Rigid::identity(),
         }
         .check()?;
@@ -176,6 +180,7 @@ impl Calibration {
         Self {
             depth: depth.map(Intrinsics::assumed),
             colour: Intrinsics::assumed(colour),
+            has_colour: false,
             colour_from_depth: Rigid::identity(),
         }
     }

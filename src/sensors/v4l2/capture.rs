@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::device::{CameraError, Device, Filled};
-use super::format::{Choice, Layout, choose};
+use super::format::{Choice, Layout, Want, choose};
 
 /// Frames a second asked for.
 const RATE: u32 = 30;
@@ -17,6 +17,7 @@ pub(super) struct Capture<D> {
     device: D,
     node: PathBuf,
     layout: Layout,
+    period: Duration,
 }
 
 /// What came of waiting for an image.
@@ -32,13 +33,18 @@ pub(super) enum Taken {
 
 impl<D: Device> Capture<D> {
     /// Starts a device of this node and name.
-    pub(super) fn start(mut device: D, node: &Path, card: &str) -> Result<Self, CameraError> {
+    pub(super) fn start(
+        mut device: D,
+        node: &Path,
+        card: &str,
+        want: Want,
+    ) -> Result<Self, CameraError> {
         let at = |problem| CameraError::at(node, &problem);
-        let asked = choose(&device, node)?;
+        let asked = choose(&device, node, want)?;
         let size = asked.size.map(|pixels| pixels as u32);
         let answer = device.set_format(asked.format.code, size).map_err(at)?;
         let lies = |how| CameraError::Lies(node.to_owned(), how);
-        let layout = Layout::new(asked, answer).map_err(lies)?;
+        let layout = Layout::new(want, asked, answer).map_err(lies)?;
         // Not every driver knows rates.
         let rate = device
             .set_rate(RATE)
@@ -62,12 +68,18 @@ impl<D: Device> Capture<D> {
             device,
             node,
             layout,
+            period: Duration::from_secs_f32(1.0 / rate.unwrap_or(RATE as f32).max(1.0)),
         })
     }
 
     /// Its format and size.
     pub(super) fn choice(&self) -> Choice {
         self.layout.choice
+    }
+
+    /// Time from one image to the next; assumed if the driver does not tell.
+    pub(super) fn period(&self) -> Duration {
+        self.period
     }
 
     /// Its node.
@@ -120,7 +132,7 @@ mod tests {
     const NODE: &str = "/dev/video0";
 
     fn start(script: &Script) -> Result<Capture<Script>, CameraError> {
-        Capture::start(script.clone(), Path::new(NODE), "card")
+        Capture::start(script.clone(), Path::new(NODE), "card", Want::LUMA)
     }
 
     #[test]

@@ -18,6 +18,8 @@ pub(super) struct About {
     pub(super) driver: String,
     /// Its name.
     pub(super) card: String,
+    /// Where the device is plugged in: the same for all nodes of one.
+    pub(super) bus: String,
     /// Whether this node gives images; others give metadata, or take images.
     pub(super) captures: bool,
 }
@@ -95,6 +97,14 @@ pub(super) enum CameraError {
         "no camera (none of /dev/video* gives images); plug in a webcam, or load its driver (`modprobe uvcvideo` for most)"
     )]
     Absent,
+    /// No node gives depth.
+    #[error(
+        "no depth camera (none of /dev/video* that can be opened gives Z16); plug one in that the driver uvcvideo knows"
+    )]
+    NoDepth,
+    /// The calibration cannot be used: file, and why.
+    #[error("{}: {why}", .0.display(), why = .1)]
+    Calibration(PathBuf, String),
     /// No camera has this name; number of cameras found.
     #[error("no camera {0} among the {1} found; `mien devices` lists them")]
     Other(String, usize),
@@ -116,6 +126,11 @@ pub(super) enum CameraError {
         "the camera {} gives no usable size, expected 320 x 240 to 2560 x 1920; use another camera", .0.display()
     )]
     Size(PathBuf),
+    /// It does not have the size of its calibration.
+    #[error(
+        "the camera {} does not give {} x {} pixels, the size in its calibration; write the numbers of a size that it gives", .0.display(), .1[0], .1[1]
+    )]
+    OtherSize(PathBuf, [usize; 2]),
     /// The driver contradicts itself.
     #[error("the driver of the camera {} {how}; update the kernel or use another camera", .0.display(), how = .1)]
     Lies(PathBuf, &'static str),

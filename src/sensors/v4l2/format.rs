@@ -1,12 +1,13 @@
-//! Pixel formats, the choice of a format and size, and images to luma.
+//! Pixel formats, the choice of a format and size, and images to luma or depth.
 //!
-//! Of every format only luma is read. Images larger than a frame are reduced by a whole factor, averaged.
+//! Of images only luma is read. What is larger than a frame is reduced by a whole factor: luma is averaged, depth picked.
 
 use core::cmp::Reverse;
 use std::io;
 use std::path::Path;
 
 use super::device::{Answer, CameraError, Device, FourCc, Sizes};
+use crate::camera::Camera;
 use crate::reduction::Reduction;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
@@ -17,11 +18,11 @@ const MOST_REDUCED: usize = 4;
 /// Most formats, and sizes of each, that are asked for: a driver need not come to an end.
 const MOST_LISTED: u32 = 64;
 
-/// A format whose luma is read in place.
+/// A format whose luma or depth is read in place.
 #[derive(Debug, PartialEq)]
 pub(super) struct PixelFormat {
     pub(super) code: FourCc,
-    /// Bytes from the start of a row to its first luma, and from one luma to the next.
+    /// Bytes from the start of a row to its first value, and from one value to the next.
     first: usize,
     step: usize,
     /// Whether planes of chroma with half as many rows follow.
@@ -37,8 +38,8 @@ const fn format(code: &FourCc, first: usize, step: usize, has_planes: bool) -> P
     }
 }
 
-/// Known formats, preferred ones first: what webcams send themselves before what a driver converts to.
-const FORMATS: [PixelFormat; 6] = [
+/// Known formats of images, preferred ones first: what webcams send themselves before what a driver converts to.
+static LUMA: [PixelFormat; 6] = [
     format(b"YUYV", 0, 2, false),
     format(b"UYVY", 1, 2, false),
     format(b"NV12", 0, 1, true),
@@ -46,6 +47,45 @@ const FORMATS: [PixelFormat; 6] = [
     format(b"YU12", 0, 1, true),
     format(b"GREY", 0, 1, false),
 ];
+
+/// Depth of 16 bits, little endian.
+static DEPTH: [PixelFormat; 1] = [format(b"Z16 ", 0, 2, false)];
+
+/// What is wanted of a device: one of these formats, preferred ones first, and the only size that will do, if any.
+#[derive(Clone, Copy)]
+pub(super) struct Want {
+    formats: &'static [PixelFormat],
+    size: Option<[usize; 2]>,
+}
+
+impl Want {
+    const fn any_size(formats: &'static [PixelFormat]) -> Self {
+        Self {
+            formats,
+            size: None,
+        }
+    }
+
+    pub(super) const LUMA: Self = Self::any_size(&LUMA);
+    /// What a depth camera sees besides depth, through the same lens.
+    pub(super) const INFRARED: Self = Self::any_size(LUMA.split_at(5).1);
+    pub(super) const DEPTH: Self = Self::any_size(&DEPTH);
+
+    pub(super) fn of_size(self, size: Option<[usize; 2]>) -> Self {
+        Self { size, ..self }
+    }
+
+    /// Whether one of these formats will do.
+    pub(super) fn is_offered(&self, offered: &[FourCc]) -> bool {
+        let mut codes = self.formats.iter().map(|known| known.code);
+        codes.any(|code| offered.contains(&code))
+    }
+
+    fn rank(&self, choice: &Choice) -> Option<(bool, usize, Reverse<usize>)> {
+        let will_do = self.size.is_none_or(|size| size == choice.size);
+        choice.rank().filter(|_| will_do)
+    }
+}
 
 fn name(code: FourCc) -> String {
     String::from_utf8_lossy(&code).trim().to_owned()
@@ -82,6 +122,10 @@ impl Choice {
         Reduction::new(self.size)
     }
 
+    pub(super) fn is_depth(&self) -> bool {
+        *self.format == DEPTH[0]
+    }
+
     /// Greater is better: not reduced, then large in the frame, then little reduced; `None` if it cannot be used.
     fn rank(&self) -> Option<(bool, usize, Reverse<usize>)> {
         let (reduced, [columns, rows]) = (self.reduction().factor, self.reduction().frame_size());
@@ -93,17 +137,17 @@ impl Choice {
 impl Default for Choice {
     fn default() -> Self {
         Self {
-            format: &FORMATS[0],
+            format: &LUMA[0],
             size: [WIDTH, HEIGHT],
         }
     }
 }
 
-/// The size nearest to a frame's within what is offered.
-fn nearest(sizes: Sizes) -> [usize; 2] {
+/// The size nearest to the one wanted within what is offered.
+fn nearest(wanted: [usize; 2], sizes: Sizes) -> [usize; 2] {
     [0, 1].map(|side| {
         let (least, step) = (sizes.least[side], sizes.step[side].max(1));
-        let up_to = [WIDTH, HEIGHT][side].min(sizes.most[side] as usize);
+        let up_to = wanted[side].min(sizes.most[side] as usize);
         let steps = up_to.saturating_sub(least as usize) / step as usize;
         least as usize + steps * step as usize
     })
@@ -114,33 +158,49 @@ fn all<T>(at: impl Fn(u32) -> io::Result<T>) -> impl Iterator<Item = T> {
     (0..MOST_LISTED).map_while(move |index| at(index).ok())
 }
 
+/// The formats of a device.
+pub(super) fn formats(device: &impl Device) -> Vec<FourCc> {
+    all(|index| device.format(index)).collect()
+}
+
 /// The best format and size of a device.
-pub(super) fn choose(device: &impl Device, node: &Path) -> Result<Choice, CameraError> {
-    let offered: Vec<FourCc> = all(|index| device.format(index)).collect();
-    let known = FORMATS.iter().filter(|known| offered.contains(&known.code));
+pub(super) fn choose(device: &impl Device, node: &Path, want: Want) -> Result<Choice, CameraError> {
+    let offered = formats(device);
+    let known = want
+        .formats
+        .iter()
+        .filter(|known| offered.contains(&known.code));
     let known: Vec<&PixelFormat> = known.collect();
     if known.is_empty() {
         let found = match offered.is_empty() {
             true => "no format".to_owned(),
             false => format!("only {}", names(offered)),
         };
-        let known = names(FORMATS.iter().map(|known| known.code));
+        let known = names(want.formats.iter().map(|known| known.code));
         return Err(CameraError::Format(node.to_owned(), found, known));
     }
+    let size = want.size.unwrap_or([WIDTH, HEIGHT]);
     let choices = known.iter().rev().flat_map(|&format| {
         let sizes: Vec<Sizes> = all(|index| device.sizes(format.code, index)).collect();
         // A driver that lists no sizes is asked for the one wanted.
-        let unlisted = sizes.is_empty().then_some([WIDTH, HEIGHT]);
-        let sizes = sizes.into_iter().map(nearest).chain(unlisted);
+        let unlisted = sizes.is_empty().then_some(size);
+        let sizes = sizes
+            .into_iter()
+            .map(move |sizes| nearest(size, sizes))
+            .chain(unlisted);
         sizes.map(move |size| Choice { format, size })
     });
-    let choices = choices.filter(|choice| choice.rank().is_some());
+    let choices = choices.filter(|choice| want.rank(choice).is_some());
     // Of equally good ones the last, which is the preferred format.
     let best = choices.max_by_key(Choice::rank);
-    best.ok_or_else(|| CameraError::Size(node.to_owned()))
+    let node = || node.to_owned();
+    best.ok_or_else(|| match want.size {
+        None => CameraError::Size(node()),
+        Some(size) => CameraError::OtherSize(node(), size),
+    })
 }
 
-/// Where luma is in a buffer, as the driver has answered.
+/// Where luma or depth is in a buffer, as the driver has answered.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     pub(super) choice: Choice,
@@ -150,11 +210,11 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Checks a driver's answer to `asked`; its size may differ.
+    /// Checks a driver's answer to `asked`; its size may differ if any will do.
     ///
     /// # Errors
     /// How the driver contradicts itself.
-    pub(super) fn new(asked: Choice, answer: Answer) -> Result<Self, &'static str> {
+    pub(super) fn new(want: Want, asked: Choice, answer: Answer) -> Result<Self, &'static str> {
         let format = asked.format;
         let choice = Choice {
             format,
@@ -165,7 +225,7 @@ impl Layout {
             0 => row,
             stride => stride,
         };
-        if answer.code != format.code || !answer.whole || choice.rank().is_none() {
+        if answer.code != format.code || !answer.whole || want.rank(&choice).is_none() {
             return Err("sets another format or size than those it offers");
         }
         if stride < row {
@@ -188,6 +248,13 @@ impl Layout {
         let pixel = |col, row| u32::from(bytes[row * self.stride + first + col * step]);
         self.choice.reduction().average(luma, pixel);
     }
+
+    /// Depth of an image, likewise; 0 is none.
+    pub(super) fn depth(&self, bytes: &[u8], camera: &Camera, depth: &mut [u16; PIXELS]) {
+        let at = |col, row| row * self.stride + col * 2;
+        let raw = |col, row| u16::from_le_bytes([bytes[at(col, row)], bytes[at(col, row) + 1]]);
+        self.choice.reduction().pick(depth, camera, raw);
+    }
 }
 
 #[cfg(test)]
@@ -202,7 +269,7 @@ mod tests {
             formats: formats.collect(),
             ..Script::honest()
         };
-        match choose(&script, Path::new("/dev/video0")) {
+        match choose(&script, Path::new("/dev/video0"), Want::LUMA) {
             Ok(choice) => choice.to_string(),
             Err(problem) => problem.to_string(),
         }
@@ -281,7 +348,7 @@ mod tests {
             (b"GREY", &[10, 20, 30, 40]),
         ];
         for (code, pixels) in rows {
-            let format = FORMATS.iter().find(|known| known.code == *code).unwrap();
+            let format = LUMA.iter().find(|known| known.code == *code).unwrap();
             for (columns, rows, reduced) in [(640, 480, 1), (320, 240, 1), (1280, 960, 2)] {
                 let choice = Choice {
                     format,
@@ -295,7 +362,7 @@ mod tests {
                     stride: row.len() as u32,
                     whole: true,
                 };
-                let layout = Layout::new(choice, answer).unwrap();
+                let layout = Layout::new(Want::LUMA, choice, answer).unwrap();
                 let chroma = if format.has_planes { rows / 2 } else { 0 };
                 assert_eq!(layout.bytes, row.len() * (rows + chroma) - 32);
                 let mut bytes = row.repeat(rows);
@@ -321,12 +388,15 @@ mod tests {
             whole: true,
         };
         let asked = Choice::default();
-        assert_eq!(Layout::new(asked, honest).unwrap().bytes, 640 * 480 * 2);
+        assert_eq!(
+            Layout::new(Want::LUMA, asked, honest).unwrap().bytes,
+            640 * 480 * 2
+        );
         let another_size = Answer {
             size: [352, 288],
             ..honest
         };
-        let taken = Layout::new(asked, another_size).unwrap().choice;
+        let taken = Layout::new(Want::LUMA, asked, another_size).unwrap().choice;
         assert_eq!(taken.to_string(), "YUYV 352 x 288");
         for (answer, how) in [
             (
@@ -365,7 +435,7 @@ mod tests {
                 "sets another format or size than those it offers",
             ),
         ] {
-            assert_eq!(Layout::new(asked, answer).unwrap_err(), how);
+            assert_eq!(Layout::new(Want::LUMA, asked, answer).unwrap_err(), how);
         }
     }
 }

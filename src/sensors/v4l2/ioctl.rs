@@ -194,6 +194,7 @@ impl Device for Node {
         Ok(About {
             driver: text(&found.driver),
             card: text(&found.card),
+            bus: text(&found.bus),
             captures: bits & CAP_CAPTURE != 0,
         })
     }

@@ -1,76 +1,60 @@
-//! A camera that may come and go ([`crate::live`]): its thread passes luma on through a bounded ring, in which new images replace old
+//! A camera that may come and go ([`crate::live`]): its thread passes images on through a bounded ring, in which new images replace old
 //! ones (counted), and reopens a camera that fell silent.
 //!
-//! Memory: luma of three images, 0.9 MB, allocated at the start; images are passed on by swapping buffers.
+//! Memory: three images, 0.9 MB, with depth 2.8 MB, allocated at the start; images are passed on by swapping buffers.
 
 use core::time::Duration;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::capture::{Capture, Taken};
+use super::capture::Taken;
 use super::device::{CameraError, Device};
+use super::streams::{Geometry, Image, Streams};
 use crate::NO_DEPTH;
 use crate::camera::Camera;
 use crate::kinect::frame::FrameSink;
 use crate::live::{Live, Shared, Worker};
 use crate::rgbd::calibration::Calibration;
 use crate::sensor::{Sensor, SensorError, SensorState};
-use mien_stages::base::capacity::{HEIGHT, PIXELS, WAITING_FRAMES as RING, WIDTH};
-use mien_stages::base::defaults;
+use mien_stages::base::capacity::{HEIGHT, WAITING_FRAMES as RING, WIDTH};
 use mien_stages::base::time::Timestamp;
 
 /// Longest wait for an image in the thread; also the delay of the end.
 const POLL: Duration = Duration::from_millis(50);
 /// Longest wait for an image in the main thread.
 const WAIT: Duration = Duration::from_millis(500);
+/// Frames in a row without luma that are reported, once: three seconds.
+const WITHOUT_LUMA: u32 = 90;
 /// Time without a whole image after which the camera is reopened; in the dark some give one a second.
 const SILENT: Duration = Duration::from_secs(3);
 /// Largest difference between the times that passed on the driver's clock and on ours from one image to the next.
 const CLOCK_TOLERANCE: Duration = Duration::from_millis(500);
 
-/// What follows from the size of a camera's images.
-struct Geometry {
-    camera: Camera,
-    luma_size: [usize; 2],
-    reduced: [usize; 2],
+struct Inner {
+    /// Images, oldest first.
+    ring: VecDeque<Image>,
+    free: Vec<Image>,
+    /// Why there are no images; `None` while streaming, and before the first attempt.
+    waiting_for: Option<CameraError>,
+    /// Of the camera last opened.
+    geometry: Option<Arc<Geometry>>,
+    damaged: u64,
+    overwritten: u64,
+    stop: bool,
 }
 
-impl Geometry {
-    fn new(calibration: &Calibration) -> Self {
-        let luma = calibration.colour.reduction();
+impl Inner {
+    fn new(has_depth: bool) -> Self {
         Self {
-            camera: calibration.camera(),
-            luma_size: luma.frame_size(),
-            reduced: [1, luma.factor],
+            ring: VecDeque::with_capacity(RING),
+            free: (0..RING).map(|_| Image::new(has_depth)).collect(),
+            waiting_for: None,
+            geometry: None,
+            damaged: 0,
+            overwritten: 0,
+            stop: false,
         }
-    }
-}
-
-defaults! {
-    /// An image in the ring.
-    struct Image {
-        luma: Box<[u8; PIXELS]> = vec![0; PIXELS].try_into().expect("PIXELS long"),
-        /// Number of whole images before it.
-        number: u64 = 0,
-        /// Its time on the driver's clock.
-        taken: Option<Duration> = None,
-        /// When it was complete in this machine's memory.
-        arrived: Instant = Instant::now(),
-        geometry: Option<Arc<Geometry>> = None,
-    }
-
-    struct Inner {
-        /// Images, oldest first.
-        ring: VecDeque<Image> = VecDeque::with_capacity(RING),
-        free: Vec<Image> = (0..RING).map(|_| Image::default()).collect(),
-        /// Why there are no images; `None` while streaming, and before the first attempt.
-        waiting_for: Option<CameraError> = None,
-        /// Of the camera last opened.
-        geometry: Option<Arc<Geometry>> = None,
-        damaged: u64 = 0,
-        overwritten: u64 = 0,
-        stop: bool = false,
     }
 }
 
@@ -126,12 +110,15 @@ pub(super) struct LiveCamera {
 
 impl LiveCamera {
     /// The camera opened by `open`, which is called until it succeeds and whenever the camera is lost. Returns at once.
+    /// `has_depth`: whether it is a depth camera.
     pub(super) fn new<D: Device>(
-        mut open: impl FnMut() -> Result<Capture<D>, CameraError> + Send + 'static,
+        has_depth: bool,
+        mut open: impl FnMut() -> Result<Streams<D>, CameraError> + Send + 'static,
     ) -> Self {
-        let (mut spare, mut number) = (Image::default(), 0);
-        let worker =
-            Worker::start(move |shared| deliver(shared, &open()?, &mut spare, &mut number));
+        let (mut spare, mut number) = (Image::new(has_depth), 0);
+        let worker = Worker::start(Inner::new(has_depth), move |shared| {
+            deliver(shared, &open()?, &mut spare, &mut number)
+        });
         Self {
             worker,
             clock: Clock::default(),
@@ -146,7 +133,7 @@ impl LiveCamera {
         let inner = self.worker.shared.wait(wait, attempted);
         let Some(geometry) = &inner.geometry else {
             let problem = inner.waiting_for.clone();
-            return Some(problem.unwrap_or(CameraError::Absent));
+            return Some(problem.unwrap_or(CameraError::Late));
         };
         self.geometry = Arc::clone(geometry);
         None
@@ -164,7 +151,16 @@ impl Sensor for LiveCamera {
             return Err(SensorError::new(problem));
         };
         let (frame, original) = into.parts();
-        core::mem::swap(&mut frame.luma, &mut image.luma);
+        match &mut image.depth {
+            Some(depth) => core::mem::swap(&mut frame.depth, depth),
+            None => frame.depth.fill(NO_DEPTH),
+        }
+        if image.has_luma {
+            core::mem::swap(&mut frame.luma, &mut image.luma);
+            frame.has_colour = true;
+        } else {
+            frame.drop_colour();
+        }
         (frame.index, self.arrived) = (image.number, Some(image.arrived));
         frame.at = self.clock.stamp(image.taken, image.arrived);
         if let Some(geometry) = image.geometry.take() {
@@ -172,8 +168,6 @@ impl Sensor for LiveCamera {
         }
         inner.free.push(image);
         drop(inner);
-        frame.depth.fill(NO_DEPTH);
-        frame.has_colour = true;
         if let Some(original) = original {
             original.set_grey(frame);
         }
@@ -202,17 +196,15 @@ impl Sensor for LiveCamera {
 /// Passes images on until asked to stop (`Ok`) or the camera fails. `number` counts whole images of all openings.
 fn deliver<D: Device>(
     shared: &Shared<Inner>,
-    capture: &Capture<D>,
+    streams: &Streams<D>,
     spare: &mut Image,
     number: &mut u64,
 ) -> Result<(), CameraError> {
-    let geometry = Geometry::new(&Calibration::assumed(None, capture.choice().size));
-    let geometry = Arc::new(geometry);
-    shared.lock().geometry = Some(Arc::clone(&geometry));
+    shared.lock().geometry = Some(Arc::clone(&streams.geometry));
     shared.notify();
-    let (mut last, mut damaged) = (Instant::now(), 0_u64);
+    let (mut last, mut damaged, mut without_luma) = (Instant::now(), 0_u64, 0_u32);
     loop {
-        let taken = capture.take(POLL, |layout, bytes| layout.luma(bytes, &mut spare.luma));
+        let taken = streams.take(POLL, spare);
         let mut inner = shared.lock();
         if inner.stop {
             let (delivered, overwritten) = (*number, inner.overwritten);
@@ -226,8 +218,18 @@ fn deliver<D: Device>(
             Taken::Whole(taken) => {
                 last = Instant::now();
                 (spare.number, spare.taken, spare.arrived) = (*number, taken, last);
-                spare.geometry = Some(Arc::clone(&geometry));
+                spare.geometry = Some(Arc::clone(&streams.geometry));
                 *number += 1;
+                without_luma = if spare.has_luma {
+                    0
+                } else {
+                    without_luma.saturating_add(1)
+                };
+                if without_luma == WITHOUT_LUMA {
+                    tracing::warn!(
+                        "the camera gives depth without images of the same time: heads are followed, faces are not; unplug it and plug it in again"
+                    );
+                }
                 inner.waiting_for = None;
                 push(&mut inner, spare);
                 shared.notify();
@@ -240,7 +242,10 @@ fn deliver<D: Device>(
         }
         drop(inner);
         if last.elapsed() > SILENT {
-            return Err(CameraError::Silent(capture.node().to_owned(), damaged));
+            return Err(CameraError::Silent(
+                streams.frames.node().to_owned(),
+                damaged,
+            ));
         }
     }
 }
@@ -251,6 +256,11 @@ fn push(inner: &mut Inner, image: &mut Image) {
     inner.overwritten += u64::from(free.is_none());
     if let Some(mut place) = free.or_else(|| inner.ring.pop_front()) {
         core::mem::swap(&mut place, image);
+        // Luma that belongs to a later depth picture stays.
+        image.held = place.held.take();
+        if image.held.is_some() {
+            core::mem::swap(&mut place.luma, &mut image.luma);
+        }
         inner.ring.push_back(place);
     }
 }
@@ -259,6 +269,8 @@ fn push(inner: &mut Inner, image: &mut Image) {
 mod tests {
     use super::*;
     use crate::Frame;
+    use crate::v4l2::capture::Capture;
+    use crate::v4l2::format::Want;
     use crate::v4l2::scripted::{Script, whole};
     use mien_stages::base::geometry::Point;
     use std::path::Path;
@@ -266,7 +278,7 @@ mod tests {
     /// Starts scripted cameras one after the other; a camera is not there for as many attempts as its number says.
     fn camera(scripts: Vec<(usize, Script)>) -> LiveCamera {
         let mut scripts = VecDeque::from(scripts);
-        LiveCamera::new(move || {
+        LiveCamera::new(false, move || {
             let Some((absent, script)) = scripts.front_mut() else {
                 return Err(CameraError::Absent);
             };
@@ -276,7 +288,8 @@ mod tests {
             }
             let script = script.clone();
             scripts.pop_front();
-            Capture::start(script, Path::new("/dev/video0"), "card")
+            let capture = Capture::start(script, Path::new("/dev/video0"), "card", Want::LUMA)?;
+            Ok(Streams::new(capture, None, None))
         })
     }
 
@@ -345,6 +358,39 @@ mod tests {
         );
         assert_eq!((live.state().skipped, live.luma_size()), (2, [320, 240]));
         assert_eq!(live.camera().depth_size(), [320, 240]);
+    }
+
+    #[test]
+    fn a_depth_camera_gives_both_and_what_has_no_luma_is_a_frame_without_colour() {
+        let depth = Script::of(b"Z16 ", 900_u16.to_le_bytes().repeat(640 * 480));
+        let luma = Script::of(b"GREY", vec![70; 640 * 480 * 2]);
+        let at = |ms: u64| Ok(whole(0, ms * 1000));
+        luma.then([at(1000), at(1066)]);
+        depth.then([at(1000), at(1033), at(1066), Err(libc::ENODEV)]);
+        let scripts = [(depth, Want::DEPTH), (luma, Want::INFRARED)];
+        let mut scripts = Some(scripts);
+        let mut live = LiveCamera::new(true, move || {
+            let scripts = scripts.take().ok_or(CameraError::NoDepth)?;
+            let [depth, luma] = scripts.map(|(script, want)| {
+                Capture::start(script, Path::new("/dev/video0"), "card", want)
+            });
+            Ok(Streams::new(depth?, Some(luma?), None))
+        });
+        // The ring holds two of them.
+        let mut frame = Frame::default();
+        let mut seen = Vec::new();
+        while live.next_frame(&mut frame).is_ok() {
+            let luma = if frame.has_colour { 70 } else { 0 };
+            assert!(frame.luma.iter().all(|&value| value == luma));
+            assert!(frame.depth.iter().all(|&raw| raw == 900));
+            seen.push((frame.index, frame.has_colour));
+        }
+        assert!(seen.ends_with(&[(1, false), (2, true)]), "{seen:?}");
+        let problem = live
+            .next_frame(&mut frame)
+            .expect_err("unplugged")
+            .to_string();
+        assert!(problem.contains("no depth camera") || problem.contains("unplugged"));
     }
 
     #[test]
