@@ -133,7 +133,7 @@ fn time(
     settings: &Settings,
     allocations: fn() -> u64,
 ) -> Result<(Times, u64), Failure> {
-    let (mut source, _) = source::open(name, true, settings.sensor.device)?;
+    let (mut source, _) = source::open(name, true, &settings.sensor.device)?;
     let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &service::model(None)?)?;
     let mut times = Times::new(frames);
     let (mut round_trip, mut frame) = (PacketRoundTrip::default(), Frame::default());

@@ -22,8 +22,8 @@ mien bench          [--config FILE] [--source S] [--frames N]  time per stage an
 mien send-test      [--config FILE]  sweeps every unit 0-1-0 on every output and logs its name
 mien help | --help | --version
 
---source S        auto (default), kinect, kinect:SERIAL, camera, camera:/dev/videoN, camera:NAME, simulated,
-                  simulated:SCENE, the path of a recording or of a .y4m film, or - for such a film at standard input
+--source S        auto (default), kinect, kinect:SERIAL, depth-camera or camera, alone or with :/dev/videoN or :NAME,
+                  simulated, simulated:SCENE, the path of a recording or of a .y4m film, or - for such a film at standard input
 SCENE             demo (default), acted, still, turning, empty, leaving, wide, fast, hand, two, four, crossing, swap, behind,
                   furnished, mixed, moods
 --csv FILE|-      one row per frame and user

@@ -78,7 +78,7 @@ impl<'r> Session<'r> {
         crate::log::start(run.level(settings.log_level));
         let model = model(run.model.as_deref().or(settings.sensor.model()))?;
         let name = run.source.as_ref().unwrap_or(&settings.sensor.source);
-        let (source, name) = source::open(name, run.require_device, settings.sensor.device)?;
+        let (source, name) = source::open(name, run.require_device, &settings.sensor.device)?;
         let source = upright(source, settings.sensor.turned);
         let name = name.to_owned();
         let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use mien_sensors::RecordingError;
-pub use mien_sensors::kinect::driver::Settings as SensorSettings;
 pub use mien_sensors::kinect::geometry::nominal;
 use mien_sensors::kinect::recording::Recording;
 use mien_sensors::rgbd::Rgbd;
+pub use mien_sensors::sensor::Settings as SensorSettings;
 use mien_sensors::sensor::{Sensor, SensorKind};
 use mien_sensors::table::SENSORS;
 use mien_sensors::y4m::Y4m;
@@ -23,7 +23,7 @@ pub const SIMULATED: &str = "simulated";
 pub const STANDARD_INPUT: &str = "-";
 
 /// Splits a source's name at the first colon into kind and detail (serial number, node, or scene). Any kind but `auto`, `kinect`,
-/// `camera`, `simulated` and `-` is a path; `./kinect` is the directory of that name.
+/// `depth-camera`, `camera`, `simulated` and `-` is a path; `./kinect` is the directory of that name.
 ///
 /// ```
 /// use mien_appliance::source::parts;
@@ -44,7 +44,7 @@ pub enum SourceError {
     Recording(#[from] RecordingError),
     /// Neither a sensor nor a recording: the name, and a hint to the nearest one.
     #[error(
-        "expected auto, kinect, kinect:SERIAL, camera, camera:/dev/videoN, camera:NAME, simulated, simulated:SCENE, the path of a recording or .y4m film, or - for a film at standard input, found {0}{1}"
+        "expected auto, kinect, kinect:SERIAL, depth-camera or camera, alone or with :/dev/videoN or :NAME, simulated, simulated:SCENE, the path of a recording or .y4m film, or - for a film at standard input, found {0}{1}"
     )]
     Unknown(String, String),
     /// None of this number of frames of a recording could be used.
@@ -125,16 +125,16 @@ pub fn check(name: &str) -> Result<(), SourceError> {
     }
 }
 
-/// Opens a source by name; `settings` are for a Kinect. Returns it with its name, [`AUTO`] resolved. Without a connected sensor,
+/// Opens a source by name; `settings` are for what can be plugged in. Returns it with its name, [`AUTO`] resolved. Without a connected sensor,
 /// `required` fails, [`AUTO`] opens the simulated sensor, and a sensor's name waits for one.
 ///
 /// # Errors
 /// If the source does not exist or cannot be opened.
-pub fn open(
-    name: &str,
+pub fn open<'n>(
+    name: &'n str,
     required: bool,
-    settings: SensorSettings,
-) -> Result<(Source, &str), SourceError> {
+    settings: &SensorSettings,
+) -> Result<(Source, &'n str), SourceError> {
     let (kinds, serial) = kinds(name);
     let Some(preferred) = kinds.first() else {
         return match parts(name) {

@@ -3,7 +3,7 @@
 //! ```text
 //! kinect   the Kinect v1: packets to frames over USB, its calibration, its motor, recordings as libfreenect writes them
 //! rgbd     recordings of any depth camera, or of colour alone
-//! v4l2     a webcam through Video4Linux2: images without depth
+//! v4l2     cameras through Video4Linux2: webcams, and depth cameras
 //! y4m      films without depth, from a file or through a pipe
 //! turned   any of them on its side or upside down
 //! ```

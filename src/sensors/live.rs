@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 const RETRY: Duration = Duration::from_millis(500);
 
 /// What a device's thread and its consumer share.
-pub(crate) trait Live: Default + Send + 'static {
+pub(crate) trait Live: Send + 'static {
     /// Why there are no frames.
     type Problem: PartialEq + Display;
     /// Name of the thread.
@@ -29,7 +29,6 @@ pub(crate) trait Live: Default + Send + 'static {
 }
 
 /// Shared state, and notice of its changes.
-#[derive(Default)]
 pub(crate) struct Shared<T> {
     inner: Mutex<T>,
     changed: Condvar,
@@ -67,9 +66,13 @@ impl<T: Live> Worker<T> {
     /// Starts the thread. `stream` opens the device and streams until asked to stop (`Ok`) or the device fails, and is then called
     /// again.
     pub(crate) fn start(
+        inner: T,
         stream: impl FnMut(&Shared<T>) -> Result<(), T::Problem> + Send + 'static,
     ) -> Self {
-        let shared = Arc::<Shared<T>>::default();
+        let shared = Arc::new(Shared {
+            inner: Mutex::new(inner),
+            changed: Condvar::new(),
+        });
         let thread_shared = Arc::clone(&shared);
         let thread = std::thread::Builder::new()
             .name(T::NAME.to_owned())

@@ -3,7 +3,8 @@
 use core::ops::RangeInclusive;
 
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use mien_stages::camera::Pinhole;
+use mien_stages::camera::{Camera, Pinhole};
+use mien_stages::frame::NO_DEPTH;
 
 /// Width and height of pictures that are read, pixels.
 pub(super) const SIZES: RangeInclusive<usize> = 64..=8192;
@@ -63,6 +64,27 @@ impl Reduction {
         }
     }
 
+    /// Fills `depth` with one pixel of each block, near its middle, so that edges are not blurred; the rest, and what `camera` has no
+    /// distance for, is [`NO_DEPTH`]. `raw`: value at a column and row of the file.
+    pub(super) fn pick(
+        &self,
+        depth: &mut [u16; PIXELS],
+        camera: &Camera,
+        raw: impl Fn(usize, usize) -> u16,
+    ) {
+        let ([columns, rows], factor) = (self.frame_size(), self.factor);
+        depth.fill(NO_DEPTH);
+        for row in 0..rows {
+            let line = &mut depth[row * WIDTH..][..columns];
+            for (col, out) in line.iter_mut().enumerate() {
+                let raw = raw(col * factor + factor / 2, row * factor + factor / 2);
+                if camera.depth_m(raw) > 0.0 {
+                    *out = raw;
+                }
+            }
+        }
+    }
+
     /// The view of pictures reduced by picking one pixel of each block, near its middle.
     pub(super) fn picked(&self, view: Pinhole) -> Pinhole {
         self.reduced(view, (self.factor / 2) as f32)
@@ -101,5 +123,23 @@ mod tests {
             assert!((view.focal[0] - focal).abs() < 1e-3 && view.focal[0] == view.focal[1]);
             assert!((view.centre[0] - (reduced[0] as f32 - 1.0) * 0.5).abs() < 1e-3);
         }
+    }
+
+    #[test]
+    fn depth_is_picked_near_the_middle_of_blocks_and_what_has_no_distance_is_none() {
+        let reduction = Reduction::new([1280, 720]);
+        let view = reduction.picked(assumed_view([1280, 720]));
+        let camera = Camera::without_depth(view, Default::default(), [640, 360]);
+        let mut depth = crate::Frame::default().depth;
+        depth.fill(700);
+        reduction.pick(&mut depth, &camera, |col, row| match (col, row) {
+            // Nothing, and what is nearer than any camera measures.
+            (1, 1) => 0,
+            (3, 1) => 200,
+            _ => (1000 + col + row) as u16,
+        });
+        assert_eq!(depth[..3], [NO_DEPTH, NO_DEPTH, 1006]);
+        assert_eq!(depth[359 * WIDTH..][639], 1000 + 1279 + 719);
+        assert!(depth[360 * WIDTH..].iter().all(|&raw| raw == NO_DEPTH));
     }
 }

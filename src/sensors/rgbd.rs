@@ -16,21 +16,21 @@
 //! Memory: a file; only PNG and JPEG decoders allocate per frame. Limitation: depth must be undistorted, as most cameras' software
 //! delivers it.
 
-mod calibration;
+pub(crate) mod calibration;
 mod index;
 
 use std::path::{Path, PathBuf};
 
-use super::camera::{Camera, ColourProjection, DepthScale, RANGE_M};
+use super::camera::{Camera, RANGE_M};
 use super::picture_file::{Damage, PictureFile, Pixels, RecordingError, Skipped, size_of};
 use super::reduction::{ASSUMED_VIEW_DEG, Reduction};
 use super::{Frame, NO_DEPTH};
 use crate::kinect::frame::FrameSink;
 use crate::sensor::{Sensor, SensorError, SensorState};
-use calibration::{Calibration, Intrinsics};
+use calibration::{CALIBRATION_MAX, Calibration, Intrinsics};
 use index::{Entry, Index, misread_times};
 use mien_stages::base::bounded_read::{self, reason};
-use mien_stages::base::capacity::{PIXELS, WIDTH};
+use mien_stages::base::capacity::PIXELS;
 use mien_stages::base::time::Timestamp;
 
 /// The lists of depth pictures and of the others.
@@ -39,8 +39,6 @@ const LISTS: [&str; 2] = ["depth.txt", "rgb.txt"];
 const SIZE_TRIES: usize = 10;
 /// Largest list of pictures, bytes.
 const LIST_MAX: usize = 1 << 26;
-/// Largest calibration file, bytes.
-const CALIBRATION_MAX: usize = 1 << 16;
 /// Problem of a list's line without a usable time and file.
 const UNLISTED: Damage = Damage::Listed(
     "expected a time in seconds, later than in the line before, and a file in this folder",
@@ -56,7 +54,7 @@ impl Stream {
     fn new(view: &Intrinsics) -> Self {
         let [columns, rows] = view.size();
         Self {
-            reduction: Reduction::new(view.size()),
+            reduction: view.reduction(),
             file: PictureFile::new(columns * rows * 6),
         }
     }
@@ -87,7 +85,6 @@ impl Depth {
         into: &mut [u16; PIXELS],
     ) -> Result<(), Damage> {
         let Stream { reduction, file } = &mut self.stream;
-        let ([columns, rows], factor) = (reduction.frame_size(), reduction.factor);
         let pixels = file.read(path, reduction.size)?;
         if pixels.channels != 1 || !pixels.is_16_bit {
             return Err(Damage::Kind("a 16-bit grey picture, as depth is"));
@@ -98,17 +95,9 @@ impl Depth {
             let file = folder.join("camera.json");
             tracing::warn!("{}: {problem}", file.display());
         }
-        into.fill(NO_DEPTH);
-        for row in 0..rows {
-            let from = (row * factor + factor / 2) * reduction.size[0] + factor / 2;
-            let values = pixels.body.as_chunks().0[from..].iter().step_by(factor);
-            let out = &mut into[row * WIDTH..][..columns];
-            for (out, value) in out.iter_mut().zip(values) {
-                let raw = u16::from_be_bytes(*value);
-                let is_measured = camera.depth_m(raw) > 0.0;
-                *out = if is_measured { raw } else { NO_DEPTH };
-            }
-        }
+        reduction.pick(into, camera, |col, row| {
+            pixels.u16_at(row * reduction.size[0] + col)
+        });
         Ok(())
     }
 }
@@ -132,7 +121,7 @@ fn calibration(
             "{} is missing, so a camera with a field of view of {ASSUMED_VIEW_DEG} degrees is assumed; write the focal lengths of yours to it (docs/recordings.md) for right distances",
             path.display()
         ));
-        return Calibration::assumed(size).map_err(fails);
+        return Calibration::assumed(None, size).check().map_err(fails);
     }
     let mut calibration = Calibration::parse(&read_text(&path, CALIBRATION_MAX)?).map_err(fails)?;
     match (has_depth, &calibration.depth) {
@@ -155,24 +144,6 @@ fn calibration(
 fn warn_once(problem: std::fmt::Arguments<'_>) {
     static WARNED: std::sync::Once = std::sync::Once::new();
     WARNED.call_once(|| tracing::warn!("{problem}"));
-}
-
-/// The camera of the reduced pictures.
-fn camera(of: &Calibration, depth: Option<&Depth>, picture: Reduction) -> Camera {
-    let (view, distortion) = (picture.averaged(of.colour.pinhole()), of.colour.distortion);
-    let Some((Depth { stream, .. }, intrinsics)) = depth.zip(of.depth.as_ref()) else {
-        return Camera::without_depth(view, distortion, picture.frame_size());
-    };
-    Camera::new(
-        DepthScale::metric(intrinsics.metres_per_unit),
-        stream.reduction.picked(intrinsics.pinhole()),
-        stream.reduction.frame_size(),
-        ColourProjection::Pinhole {
-            distortion,
-            view,
-            colour_from_sensor: of.colour_from_depth,
-        },
-    )
 }
 
 fn read_text(path: &Path, most: usize) -> Result<String, RecordingError> {
@@ -248,7 +219,7 @@ impl Rgbd {
             index,
             next: 0,
             skipped: Skipped::default(),
-            camera: camera(&calibration, depth.as_ref(), picture_stream.reduction),
+            camera: calibration.camera(),
             depth,
             white: picture.white,
             picture: picture_stream,

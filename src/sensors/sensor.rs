@@ -3,13 +3,23 @@
 use core::error::Error;
 use std::time::Instant;
 
-use crate::kinect::driver::Settings;
+use crate::kinect;
 use crate::kinect::frame::FrameSink;
 use crate::kinect::registration::Registration;
 use mien_stages::base::capacity::{HEIGHT, WIDTH};
 use mien_stages::base::defaults;
 use mien_stages::base::prelude::*;
+use mien_stages::base::settings::keyed;
 use mien_stages::camera::Camera;
+
+keyed! {
+    /// Settings of sensors that can be plugged in.
+    pub struct Settings {
+        /// Depth camera: a file with its focal lengths and the scale of its depth, as camera.json in docs/recordings.md. Without one a usual lens and millimetres are assumed.
+        calibration: String = String::new() => Text("a path, or empty for none", |_| true),
+        ..kinect: kinect::driver::Settings,
+    }
+}
 
 /// Why a sensor gives no frame: what was expected, what was found, what to do.
 #[derive(Debug, thiserror::Error)]
@@ -108,7 +118,7 @@ pub struct SensorKind {
     pub title: &'static str,
     /// Opens the device with this serial number or name, else the first free one. Returns within seconds, with the reason if it could
     /// not be opened so far; the sensor then waits for it.
-    pub open: fn(Option<&str>, Settings) -> Opened,
+    pub open: fn(Option<&str>, &Settings) -> Opened,
     /// Lists the devices.
     pub list: fn() -> Result<Vec<Found>, Missing>,
     /// The sentence that none of these devices is the one of this serial number or name; `None` if one is.

@@ -5,4 +5,8 @@ use crate::sensor::SensorKind;
 use crate::v4l2;
 
 /// Every kind, the preferred one first.
-pub const SENSORS: &[SensorKind] = &[kinect::kind::KIND, v4l2::kind::KIND];
+pub const SENSORS: &[SensorKind] = &[
+    kinect::kind::KIND,
+    v4l2::kind::DEPTH_CAMERA,
+    v4l2::kind::WEBCAM,
+];

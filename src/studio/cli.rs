@@ -334,7 +334,7 @@ fn print_line(line: &str) {
 
 fn run_record(args: &record::Args) -> Result<(), Fault> {
     let required = args.source != source::AUTO;
-    let opened = source::open(&args.source, required, Default::default());
+    let opened = source::open(&args.source, required, &Default::default());
     let (mut source, _) = opened.map_err(|failure| service_fault(failure.into()))?;
     let now = std::time::UNIX_EPOCH.elapsed();
     let now = now.map_or(0.0, |since| since.as_secs_f64());

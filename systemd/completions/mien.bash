@@ -3,7 +3,7 @@ _mien() {
   local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]}
   case $before in
     --config | --model | --csv) COMPREPLY=($(compgen -f -- "$word")); return ;;
-    --source) COMPREPLY=($(compgen -d -W 'auto kinect camera simulated -' -- "$word") $(compgen -f -X '!*.y4m' -- "$word")); return ;;
+    --source) COMPREPLY=($(compgen -d -W 'auto kinect depth-camera camera simulated -' -- "$word") $(compgen -f -X '!*.y4m' -- "$word")); return ;;
     --frames) return ;;
   esac
   if [ "$COMP_CWORD" -eq 1 ]; then

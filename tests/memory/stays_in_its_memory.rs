@@ -47,9 +47,11 @@ const PICTURES: usize = 729_600;
 const SENSOR: usize = (WAITING_FRAMES + 2) * PICTURES + 2 * TRANSFERS * PACKETS * LONGEST;
 /// Of a webcam: images in the ring, being read and being shown; distances by raw value, of which none is used.
 const WEBCAM: usize = (WAITING_FRAMES + 1) * PIXELS + 40_004;
+/// Of a depth camera: the same with depth of two bytes.
+const DEPTH_CAMERA: usize = (WAITING_FRAMES + 1) * PIXELS * 3 + 40_004;
 /// What the stages may take, and the sensor.
 const BUDGET: usize = 8 << 20;
-const _: () = assert!(STAGES <= BUDGET && SENSOR <= BUDGET && WEBCAM <= BUDGET);
+const _: () = assert!(STAGES <= BUDGET && SENSOR <= BUDGET && DEPTH_CAMERA <= BUDGET);
 
 /// Resident set of `mien run`, bytes.
 const RESIDENT: u64 = 16 << 20;
@@ -62,10 +64,10 @@ fn bytes_of<T>(make: impl FnOnce() -> T) -> (usize, T) {
     (MEMORY.bytes_in_use() - before + size_of::<T>(), made)
 }
 
-/// A webcam that nobody has: what it takes is taken before it is found.
-fn absent_webcam() -> Opened {
-    let kind = SENSORS.iter().find(|kind| kind.name == "camera");
-    (kind.expect("a row").open)(Some("no such name"), Default::default())
+/// A camera that nobody has: what it takes is taken before it is found.
+fn absent(name: &str) -> Opened {
+    let kind = SENSORS.iter().find(|kind| kind.name == name);
+    (kind.expect("a row").open)(Some("no such name"), &Default::default())
 }
 
 #[test]
@@ -94,7 +96,12 @@ fn every_row_of_the_table_is_what_is_taken() {
         ("model", model_bytes, MODEL),
         ("anchor and people", people, PEOPLE),
         ("pairing", bytes_of(Pairing::default).0, PICTURES),
-        ("webcam", bytes_of(absent_webcam).0, WEBCAM),
+        ("webcam", bytes_of(|| absent("camera")).0, WEBCAM),
+        (
+            "depth camera",
+            bytes_of(|| absent("depth-camera")).0,
+            DEPTH_CAMERA,
+        ),
     ];
     for (part, taken, row) in rows {
         println!("{part:<20}{taken:>10} of {row:>10}");

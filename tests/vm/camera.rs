@@ -32,7 +32,7 @@ fn main() -> ExitCode {
     let kind = SENSORS.iter().find(|kind| kind.name == "camera");
     let kind = kind.expect("a row of the table");
     let name = arguments.get(3).map(String::as_str);
-    let (mut camera, problem): (Box<dyn Sensor>, _) = (kind.open)(name, Default::default());
+    let (mut camera, problem): (Box<dyn Sensor>, _) = (kind.open)(name, &Default::default());
     let mut waiting = problem.map(|problem| problem.to_string());
     if let Some(problem) = &waiting {
         println!("waiting {problem}");

@@ -36,9 +36,9 @@ defaults! {
 keyed! {
     /// Where frames come from.
     pub struct SensorSettings {
-        /// Where frames come from; the option --source takes precedence. auto is a Kinect, else a webcam, else the simulated sensor; kinect and camera wait for one.
+        /// Where frames come from; the option --source takes precedence. auto is a Kinect, else a depth camera, else a webcam, else the simulated sensor; kinect, depth-camera and camera wait for one.
         source: String = source::AUTO.into() => Text(
-            "\"auto\", \"kinect\", \"kinect:SERIAL\", \"camera\", \"camera:/dev/videoN\", \"camera:NAME\", \"simulated\", \"simulated:SCENE\", the path of a recording or .y4m film, or \"-\" for such a film at standard input",
+            "\"auto\", \"kinect\", \"kinect:SERIAL\", \"depth-camera\" or \"camera\", alone or with \":/dev/videoN\" or \":NAME\", \"simulated\", \"simulated:SCENE\", the path of a recording or .y4m film, or \"-\" for such a film at standard input",
             |source| !source.is_empty()
         ),
         /// Face model file; the option --model takes precedence.

@@ -3,13 +3,14 @@
 use core::time::Duration;
 
 use super::device::DeviceError;
-use super::driver::Settings;
 use super::frame::FrameSink;
 use super::live::LiveKinect;
 use super::recording::Recording;
 use super::registration::Registration;
 use super::usb_devices::{self, Listed};
-use crate::sensor::{Found, Missing, Opened, Sensor, SensorError, SensorKind, SensorState};
+use crate::sensor::{
+    Found, Missing, Opened, Sensor, SensorError, SensorKind, SensorState, Settings,
+};
 use mien_stages::base::prelude::*;
 use mien_stages::camera::Camera;
 
@@ -31,8 +32,8 @@ pub(crate) const KIND: SensorKind = SensorKind {
     },
 };
 
-fn open(serial: Option<&str>, settings: Settings) -> Opened {
-    let mut live = LiveKinect::usb(serial.map(str::to_owned), settings);
+fn open(serial: Option<&str>, settings: &Settings) -> Opened {
+    let mut live = LiveKinect::usb(serial.map(str::to_owned), settings.kinect);
     let status = live.wait_for_first_attempt(FIRST_ATTEMPT);
     let problem = (status.openings == 0)
         .then(|| SensorError::new(status.waiting_for.unwrap_or(DeviceError::TimedOut.into())));

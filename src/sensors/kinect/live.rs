@@ -104,7 +104,7 @@ impl LiveKinect {
     ) -> Self {
         // Whole depth pictures of former openings, to continue the numbering.
         let mut pictures = 0;
-        let worker = Worker::start(move |shared| {
+        let worker = Worker::start(Inner::default(), move |shared| {
             let kinect = Kinect::open(open()?, settings)?;
             stream(shared, kinect, &mut pictures)
         });

@@ -3,9 +3,12 @@
 use serde::Deserialize;
 
 use mien_stages::base::geometry::{Rigid, Rotation, Vector};
-use mien_stages::camera::{Distortion, Pinhole};
+use mien_stages::camera::{Camera, ColourProjection, DepthScale, Distortion, Pinhole};
 
-use crate::reduction::{SIZES, assumed_view};
+use crate::reduction::{Reduction, SIZES, assumed_view};
+
+/// Largest calibration file, bytes.
+pub(crate) const CALIBRATION_MAX: usize = 1 << 16;
 
 /// Largest deviation of a matrix from a rotation.
 const ROTATION_TOLERANCE: f32 = 1e-2;
@@ -15,7 +18,7 @@ const COEFFICIENT_MAX: f32 = 10.0;
 /// One camera. Pixels; pixel centres are integers, (0, 0) is the centre of the upper left pixel.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Intrinsics {
+pub(crate) struct Intrinsics {
     width: usize,
     height: usize,
     fx: f32,
@@ -41,13 +44,34 @@ fn all_bits() -> u32 {
 }
 
 impl Intrinsics {
+    /// Of a camera that is unknown but for the size of its pictures.
+    fn assumed(size: [usize; 2]) -> Self {
+        let Pinhole { focal, centre } = assumed_view(size);
+        Self {
+            width: size[0],
+            height: size[1],
+            fx: focal[0],
+            fy: focal[1],
+            cx: centre[0],
+            cy: centre[1],
+            metres_per_unit: millimetres(),
+            white: all_bits(),
+            distortion: Distortion::default(),
+        }
+    }
+
+    /// How its pictures become those of a frame.
+    pub(crate) fn reduction(&self) -> Reduction {
+        Reduction::new(self.size())
+    }
+
     /// Columns and rows.
-    pub(super) fn size(&self) -> [usize; 2] {
+    pub(crate) fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }
 
     /// Pinhole of the pictures at the file's size.
-    pub(super) fn pinhole(&self) -> Pinhole {
+    fn pinhole(&self) -> Pinhole {
         Pinhole {
             focal: [self.fx, self.fy],
             centre: [self.cx, self.cy],
@@ -110,11 +134,13 @@ fn rigid(m: &[f32; 16]) -> Result<Rigid, String> {
 }
 
 /// The cameras and the pose between them.
-pub(super) struct Calibration {
+pub(crate) struct Calibration {
     /// `None` for a recording of colour alone.
-    pub(super) depth: Option<Intrinsics>,
-    pub(super) colour: Intrinsics,
-    pub(super) colour_from_depth: Rigid,
+    pub(crate) depth: Option<Intrinsics>,
+    pub(crate) colour: Intrinsics,
+    /// Whether `colour` is a camera of its own.
+    pub(crate) has_colour: bool,
+    colour_from_depth: Rigid,
 }
 
 impl Calibration {
@@ -122,7 +148,7 @@ impl Calibration {
     ///
     /// # Errors
     /// The problem, in a sentence.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
         struct File {
@@ -132,52 +158,71 @@ impl Calibration {
         }
         let file: File = serde_json::from_str(text).map_err(|error| error.to_string())?;
         // Without a colour camera, pictures are infrared ones of the depth camera.
+        let has_colour = file.colour.is_some();
         let colour = file.colour.or_else(|| file.depth.clone());
         let colour = colour
             .ok_or("expected `depth`, `colour` or both, found neither; see docs/recordings.md")?;
-        for (name, view) in [("depth", file.depth.as_ref()), ("colour", Some(&colour))] {
+        let mut calibration = Self {
+            depth: file.depth,
+            colour,
+            has_colour,
+            colour_from_depth: Rigid::identity(),
+        }
+        .check()?;
+        if let Some(matrix) = &file.colour_from_depth {
+            calibration.colour_from_depth = rigid(matrix)?;
+        }
+        Ok(calibration)
+    }
+
+    /// Of cameras that are unknown but for the size of their pictures, and see the same.
+    pub(crate) fn assumed(depth: Option<[usize; 2]>, colour: [usize; 2]) -> Self {
+        Self {
+            depth: depth.map(Intrinsics::assumed),
+            colour: Intrinsics::assumed(colour),
+            has_colour: false,
+            colour_from_depth: Rigid::identity(),
+        }
+    }
+
+    /// Itself, if every key is valid.
+    ///
+    /// # Errors
+    /// The first invalid one.
+    pub(super) fn check(self) -> Result<Self, String> {
+        for (name, view) in [
+            ("depth", self.depth.as_ref()),
+            ("colour", Some(&self.colour)),
+        ] {
             if let Some(problem) = view.and_then(Intrinsics::problem) {
                 return Err(format!("{name}: {problem}"));
             }
         }
         let is_distorted = |view: &Intrinsics| view.distortion != Distortion::default();
-        if file.depth.as_ref().is_some_and(is_distorted) {
+        if self.depth.as_ref().is_some_and(is_distorted) {
             return Err(
                 "depth: distortion is not supported; undistort the depth pictures first".into(),
             );
         }
-        let colour_from_depth = file.colour_from_depth.as_ref().map(rigid);
-        Ok(Self {
-            depth: file.depth,
-            colour,
-            colour_from_depth: colour_from_depth
-                .transpose()?
-                .unwrap_or_else(Rigid::identity),
-        })
+        Ok(self)
     }
 
-    /// Of a colour camera that is unknown but for the size of its pictures.
-    ///
-    /// # Errors
-    /// If it is no usable size.
-    pub(super) fn assumed(size: [usize; 2]) -> Result<Self, String> {
-        let Pinhole { focal, centre } = assumed_view(size);
-        let colour = Intrinsics {
-            width: size[0],
-            height: size[1],
-            fx: focal[0],
-            fy: focal[1],
-            cx: centre[0],
-            cy: centre[1],
-            metres_per_unit: millimetres(),
-            white: all_bits(),
-            distortion: Distortion::default(),
+    /// Geometry of the reduced pictures.
+    pub(crate) fn camera(&self) -> Camera {
+        let (colour, distortion) = (self.colour.reduction(), self.colour.distortion);
+        let view = colour.averaged(self.colour.pinhole());
+        let Some(depth) = &self.depth else {
+            return Camera::without_depth(view, distortion, colour.frame_size());
         };
-        colour.problem().map_or(Ok(()), Err)?;
-        Ok(Self {
-            depth: None,
-            colour,
-            colour_from_depth: Rigid::identity(),
-        })
+        Camera::new(
+            DepthScale::metric(depth.metres_per_unit),
+            depth.reduction().picked(depth.pinhole()),
+            depth.reduction().frame_size(),
+            ColourProjection::Pinhole {
+                distortion,
+                view,
+                colour_from_sensor: self.colour_from_depth,
+            },
+        )
     }
 }

@@ -5,8 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::device::{CameraError, Device, Filled};
-use super::format::{Choice, Layout, choose};
-use mien_stages::base::capacity::PIXELS;
+use super::format::{Choice, Layout, Want, choose};
 
 /// Frames a second asked for.
 const RATE: u32 = 30;
@@ -18,6 +17,7 @@ pub(super) struct Capture<D> {
     device: D,
     node: PathBuf,
     layout: Layout,
+    period: Duration,
 }
 
 /// What came of waiting for an image.
@@ -31,32 +31,26 @@ pub(super) enum Taken {
     Whole(Option<Duration>),
 }
 
-/// What would be chosen of a device, which changes nothing.
-pub(super) fn inspect(device: &impl Device, node: &Path) -> Result<Choice, CameraError> {
-    let about = device.about();
-    let about = about.map_err(|problem| CameraError::at(node, &problem))?;
-    if !about.streams {
-        return Err(CameraError::NoStreaming(node.to_owned()));
-    }
-    choose(device, node)
-}
-
 impl<D: Device> Capture<D> {
     /// Starts a device of this node and name.
-    pub(super) fn start(mut device: D, node: &Path, card: &str) -> Result<Self, CameraError> {
+    pub(super) fn start(
+        mut device: D,
+        node: &Path,
+        card: &str,
+        want: Want,
+    ) -> Result<Self, CameraError> {
         let at = |problem| CameraError::at(node, &problem);
-        let asked = inspect(&device, node)?;
+        let asked = choose(&device, node, want)?;
         let size = asked.size.map(|pixels| pixels as u32);
         let answer = device.set_format(asked.format.code, size).map_err(at)?;
         let lies = |how| CameraError::Lies(node.to_owned(), how);
-        let layout = Layout::new(asked, answer).map_err(lies)?;
+        let layout = Layout::new(want, asked, answer).map_err(lies)?;
         // Not every driver knows rates.
         let rate = device
             .set_rate(RATE)
             .ok()
             .filter(|rate| rate.is_finite() && *rate > 0.0);
-        let least = device.start().map_err(at)?;
-        if least < layout.bytes {
+        if device.start().map_err(at)? < layout.bytes {
             return Err(lies("shares less memory than an image takes"));
         }
         let named = rate.map_or(String::new(), |rate| format!(", {rate:.0} frames a second"));
@@ -74,6 +68,7 @@ impl<D: Device> Capture<D> {
             device,
             node,
             layout,
+            period: Duration::from_secs_f32(1.0 / rate.unwrap_or(RATE as f32).max(1.0)),
         })
     }
 
@@ -82,16 +77,21 @@ impl<D: Device> Capture<D> {
         self.layout.choice
     }
 
+    /// Time from one image to the next; assumed if the driver does not tell.
+    pub(super) fn period(&self) -> Duration {
+        self.period
+    }
+
     /// Its node.
     pub(super) fn node(&self) -> &Path {
         &self.node
     }
 
-    /// Waits at most `wait` for an image, and fills `luma` if it is whole.
+    /// Waits at most `wait` for an image, and lets `read` have its bytes if it is whole.
     pub(super) fn take(
         &self,
         wait: Duration,
-        luma: &mut [u8; PIXELS],
+        read: impl FnOnce(&Layout, &[u8]),
     ) -> Result<Taken, CameraError> {
         let at = |problem| CameraError::at(&self.node, &problem);
         if !self.device.wait(wait).map_err(at)? {
@@ -114,7 +114,7 @@ impl<D: Device> Capture<D> {
             .filter(|bytes| bytes.len() >= self.layout.bytes);
         let found = match whole.filter(|_| !is_damaged) {
             Some(bytes) => {
-                self.layout.luma(bytes, luma);
+                read(&self.layout, bytes);
                 Taken::Whole(taken)
             }
             None => Taken::Damaged,
@@ -132,7 +132,7 @@ mod tests {
     const NODE: &str = "/dev/video0";
 
     fn start(script: &Script) -> Result<Capture<Script>, CameraError> {
-        Capture::start(script.clone(), Path::new(NODE), "card")
+        Capture::start(script.clone(), Path::new(NODE), "card", Want::LUMA)
     }
 
     #[test]
@@ -154,7 +154,13 @@ mod tests {
         let no_buffer = whole(7, 0);
         script.then([short, long, said, no_buffer, whole(0, 5)].map(Ok));
         let mut luma = crate::Frame::default().luma;
-        let mut take = || capture.take(Duration::ZERO, &mut luma).unwrap();
+        let mut take = || {
+            capture
+                .take(Duration::ZERO, |layout, bytes| {
+                    layout.luma(bytes, &mut luma)
+                })
+                .unwrap()
+        };
         assert_eq!([(); 4].map(|()| take()), [Taken::Damaged; 4]);
         assert_eq!(take(), Taken::Whole(Some(Duration::from_micros(5))));
         assert_eq!(take(), Taken::Nothing);
@@ -164,8 +170,6 @@ mod tests {
 
     #[test]
     fn each_reason_not_to_start_is_a_sentence() {
-        let mut mute = Script::honest();
-        mute.about.streams = false;
         let refusing = |number| Script {
             refuses: Some(number),
             ..Script::honest()
@@ -175,10 +179,6 @@ mod tests {
             ..Script::honest()
         };
         for (script, expected) in [
-            (
-                mute,
-                "the camera /dev/video0 cannot stream through shared memory; use another camera",
-            ),
             (
                 refusing(libc::EBUSY),
                 "the camera /dev/video0 is in use; stop the other program that reads it",
@@ -211,7 +211,13 @@ mod tests {
         let capture = start(&script).unwrap();
         script.then([Err(libc::ENODEV), Err(libc::EIO)]);
         let mut luma = crate::Frame::default().luma;
-        let mut take = || capture.take(Duration::ZERO, &mut luma).unwrap_err();
+        let mut take = || {
+            capture
+                .take(Duration::ZERO, |layout, bytes| {
+                    layout.luma(bytes, &mut luma)
+                })
+                .unwrap_err()
+        };
         assert_eq!(take(), CameraError::Gone(NODE.into()));
         assert!(matches!(take(), CameraError::Failed(..)));
     }

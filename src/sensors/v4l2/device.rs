@@ -18,10 +18,10 @@ pub(super) struct About {
     pub(super) driver: String,
     /// Its name.
     pub(super) card: String,
+    /// Where the device is plugged in: the same for all nodes of one.
+    pub(super) bus: String,
     /// Whether this node gives images; others give metadata, or take images.
     pub(super) captures: bool,
-    /// Whether it streams through shared memory.
-    pub(super) streams: bool,
 }
 
 /// Sizes of images that a device offers: `least`, and steps from there up to `most`; columns and rows.
@@ -30,6 +30,16 @@ pub(super) struct Sizes {
     pub(super) least: [u32; 2],
     pub(super) most: [u32; 2],
     pub(super) step: [u32; 2],
+}
+
+impl Sizes {
+    pub(super) const fn one(size: [u32; 2]) -> Self {
+        Self {
+            least: size,
+            most: size,
+            step: [1; 2],
+        }
+    }
 }
 
 /// The format that a driver has set, which need not be the one asked for.
@@ -87,6 +97,14 @@ pub(super) enum CameraError {
         "no camera (none of /dev/video* gives images); plug in a webcam, or load its driver (`modprobe uvcvideo` for most)"
     )]
     Absent,
+    /// No node gives depth.
+    #[error(
+        "no depth camera (none of /dev/video* that can be opened gives Z16); plug one in that the driver uvcvideo knows"
+    )]
+    NoDepth,
+    /// The calibration cannot be used: file, and why.
+    #[error("{}: {why}", .0.display(), why = .1)]
+    Calibration(PathBuf, String),
     /// No camera has this name; number of cameras found.
     #[error("no camera {0} among the {1} found; `mien devices` lists them")]
     Other(String, usize),
@@ -98,17 +116,21 @@ pub(super) enum CameraError {
     /// Another program streams from it.
     #[error("the camera {} is in use; stop the other program that reads it", .0.display())]
     Busy(PathBuf),
-    /// It cannot share memory.
-    #[error("the camera {} cannot stream through shared memory; use another camera", .0.display())]
-    NoStreaming(PathBuf),
     /// It has no known format: what it has, and what is known.
-    #[error("the camera {} gives {found}; use another camera", .0.display(), found = .1)]
-    Format(PathBuf, String),
+    #[error(
+        "the camera {} gives {found}, expected an uncompressed format ({known}); use another camera", .0.display(), found = .1, known = .2
+    )]
+    Format(PathBuf, String, String),
     /// It has no usable size.
     #[error(
         "the camera {} gives no usable size, expected 320 x 240 to 2560 x 1920; use another camera", .0.display()
     )]
     Size(PathBuf),
+    /// It does not have the size of its calibration.
+    #[error(
+        "the camera {} does not give {} x {} pixels, the size in its calibration; write the numbers of a size that it gives", .0.display(), .1[0], .1[1]
+    )]
+    OtherSize(PathBuf, [usize; 2]),
     /// The driver contradicts itself.
     #[error("the driver of the camera {} {how}; update the kernel or use another camera", .0.display(), how = .1)]
     Lies(PathBuf, &'static str),

@@ -1,14 +1,14 @@
-//! Pixel formats, the choice of a format and size, and images to luma.
+//! Pixel formats, the choice of a format and size, and images to luma or depth.
 //!
-//! Of every format only luma is read. Images larger than a frame are reduced by a whole factor, averaged.
+//! Of images only luma is read. What is larger than a frame is reduced by a whole factor: luma is averaged, depth picked.
 
 use core::cmp::Reverse;
 use std::io;
 use std::path::Path;
 
 use super::device::{Answer, CameraError, Device, FourCc, Sizes};
-use crate::camera::{Camera, Distortion};
-use crate::reduction::{Reduction, assumed_view};
+use crate::camera::Camera;
+use crate::reduction::Reduction;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
 /// Smallest frame in which a face can be followed, columns and rows.
@@ -18,11 +18,11 @@ const MOST_REDUCED: usize = 4;
 /// Most formats, and sizes of each, that are asked for: a driver need not come to an end.
 const MOST_LISTED: u32 = 64;
 
-/// A format whose luma is read in place.
+/// A format whose luma or depth is read in place.
 #[derive(Debug, PartialEq)]
 pub(super) struct PixelFormat {
     pub(super) code: FourCc,
-    /// Bytes from the start of a row to its first luma, and from one luma to the next.
+    /// Bytes from the start of a row to its first value, and from one value to the next.
     first: usize,
     step: usize,
     /// Whether planes of chroma with half as many rows follow.
@@ -38,8 +38,8 @@ const fn format(code: &FourCc, first: usize, step: usize, has_planes: bool) -> P
     }
 }
 
-/// Known formats, preferred ones first: what webcams send themselves before what a driver converts to.
-const FORMATS: [PixelFormat; 6] = [
+/// Known formats of images, preferred ones first: what webcams send themselves before what a driver converts to.
+static LUMA: [PixelFormat; 6] = [
     format(b"YUYV", 0, 2, false),
     format(b"UYVY", 1, 2, false),
     format(b"NV12", 0, 1, true),
@@ -48,8 +48,52 @@ const FORMATS: [PixelFormat; 6] = [
     format(b"GREY", 0, 1, false),
 ];
 
+/// Depth of 16 bits, little endian.
+static DEPTH: [PixelFormat; 1] = [format(b"Z16 ", 0, 2, false)];
+
+/// What is wanted of a device: one of these formats, preferred ones first, and the only size that will do, if any.
+#[derive(Clone, Copy)]
+pub(super) struct Want {
+    formats: &'static [PixelFormat],
+    size: Option<[usize; 2]>,
+}
+
+impl Want {
+    const fn any_size(formats: &'static [PixelFormat]) -> Self {
+        Self {
+            formats,
+            size: None,
+        }
+    }
+
+    pub(super) const LUMA: Self = Self::any_size(&LUMA);
+    /// What a depth camera sees besides depth, through the same lens.
+    pub(super) const INFRARED: Self = Self::any_size(LUMA.split_at(5).1);
+    pub(super) const DEPTH: Self = Self::any_size(&DEPTH);
+
+    pub(super) fn of_size(self, size: Option<[usize; 2]>) -> Self {
+        Self { size, ..self }
+    }
+
+    /// Whether one of these formats will do.
+    pub(super) fn is_offered(&self, offered: &[FourCc]) -> bool {
+        let mut codes = self.formats.iter().map(|known| known.code);
+        codes.any(|code| offered.contains(&code))
+    }
+
+    fn rank(&self, choice: &Choice) -> Option<(bool, usize, Reverse<usize>)> {
+        let will_do = self.size.is_none_or(|size| size == choice.size);
+        choice.rank().filter(|_| will_do)
+    }
+}
+
 fn name(code: FourCc) -> String {
     String::from_utf8_lossy(&code).trim().to_owned()
+}
+
+fn names(codes: impl IntoIterator<Item = FourCc>) -> String {
+    let names: Vec<String> = codes.into_iter().map(name).collect();
+    names.join(", ")
 }
 
 /// A format and a size of it.
@@ -64,13 +108,12 @@ impl core::fmt::Display for Choice {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let [columns, rows] = self.size;
         write!(f, "{} {columns} x {rows}", name(self.format.code))?;
-        match self.reduced() {
-            1 => Ok(()),
-            reduced => {
-                let [columns, rows] = self.frame_size();
-                write!(f, " reduced by {reduced} to {columns} x {rows}")
-            }
+        let Reduction { factor, .. } = self.reduction();
+        if factor > 1 {
+            let [columns, rows] = self.reduction().frame_size();
+            write!(f, " reduced by {factor} to {columns} x {rows}")?;
         }
+        Ok(())
     }
 }
 
@@ -79,44 +122,32 @@ impl Choice {
         Reduction::new(self.size)
     }
 
-    /// Image pixels to one of the frame, along each side.
-    pub(super) fn reduced(&self) -> usize {
-        self.reduction().factor
-    }
-
-    /// Columns and rows in the frame.
-    pub(super) fn frame_size(&self) -> [usize; 2] {
-        self.reduction().frame_size()
+    pub(super) fn is_depth(&self) -> bool {
+        *self.format == DEPTH[0]
     }
 
     /// Greater is better: not reduced, then large in the frame, then little reduced; `None` if it cannot be used.
     fn rank(&self) -> Option<(bool, usize, Reverse<usize>)> {
-        let (reduced, [columns, rows]) = (self.reduced(), self.frame_size());
+        let (reduced, [columns, rows]) = (self.reduction().factor, self.reduction().frame_size());
         let is_usable = columns >= SMALLEST[0] && rows >= SMALLEST[1] && reduced <= MOST_REDUCED;
         is_usable.then_some((reduced == 1, columns * rows, Reverse(reduced)))
-    }
-
-    /// Geometry of the frame, by an assumed lens.
-    pub(super) fn camera(&self) -> Camera {
-        let view = self.reduction().averaged(assumed_view(self.size));
-        Camera::without_depth(view, Distortion::default(), self.frame_size())
     }
 }
 
 impl Default for Choice {
     fn default() -> Self {
         Self {
-            format: &FORMATS[0],
+            format: &LUMA[0],
             size: [WIDTH, HEIGHT],
         }
     }
 }
 
-/// The size nearest to a frame's within what is offered.
-fn nearest(sizes: Sizes) -> [usize; 2] {
+/// The size nearest to the one wanted within what is offered.
+fn nearest(wanted: [usize; 2], sizes: Sizes) -> [usize; 2] {
     [0, 1].map(|side| {
         let (least, step) = (sizes.least[side], sizes.step[side].max(1));
-        let up_to = [WIDTH, HEIGHT][side].min(sizes.most[side] as usize);
+        let up_to = wanted[side].min(sizes.most[side] as usize);
         let steps = up_to.saturating_sub(least as usize) / step as usize;
         least as usize + steps * step as usize
     })
@@ -127,35 +158,49 @@ fn all<T>(at: impl Fn(u32) -> io::Result<T>) -> impl Iterator<Item = T> {
     (0..MOST_LISTED).map_while(move |index| at(index).ok())
 }
 
+/// The formats of a device.
+pub(super) fn formats(device: &impl Device) -> Vec<FourCc> {
+    all(|index| device.format(index)).collect()
+}
+
 /// The best format and size of a device.
-pub(super) fn choose(device: &impl Device, node: &Path) -> Result<Choice, CameraError> {
-    let offered: Vec<FourCc> = all(|index| device.format(index)).collect();
-    let known = FORMATS.iter().filter(|known| offered.contains(&known.code));
+pub(super) fn choose(device: &impl Device, node: &Path, want: Want) -> Result<Choice, CameraError> {
+    let offered = formats(device);
+    let known = want
+        .formats
+        .iter()
+        .filter(|known| offered.contains(&known.code));
     let known: Vec<&PixelFormat> = known.collect();
     if known.is_empty() {
-        let names: Vec<String> = offered.into_iter().map(name).collect();
-        let names = match names.is_empty() {
+        let found = match offered.is_empty() {
             true => "no format".to_owned(),
-            false => format!("only {}", names.join(", ")),
+            false => format!("only {}", names(offered)),
         };
-        let known = FORMATS.each_ref().map(|known| name(known.code)).join(", ");
-        let found = format!("{names}, expected an uncompressed format ({known})");
-        return Err(CameraError::Format(node.to_owned(), found));
+        let known = names(want.formats.iter().map(|known| known.code));
+        return Err(CameraError::Format(node.to_owned(), found, known));
     }
+    let size = want.size.unwrap_or([WIDTH, HEIGHT]);
     let choices = known.iter().rev().flat_map(|&format| {
         let sizes: Vec<Sizes> = all(|index| device.sizes(format.code, index)).collect();
         // A driver that lists no sizes is asked for the one wanted.
-        let unlisted = sizes.is_empty().then_some([WIDTH, HEIGHT]);
-        let sizes = sizes.into_iter().map(nearest).chain(unlisted);
+        let unlisted = sizes.is_empty().then_some(size);
+        let sizes = sizes
+            .into_iter()
+            .map(move |sizes| nearest(size, sizes))
+            .chain(unlisted);
         sizes.map(move |size| Choice { format, size })
     });
-    let choices = choices.filter(|choice| choice.rank().is_some());
+    let choices = choices.filter(|choice| want.rank(choice).is_some());
     // Of equally good ones the last, which is the preferred format.
     let best = choices.max_by_key(Choice::rank);
-    best.ok_or_else(|| CameraError::Size(node.to_owned()))
+    let node = || node.to_owned();
+    best.ok_or_else(|| match want.size {
+        None => CameraError::Size(node()),
+        Some(size) => CameraError::OtherSize(node(), size),
+    })
 }
 
-/// Where luma is in a buffer, as the driver has answered.
+/// Where luma or depth is in a buffer, as the driver has answered.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     pub(super) choice: Choice,
@@ -165,11 +210,11 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Checks a driver's answer to `asked`; its size may differ.
+    /// Checks a driver's answer to `asked`; its size may differ if any will do.
     ///
     /// # Errors
     /// How the driver contradicts itself.
-    pub(super) fn new(asked: Choice, answer: Answer) -> Result<Self, &'static str> {
+    pub(super) fn new(want: Want, asked: Choice, answer: Answer) -> Result<Self, &'static str> {
         let format = asked.format;
         let choice = Choice {
             format,
@@ -180,14 +225,8 @@ impl Layout {
             0 => row,
             stride => stride,
         };
-        if answer.code != format.code {
-            return Err("sets another format than the one it offers");
-        }
-        if choice.rank().is_none() {
-            return Err("sets another size than those it offers");
-        }
-        if !answer.whole {
-            return Err("gives every second row only");
+        if answer.code != format.code || !answer.whole || want.rank(&choice).is_none() {
+            return Err("sets another format or size than those it offers");
         }
         if stride < row {
             return Err("states rows that are shorter than their pixels");
@@ -195,11 +234,11 @@ impl Layout {
         let rows = choice.size[1];
         let rows = rows + if format.has_planes { rows / 2 } else { 0 };
         // The last row needs no gap behind it.
-        let bytes = stride.checked_mul(rows - 1).map(|bytes| bytes + row);
+        let bytes = stride.saturating_mul(rows - 1).saturating_add(row);
         Ok(Self {
             choice,
             stride,
-            bytes: bytes.ok_or("states rows of an impossible length")?,
+            bytes,
         })
     }
 
@@ -209,13 +248,19 @@ impl Layout {
         let pixel = |col, row| u32::from(bytes[row * self.stride + first + col * step]);
         self.choice.reduction().average(luma, pixel);
     }
+
+    /// Depth of an image, likewise; 0 is none.
+    pub(super) fn depth(&self, bytes: &[u8], camera: &Camera, depth: &mut [u16; PIXELS]) {
+        let at = |col, row| row * self.stride + col * 2;
+        let raw = |col, row| u16::from_le_bytes([bytes[at(col, row)], bytes[at(col, row) + 1]]);
+        self.choice.reduction().pick(depth, camera, raw);
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::v4l2::scripted::{Script, size};
-    use mien_stages::base::geometry::Point;
 
     /// What is chosen of these formats, or the sentence.
     fn chosen(formats: &[(&FourCc, &[Sizes])]) -> String {
@@ -224,7 +269,7 @@ mod tests {
             formats: formats.collect(),
             ..Script::honest()
         };
-        match choose(&script, Path::new("/dev/video0")) {
+        match choose(&script, Path::new("/dev/video0"), Want::LUMA) {
             Ok(choice) => choice.to_string(),
             Err(problem) => problem.to_string(),
         }
@@ -303,7 +348,7 @@ mod tests {
             (b"GREY", &[10, 20, 30, 40]),
         ];
         for (code, pixels) in rows {
-            let format = FORMATS.iter().find(|known| known.code == *code).unwrap();
+            let format = LUMA.iter().find(|known| known.code == *code).unwrap();
             for (columns, rows, reduced) in [(640, 480, 1), (320, 240, 1), (1280, 960, 2)] {
                 let choice = Choice {
                     format,
@@ -317,7 +362,7 @@ mod tests {
                     stride: row.len() as u32,
                     whole: true,
                 };
-                let layout = Layout::new(choice, answer).unwrap();
+                let layout = Layout::new(Want::LUMA, choice, answer).unwrap();
                 let chroma = if format.has_planes { rows / 2 } else { 0 };
                 assert_eq!(layout.bytes, row.len() * (rows + chroma) - 32);
                 let mut bytes = row.repeat(rows);
@@ -343,12 +388,15 @@ mod tests {
             whole: true,
         };
         let asked = Choice::default();
-        assert_eq!(Layout::new(asked, honest).unwrap().bytes, 640 * 480 * 2);
+        assert_eq!(
+            Layout::new(Want::LUMA, asked, honest).unwrap().bytes,
+            640 * 480 * 2
+        );
         let another_size = Answer {
             size: [352, 288],
             ..honest
         };
-        let taken = Layout::new(asked, another_size).unwrap().choice;
+        let taken = Layout::new(Want::LUMA, asked, another_size).unwrap().choice;
         assert_eq!(taken.to_string(), "YUYV 352 x 288");
         for (answer, how) in [
             (
@@ -356,21 +404,21 @@ mod tests {
                     code: *b"MJPG",
                     ..honest
                 },
-                "sets another format than the one it offers",
+                "sets another format or size than those it offers",
             ),
             (
                 Answer {
                     size: [0, 0],
                     ..honest
                 },
-                "sets another size than those it offers",
+                "sets another format or size than those it offers",
             ),
             (
                 Answer {
                     size: [u32::MAX; 2],
                     ..honest
                 },
-                "sets another size than those it offers",
+                "sets another format or size than those it offers",
             ),
             (
                 Answer {
@@ -384,32 +432,10 @@ mod tests {
                     whole: false,
                     ..honest
                 },
-                "gives every second row only",
+                "sets another format or size than those it offers",
             ),
         ] {
-            assert_eq!(Layout::new(asked, answer).unwrap_err(), how);
+            assert_eq!(Layout::new(Want::LUMA, asked, answer).unwrap_err(), how);
         }
-    }
-
-    #[test]
-    fn the_assumed_lens_sees_60_degrees_across_4_3_and_more_at_the_sides_of_16_9() {
-        let right = |degrees: f32| Point::new(degrees.to_radians().tan(), 0.0, 1.0);
-        let camera = Choice::default().camera();
-        let [col, row] = camera.colour_pixel(&right(30.0));
-        assert!(
-            (col - 639.5).abs() < 1e-3 && (row - 239.5).abs() < 1e-3,
-            "{col} {row}"
-        );
-        let wide = Choice {
-            size: [1280, 720],
-            ..Choice::default()
-        };
-        // 480 of 640 columns are 60 degrees.
-        let [col, row] = wide.camera().colour_pixel(&right(30.0));
-        assert!(
-            (col - 559.5).abs() < 1e-3 && (row - 179.5).abs() < 1e-3,
-            "{col} {row}"
-        );
-        assert_eq!(wide.camera().depth_size(), [640, 360]);
     }
 }

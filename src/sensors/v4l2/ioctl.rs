@@ -14,6 +14,7 @@ use std::os::fd::AsRawFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
+use libc::{MAP_SHARED, PROT_READ, mmap};
 use nix::poll::{PollFd, PollFlags, poll};
 
 use super::device::{About, Answer, Device, Filled, FourCc, Sizes};
@@ -22,9 +23,8 @@ use mien_stages::base::capacity::CAMERA_BUFFERS;
 /// Images of one plane, and buffers that the driver allocates.
 const CAPTURE: u32 = 1;
 const MAPPED: u32 = 1;
-/// Bits of capabilities: images, streaming, and that they are told node by node.
+/// Bits of capabilities: images, and that they are told node by node.
 const CAP_CAPTURE: u32 = 1;
-const CAP_STREAMING: u32 = 0x0400_0000;
 const CAP_BY_NODE: u32 = 0x8000_0000;
 /// Values of a field: any, progressive, and three of interlaced rows in one image.
 const WHOLE_FIELDS: [u32; 5] = [0, 1, 4, 8, 9];
@@ -173,18 +173,9 @@ impl Node {
     fn map(&self, index: usize) -> io::Result<Mapping> {
         let found = self.call(&QUERY_BUFFER, buffer(index))?;
         let (length, offset) = (found.length as usize, found.offset as libc::off_t);
-        let (fd, shared) = (self.file.as_raw_fd(), libc::MAP_SHARED);
+        let (any, fd) = (core::ptr::null_mut(), self.file.as_raw_fd());
         // SAFETY: a new mapping at an address of the kernel's choice; the result is checked.
-        let start = unsafe {
-            libc::mmap(
-                core::ptr::null_mut(),
-                length,
-                libc::PROT_READ,
-                shared,
-                fd,
-                offset,
-            )
-        };
+        let start = unsafe { mmap(any, length, PROT_READ, MAP_SHARED, fd, offset) };
         match NonNull::new(start.cast()) {
             Some(first) if start != libc::MAP_FAILED => Ok(Mapping {
                 start: first,
@@ -203,8 +194,8 @@ impl Device for Node {
         Ok(About {
             driver: text(&found.driver),
             card: text(&found.card),
+            bus: text(&found.bus),
             captures: bits & CAP_CAPTURE != 0,
-            streams: bits & CAP_STREAMING != 0,
         })
     }
 
@@ -216,15 +207,14 @@ impl Device for Node {
     fn sizes(&self, code: FourCc, index: u32) -> io::Result<Sizes> {
         let set = |with: &mut SizeRow| (with.index, with.code) = (index, code);
         let SizeRow { kind, numbers, .. } = self.call(&LIST_SIZES, set)?;
-        let [least, most, step] = match (kind, numbers) {
-            (DISCRETE, [columns, rows, ..]) => [[columns, rows], [columns, rows], [1; 2]],
-            (_, [from_column, to_column, by_column, from_row, to_row, by_row]) => [
-                [from_column, from_row],
-                [to_column, to_row],
-                [by_column, by_row],
-            ],
-        };
-        Ok(Sizes { least, most, step })
+        Ok(match kind {
+            DISCRETE => Sizes::one([numbers[0], numbers[1]]),
+            _ => Sizes {
+                least: [numbers[0], numbers[3]],
+                most: [numbers[1], numbers[4]],
+                step: [numbers[2], numbers[5]],
+            },
+        })
     }
 
     fn check_free(&self) -> io::Result<()> {
@@ -260,15 +250,11 @@ impl Device for Node {
         }
         let kind = CAPTURE.cast_signed();
         // SAFETY: the request reads an integer through the pointer.
-        match unsafe { libc::ioctl(self.file.as_raw_fd(), START, &raw const kind) } {
-            0.. => Ok(self
-                .buffers
-                .iter()
-                .map(|buffer| buffer.length)
-                .min()
-                .unwrap_or(0)),
-            _ => Err(io::Error::last_os_error()),
+        if unsafe { libc::ioctl(self.file.as_raw_fd(), START, &raw const kind) } < 0 {
+            return Err(io::Error::last_os_error());
         }
+        let lengths = self.buffers.iter().map(|buffer| buffer.length);
+        Ok(lengths.min().unwrap_or(0))
     }
 
     fn wait(&self, wait: Duration) -> io::Result<bool> {
@@ -278,13 +264,10 @@ impl Device for Node {
             Ok(_) => {}
             Err(problem) => return Err(problem.into()),
         }
-        let is_filled = polled[0]
-            .revents()
-            .is_some_and(|events| events.contains(PollFlags::POLLIN));
-        // Anything else is the end of this stream; to wait again would return at once.
-        match is_filled {
-            true => Ok(true),
-            false => Err(io::Error::from_raw_os_error(libc::ENODEV)),
+        // Anything but an image is the end of this stream; to wait again would return at once.
+        match polled[0].revents() {
+            Some(events) if events.contains(PollFlags::POLLIN) => Ok(true),
+            _ => Err(io::Error::from_raw_os_error(libc::ENODEV)),
         }
     }
 

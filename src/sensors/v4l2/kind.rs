@@ -1,56 +1,123 @@
-//! Webcams as a kind of sensor.
+//! Webcams and depth cameras as kinds of sensors.
 
 use core::time::Duration;
 use std::path::Path;
+use std::sync::Once;
 
 use super::device::CameraError;
 use super::live::LiveCamera;
-use super::nodes::{self, Listed, is_meant};
-use crate::kinect::driver::Settings;
+use super::nodes::{self, is_meant};
+use crate::reduction::ASSUMED_VIEW_DEG;
+use crate::rgbd::calibration::{CALIBRATION_MAX, Calibration};
 use crate::sensor::{Found, Missing, Opened, SensorError, SensorKind};
+use mien_stages::base::bounded_read::{read_regular, reason};
 
 /// Longest wait for the first attempt to open a camera.
 const FIRST_ATTEMPT: Duration = Duration::from_secs(10);
 
+/// Which of the cameras.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Kind {
+    Webcam,
+    Depth,
+}
+
+impl Kind {
+    /// The name of its source.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Webcam => "camera",
+            Self::Depth => "depth-camera",
+        }
+    }
+
+    /// That there is none.
+    pub(super) const fn absent(self) -> CameraError {
+        match self {
+            Self::Webcam => CameraError::Absent,
+            Self::Depth => CameraError::NoDepth,
+        }
+    }
+}
+
 /// The row of webcams.
-pub(crate) const KIND: SensorKind = SensorKind {
-    name: "camera",
+pub(crate) const WEBCAM: SensorKind = SensorKind {
+    name: Kind::Webcam.name(),
     title: "camera",
-    open,
-    list: || found(&nodes::list()),
-    missing: |wanted, found| {
-        let meant = |found: &Found| is_meant(wanted, Path::new(&found.serial), &found.name);
-        let other = || CameraError::Other(wanted.to_owned(), found.len()).to_string();
-        (!found.iter().any(meant)).then(other)
-    },
+    open: |wanted, _| open(Kind::Webcam, wanted, ""),
+    list: || found(Kind::Webcam, nodes::list(Kind::Webcam)),
+    missing,
 };
 
-fn open(wanted: Option<&str>, _: Settings) -> Opened {
-    let wanted = wanted.map(str::to_owned);
-    let mut live = LiveCamera::new(move || nodes::open(wanted.as_deref()));
+/// The row of depth cameras.
+pub(crate) const DEPTH_CAMERA: SensorKind = SensorKind {
+    name: Kind::Depth.name(),
+    title: "depth camera",
+    open: |wanted, settings| open(Kind::Depth, wanted, &settings.calibration),
+    list: || found(Kind::Depth, nodes::list(Kind::Depth)),
+    missing,
+};
+
+/// `calibration`: path of the file, empty for none.
+fn open(kind: Kind, wanted: Option<&str>, calibration: &str) -> Opened {
+    let (wanted, calibration) = (wanted.map(str::to_owned), calibration.to_owned());
+    let open = move || {
+        let calibration = read(Path::new(&calibration))?;
+        let streams = nodes::open(kind, wanted.as_deref(), calibration.as_ref())?;
+        if kind == Kind::Depth && calibration.is_none() {
+            warn_of_assumed_lens();
+        }
+        Ok(streams)
+    };
+    let mut live = LiveCamera::new(kind == Kind::Depth, open);
     let problem = live.wait_for_first_attempt(FIRST_ATTEMPT);
     (Box::new(live), problem.map(SensorError::new))
 }
 
-fn found(listed: &[Listed]) -> Result<Vec<Found>, Missing> {
-    if listed.is_empty() {
-        return Err(Missing {
-            is_absent: true,
-            text: CameraError::Absent.to_string(),
-        });
-    }
-    let found = listed.iter().map(|camera| {
-        let node = camera.node.display();
-        let choice = camera.choice.map(|choice| format!(", {choice}"));
-        let (name, choice) = (camera.card.clone(), choice.unwrap_or_default());
-        Found {
-            line: format!("camera:{node} {name}{choice}"),
-            serial: node.to_string(),
-            name,
-            trouble: camera.trouble.as_ref().map(ToString::to_string),
-        }
+/// Warns once, not whenever the camera is plugged in.
+fn warn_of_assumed_lens() {
+    static WARNED: Once = Once::new();
+    WARNED.call_once(|| {
+        tracing::warn!("the depth camera has no calibration, so a field of view of {ASSUMED_VIEW_DEG} degrees and millimetres are assumed; write its numbers to a camera.json (docs/recordings.md) and its path to sensor.calibration for right distances");
     });
-    Ok(found.collect())
+}
+
+/// The calibration in a file; none for an empty path.
+fn read(path: &Path) -> Result<Option<Calibration>, CameraError> {
+    if path.as_os_str().is_empty() {
+        return Ok(None);
+    }
+    let fails = |why| CameraError::Calibration(path.to_owned(), why);
+    let bytes = read_regular(path, CALIBRATION_MAX).map_err(|problem| {
+        fails(format!(
+            "cannot be read ({}); correct sensor.calibration",
+            reason(problem)
+        ))
+    })?;
+    let calibration = Calibration::parse(&String::from_utf8_lossy(&bytes)).map_err(fails)?;
+    match calibration.depth {
+        Some(_) => Ok(Some(calibration)),
+        None => Err(fails(
+            "expected `depth`, found only `colour`; add the numbers of the depth camera".into(),
+        )),
+    }
+}
+
+fn found(kind: Kind, listed: Vec<Found>) -> Result<Vec<Found>, Missing> {
+    match listed.is_empty() {
+        true => Err(Missing {
+            is_absent: true,
+            text: kind.absent().to_string(),
+        }),
+        false => Ok(listed),
+    }
+}
+
+/// The sentence that none of the cameras found is the one wanted.
+fn missing(wanted: &str, found: &[Found]) -> Option<String> {
+    let meant = |found: &Found| is_meant(wanted, Path::new(&found.serial), &found.name);
+    let other = || CameraError::Other(wanted.to_owned(), found.len()).to_string();
+    (!found.iter().any(meant)).then(other)
 }
 
 #[cfg(test)]
@@ -58,41 +125,62 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_is_one_line_and_may_be_named_by_node_number_or_name() {
-        let listed = Listed {
-            node: "/dev/video2".into(),
-            card: "HD Webcam C525".into(),
-            choice: Some(super::super::format::Choice::default()),
+    fn a_camera_may_be_named_by_node_number_or_name() {
+        let listed = Found {
+            line: String::new(),
+            serial: "/dev/video2".into(),
+            name: "HD Webcam C525".into(),
             trouble: None,
         };
-        let Ok(found) = found(&[listed]) else {
+        let Ok(found) = found(Kind::Webcam, vec![listed]) else {
             panic!("one camera");
         };
-        assert_eq!(
-            found[0].line,
-            "camera:/dev/video2 HD Webcam C525, YUYV 640 x 480"
-        );
         for wanted in ["2", "/dev/video2", "webcam"] {
-            assert_eq!((KIND.missing)(wanted, &found), None, "{wanted}");
+            assert_eq!(missing(wanted, &found), None, "{wanted}");
         }
         assert_eq!(
-            (KIND.missing)("3", &found).as_deref(),
+            missing("3", &found).as_deref(),
             Some("no camera 3 among the 1 found; `mien devices` lists them")
         );
     }
 
     #[test]
     fn without_a_camera_the_remedy_is_named() {
-        let missing = found(&[]).err().expect("no camera");
-        assert!(missing.is_absent && missing.text.contains("modprobe uvcvideo"));
+        for (kind, remedy) in [(Kind::Webcam, "modprobe uvcvideo"), (Kind::Depth, "Z16")] {
+            let missing = found(kind, vec![]).err().expect("no camera");
+            assert!(
+                missing.is_absent && missing.text.contains(remedy),
+                "{}",
+                missing.text
+            );
+        }
+    }
+
+    #[test]
+    fn a_calibration_is_read_again_until_it_can_be_used() {
+        let folder = std::env::temp_dir();
+        let path = folder.join(format!("mien-calibration-{}.json", std::process::id()));
+        let problem = |path: &Path| read(path).err().expect("unusable").to_string();
+        let missing = problem(&path);
+        assert!(missing.contains("cannot be read") && missing.contains("sensor.calibration"));
+        let view = r#"{"width": 848, "height": 480, "fx": 424, "fy": 424, "cx": 423, "cy": 239}"#;
+        std::fs::write(&path, format!(r#"{{"colour": {view}}}"#)).unwrap();
+        assert!(problem(&path).contains("expected `depth`"));
+        std::fs::write(&path, format!(r#"{{"depth": {view}}}"#)).unwrap();
+        let calibration = read(&path).unwrap().expect("one");
+        assert!(!calibration.has_colour && calibration.colour.size() == [848, 480]);
+        std::fs::remove_file(&path).unwrap();
+        assert!(read(Path::new("")).unwrap().is_none());
     }
 
     /// Holds on any machine: whatever is or is not plugged in.
     #[test]
     fn a_camera_that_does_not_exist_is_waited_for() {
-        let (mut sensor, problem) = open(Some("no such name"), Settings::default());
-        let problem = problem.expect("no camera").to_string();
-        assert!(problem.starts_with("no camera"), "{problem}");
-        assert!(sensor.next_frame(&mut crate::Frame::default()).is_err());
+        for kind in [Kind::Webcam, Kind::Depth] {
+            let (mut sensor, problem) = open(kind, Some("no such name"), "");
+            let problem = problem.expect("no camera").to_string();
+            assert!(problem.starts_with("no "), "{problem}");
+            assert!(sensor.next_frame(&mut crate::Frame::default()).is_err());
+        }
     }
 }

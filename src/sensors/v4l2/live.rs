@@ -1,57 +1,60 @@
-//! A camera that may come and go ([`crate::live`]): its thread passes luma on through a bounded ring, in which new images replace old
+//! A camera that may come and go ([`crate::live`]): its thread passes images on through a bounded ring, in which new images replace old
 //! ones (counted), and reopens a camera that fell silent.
 //!
-//! Memory: luma of three images, 0.9 MB, allocated at the start; images are passed on by swapping buffers.
+//! Memory: three images, 0.9 MB, with depth 2.8 MB, allocated at the start; images are passed on by swapping buffers.
 
 use core::time::Duration;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Instant;
 
-use super::capture::{Capture, Taken};
+use super::capture::Taken;
 use super::device::{CameraError, Device};
-use super::format::Choice;
+use super::streams::{Geometry, Image, Streams};
 use crate::NO_DEPTH;
 use crate::camera::Camera;
 use crate::kinect::frame::FrameSink;
 use crate::live::{Live, Shared, Worker};
+use crate::rgbd::calibration::Calibration;
 use crate::sensor::{Sensor, SensorError, SensorState};
-use mien_stages::base::capacity::{PIXELS, WAITING_FRAMES as RING};
-use mien_stages::base::defaults;
+use mien_stages::base::capacity::{HEIGHT, WAITING_FRAMES as RING, WIDTH};
 use mien_stages::base::time::Timestamp;
 
 /// Longest wait for an image in the thread; also the delay of the end.
 const POLL: Duration = Duration::from_millis(50);
 /// Longest wait for an image in the main thread.
 const WAIT: Duration = Duration::from_millis(500);
+/// Frames in a row without luma that are reported, once: three seconds.
+const WITHOUT_LUMA: u32 = 90;
 /// Time without a whole image after which the camera is reopened; in the dark some give one a second.
 const SILENT: Duration = Duration::from_secs(3);
 /// Largest difference between the times that passed on the driver's clock and on ours from one image to the next.
 const CLOCK_TOLERANCE: Duration = Duration::from_millis(500);
 
-defaults! {
-    /// An image in the ring.
-    struct Image {
-        luma: Box<[u8; PIXELS]> = vec![0; PIXELS].try_into().expect("PIXELS long"),
-        /// Number of whole images before it.
-        number: u64 = 0,
-        /// Its time on the driver's clock.
-        taken: Option<Duration> = None,
-        /// When it was complete in this machine's memory.
-        arrived: Instant = Instant::now(),
-        choice: Choice = Choice::default(),
-    }
+struct Inner {
+    /// Images, oldest first.
+    ring: VecDeque<Image>,
+    free: Vec<Image>,
+    /// Why there are no images; `None` while streaming, and before the first attempt.
+    waiting_for: Option<CameraError>,
+    /// Of the camera last opened.
+    geometry: Option<Arc<Geometry>>,
+    damaged: u64,
+    overwritten: u64,
+    stop: bool,
+}
 
-    struct Inner {
-        /// Images, oldest first.
-        ring: VecDeque<Image> = VecDeque::with_capacity(RING),
-        free: Vec<Image> = (0..RING).map(|_| Image::default()).collect(),
-        /// Why there are no images; `None` while streaming, and before the first attempt.
-        waiting_for: Option<CameraError> = None,
-        /// Format of the camera last opened.
-        choice: Option<Choice> = None,
-        damaged: u64 = 0,
-        overwritten: u64 = 0,
-        stop: bool = false,
+impl Inner {
+    fn new(has_depth: bool) -> Self {
+        Self {
+            ring: VecDeque::with_capacity(RING),
+            free: (0..RING).map(|_| Image::new(has_depth)).collect(),
+            waiting_for: None,
+            geometry: None,
+            damaged: 0,
+            overwritten: 0,
+            stop: false,
+        }
     }
 }
 
@@ -65,7 +68,7 @@ impl Live for Inner {
     }
 
     fn was_opened(&self) -> bool {
-        self.choice.is_some()
+        self.geometry.is_some()
     }
 
     fn stop(&mut self) -> &mut bool {
@@ -101,46 +104,39 @@ pub(super) struct LiveCamera {
     worker: Worker<Inner>,
     clock: Clock,
     arrived: Option<Instant>,
-    /// Format of the last image, and the geometry that follows from it.
-    choice: Choice,
-    camera: Camera,
+    /// Of the last image; it changes when another camera is plugged in.
+    geometry: Arc<Geometry>,
 }
 
 impl LiveCamera {
     /// The camera opened by `open`, which is called until it succeeds and whenever the camera is lost. Returns at once.
+    /// `has_depth`: whether it is a depth camera.
     pub(super) fn new<D: Device>(
-        mut open: impl FnMut() -> Result<Capture<D>, CameraError> + Send + 'static,
+        has_depth: bool,
+        mut open: impl FnMut() -> Result<Streams<D>, CameraError> + Send + 'static,
     ) -> Self {
-        let (mut spare, mut number) = (Image::default(), 0);
-        let worker =
-            Worker::start(move |shared| deliver(shared, &open()?, &mut spare, &mut number));
+        let (mut spare, mut number) = (Image::new(has_depth), 0);
+        let worker = Worker::start(Inner::new(has_depth), move |shared| {
+            deliver(shared, &open()?, &mut spare, &mut number)
+        });
         Self {
             worker,
             clock: Clock::default(),
             arrived: None,
-            choice: Choice::default(),
-            camera: Choice::default().camera(),
+            geometry: Arc::new(Geometry::new(&Calibration::assumed(None, [WIDTH, HEIGHT]))),
         }
     }
 
     /// Waits for at most `wait` until a camera streams or the first attempt has failed: the reason.
     pub(super) fn wait_for_first_attempt(&mut self, wait: Duration) -> Option<CameraError> {
-        let attempted = |inner: &mut Inner| inner.choice.is_some() || inner.waiting_for.is_some();
+        let attempted = |inner: &mut Inner| inner.was_opened() || inner.waiting_for.is_some();
         let inner = self.worker.shared.wait(wait, attempted);
-        let (choice, problem) = (inner.choice, inner.waiting_for.clone());
-        drop(inner);
-        match choice {
-            Some(choice) => self.adopt(choice),
-            None => return Some(problem.unwrap_or(CameraError::Absent)),
-        }
+        let Some(geometry) = &inner.geometry else {
+            let problem = inner.waiting_for.clone();
+            return Some(problem.unwrap_or(CameraError::Late));
+        };
+        self.geometry = Arc::clone(geometry);
         None
-    }
-
-    /// Follows the format, which changes when another camera is plugged in.
-    fn adopt(&mut self, choice: Choice) {
-        if choice != self.choice {
-            (self.choice, self.camera) = (choice, choice.camera());
-        }
     }
 }
 
@@ -155,16 +151,23 @@ impl Sensor for LiveCamera {
             return Err(SensorError::new(problem));
         };
         let (frame, original) = into.parts();
-        core::mem::swap(&mut frame.luma, &mut image.luma);
-        let (number, taken, arrived, choice) =
-            (image.number, image.taken, image.arrived, image.choice);
+        match &mut image.depth {
+            Some(depth) => core::mem::swap(&mut frame.depth, depth),
+            None => frame.depth.fill(NO_DEPTH),
+        }
+        if image.has_luma {
+            core::mem::swap(&mut frame.luma, &mut image.luma);
+            frame.has_colour = true;
+        } else {
+            frame.drop_colour();
+        }
+        (frame.index, self.arrived) = (image.number, Some(image.arrived));
+        frame.at = self.clock.stamp(image.taken, image.arrived);
+        if let Some(geometry) = image.geometry.take() {
+            self.geometry = geometry;
+        }
         inner.free.push(image);
         drop(inner);
-        self.adopt(choice);
-        self.arrived = Some(arrived);
-        frame.depth.fill(NO_DEPTH);
-        frame.has_colour = true;
-        (frame.index, frame.at) = (number, self.clock.stamp(taken, arrived));
         if let Some(original) = original {
             original.set_grey(frame);
         }
@@ -172,7 +175,7 @@ impl Sensor for LiveCamera {
     }
 
     fn camera(&self) -> &Camera {
-        &self.camera
+        &self.geometry.camera
     }
 
     fn state(&self) -> SensorState {
@@ -180,28 +183,28 @@ impl Sensor for LiveCamera {
             is_live: true,
             arrived: self.arrived,
             skipped: self.worker.shared.lock().damaged,
-            reduced: [1, self.choice.reduced()],
+            reduced: self.geometry.reduced,
             ..SensorState::default()
         }
     }
 
     fn luma_size(&self) -> [usize; 2] {
-        self.choice.frame_size()
+        self.geometry.luma_size
     }
 }
 
 /// Passes images on until asked to stop (`Ok`) or the camera fails. `number` counts whole images of all openings.
 fn deliver<D: Device>(
     shared: &Shared<Inner>,
-    capture: &Capture<D>,
+    streams: &Streams<D>,
     spare: &mut Image,
     number: &mut u64,
 ) -> Result<(), CameraError> {
-    shared.lock().choice = Some(capture.choice());
+    shared.lock().geometry = Some(Arc::clone(&streams.geometry));
     shared.notify();
-    let (mut last, mut damaged) = (Instant::now(), 0_u64);
+    let (mut last, mut damaged, mut without_luma) = (Instant::now(), 0_u64, 0_u32);
     loop {
-        let taken = capture.take(POLL, &mut spare.luma);
+        let taken = streams.take(POLL, spare);
         let mut inner = shared.lock();
         if inner.stop {
             let (delivered, overwritten) = (*number, inner.overwritten);
@@ -215,8 +218,18 @@ fn deliver<D: Device>(
             Taken::Whole(taken) => {
                 last = Instant::now();
                 (spare.number, spare.taken, spare.arrived) = (*number, taken, last);
-                spare.choice = capture.choice();
+                spare.geometry = Some(Arc::clone(&streams.geometry));
                 *number += 1;
+                without_luma = if spare.has_luma {
+                    0
+                } else {
+                    without_luma.saturating_add(1)
+                };
+                if without_luma == WITHOUT_LUMA {
+                    tracing::warn!(
+                        "the camera gives depth without images of the same time: heads are followed, faces are not; unplug it and plug it in again"
+                    );
+                }
                 inner.waiting_for = None;
                 push(&mut inner, spare);
                 shared.notify();
@@ -229,22 +242,25 @@ fn deliver<D: Device>(
         }
         drop(inner);
         if last.elapsed() > SILENT {
-            return Err(CameraError::Silent(capture.node().to_owned(), damaged));
+            return Err(CameraError::Silent(
+                streams.frames.node().to_owned(),
+                damaged,
+            ));
         }
     }
 }
 
 /// Swaps an image into the ring, replacing the oldest if full.
 fn push(inner: &mut Inner, image: &mut Image) {
-    let full = inner.free.is_empty();
-    let place = if full {
-        inner.ring.pop_front()
-    } else {
-        inner.free.pop()
-    };
-    inner.overwritten += u64::from(full);
-    if let Some(mut place) = place {
+    let free = inner.free.pop();
+    inner.overwritten += u64::from(free.is_none());
+    if let Some(mut place) = free.or_else(|| inner.ring.pop_front()) {
         core::mem::swap(&mut place, image);
+        // Luma that belongs to a later depth picture stays.
+        image.held = place.held.take();
+        if image.held.is_some() {
+            core::mem::swap(&mut place.luma, &mut image.luma);
+        }
         inner.ring.push_back(place);
     }
 }
@@ -253,13 +269,16 @@ fn push(inner: &mut Inner, image: &mut Image) {
 mod tests {
     use super::*;
     use crate::Frame;
+    use crate::v4l2::capture::Capture;
+    use crate::v4l2::format::Want;
     use crate::v4l2::scripted::{Script, whole};
+    use mien_stages::base::geometry::Point;
     use std::path::Path;
 
     /// Starts scripted cameras one after the other; a camera is not there for as many attempts as its number says.
     fn camera(scripts: Vec<(usize, Script)>) -> LiveCamera {
         let mut scripts = VecDeque::from(scripts);
-        LiveCamera::new(move || {
+        LiveCamera::new(false, move || {
             let Some((absent, script)) = scripts.front_mut() else {
                 return Err(CameraError::Absent);
             };
@@ -269,7 +288,8 @@ mod tests {
             }
             let script = script.clone();
             scripts.pop_front();
-            Capture::start(script, Path::new("/dev/video0"), "card")
+            let capture = Capture::start(script, Path::new("/dev/video0"), "card", Want::LUMA)?;
+            Ok(Streams::new(capture, None, None))
         })
     }
 
@@ -341,6 +361,39 @@ mod tests {
     }
 
     #[test]
+    fn a_depth_camera_gives_both_and_what_has_no_luma_is_a_frame_without_colour() {
+        let depth = Script::of(b"Z16 ", 900_u16.to_le_bytes().repeat(640 * 480));
+        let luma = Script::of(b"GREY", vec![70; 640 * 480 * 2]);
+        let at = |ms: u64| Ok(whole(0, ms * 1000));
+        luma.then([at(1000), at(1066)]);
+        depth.then([at(1000), at(1033), at(1066), Err(libc::ENODEV)]);
+        let scripts = [(depth, Want::DEPTH), (luma, Want::INFRARED)];
+        let mut scripts = Some(scripts);
+        let mut live = LiveCamera::new(true, move || {
+            let scripts = scripts.take().ok_or(CameraError::NoDepth)?;
+            let [depth, luma] = scripts.map(|(script, want)| {
+                Capture::start(script, Path::new("/dev/video0"), "card", want)
+            });
+            Ok(Streams::new(depth?, Some(luma?), None))
+        });
+        // The ring holds two of them.
+        let mut frame = Frame::default();
+        let mut seen = Vec::new();
+        while live.next_frame(&mut frame).is_ok() {
+            let luma = if frame.has_colour { 70 } else { 0 };
+            assert!(frame.luma.iter().all(|&value| value == luma));
+            assert!(frame.depth.iter().all(|&raw| raw == 900));
+            seen.push((frame.index, frame.has_colour));
+        }
+        assert!(seen.ends_with(&[(1, false), (2, true)]), "{seen:?}");
+        let problem = live
+            .next_frame(&mut frame)
+            .expect_err("unplugged")
+            .to_string();
+        assert!(problem.contains("no depth camera") || problem.contains("unplugged"));
+    }
+
+    #[test]
     fn a_slow_consumer_loses_the_oldest_images() {
         let script = Script::honest();
         script.then((0..5).map(|number| Ok(whole(number % 4, number as u64))));
@@ -392,5 +445,24 @@ mod tests {
             let at = clock.stamp(taken.map(ms), start + ms(arrived));
             assert_eq!(at.as_us(), expected_us);
         }
+    }
+
+    #[test]
+    fn the_assumed_lens_sees_60_degrees_across_4_3_and_more_at_the_sides_of_16_9() {
+        let right = |degrees: f32| Point::new(degrees.to_radians().tan(), 0.0, 1.0);
+        let camera = |size| Geometry::new(&Calibration::assumed(None, size)).camera;
+        let [col, row] = camera([640, 480]).colour_pixel(&right(30.0));
+        assert!(
+            (col - 639.5).abs() < 1e-3 && (row - 239.5).abs() < 1e-3,
+            "{col} {row}"
+        );
+        let wide = camera([1280, 720]);
+        // 480 of 640 columns are 60 degrees.
+        let [col, row] = wide.colour_pixel(&right(30.0));
+        assert!(
+            (col - 559.5).abs() < 1e-3 && (row - 179.5).abs() < 1e-3,
+            "{col} {row}"
+        );
+        assert_eq!(wide.depth_size(), [640, 360]);
     }
 }

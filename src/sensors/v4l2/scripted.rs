@@ -30,11 +30,7 @@ pub(super) struct Script {
 
 /// One size.
 pub(super) fn size(columns: u32, rows: u32) -> Sizes {
-    Sizes {
-        least: [columns, rows],
-        most: [columns, rows],
-        step: [1; 2],
-    }
+    Sizes::one([columns, rows])
 }
 
 /// A whole image of 640 × 480 in YUYV, taken at a time in microseconds.
@@ -48,6 +44,15 @@ pub(super) fn whole(index: usize, us: u64) -> Filled {
 }
 
 impl Script {
+    /// A node of a depth camera with a format of 640 × 480.
+    pub(super) fn of(code: &FourCc, content: Vec<u8>) -> Self {
+        let mut script = Self::honest();
+        script.about.card = "Depth Camera 435".into();
+        script.formats = vec![(*code, vec![size(640, 480)])];
+        script.content = content;
+        script
+    }
+
     /// A camera of 640 × 480 in YUYV, whose images have luma 0, 1, 2… from the left.
     pub(super) fn honest() -> Self {
         let row = (0..640).flat_map(|col| [(col % 256) as u8, 128]);
@@ -56,8 +61,8 @@ impl Script {
             about: About {
                 driver: "uvcvideo".into(),
                 card: "HD Webcam C525".into(),
+                bus: "usb-0000:00:14.0-1".into(),
                 captures: true,
-                streams: true,
             },
             formats: vec![
                 (*b"MJPG", vec![size(640, 480)]),

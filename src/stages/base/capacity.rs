@@ -57,7 +57,7 @@ pub const RANGE_NODES: usize = 64;
 pub const GESTURES: usize = 16;
 /// Most frames waiting for the stages, including the one being unpacked: bridges a delay of 66 ms.
 pub const WAITING_FRAMES: usize = 2;
-/// Buffers that a webcam's driver fills in turn: one being filled, one being read, two for a delay of 66 ms.
+/// Buffers that a camera's driver fills in turn: one being filled, one being read, two for a delay of 66 ms.
 pub const CAMERA_BUFFERS: usize = 4;
 /// USB transfers per stream, in flight or completed and not yet taken: 32 ms.
 pub const TRANSFERS: usize = 16;

@@ -434,7 +434,7 @@ impl Args {
             Feed::Sensor(name) => {
                 let settings = service::settings(self.config.as_deref())?;
                 let model = service::model(self.model.as_deref())?;
-                let (source, _) = source::open(name, false, settings.sensor.device)?;
+                let (source, _) = source::open(name, false, &settings.sensor.device)?;
                 let mut source = upright(source, settings.sensor.turned);
                 let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
                 Box::new(move || {
