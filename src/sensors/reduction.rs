@@ -1,4 +1,4 @@
-//! Pictures larger than a frame, reduced by a whole factor.
+//! Reduction of images larger than a frame by an integer factor.
 
 use core::ops::RangeInclusive;
 
@@ -6,13 +6,14 @@ use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use mien_stages::camera::{Camera, Pinhole};
 use mien_stages::frame::NO_DEPTH;
 
-/// Width and height of pictures that are read, pixels.
+/// Widths and heights of images that can be read, pixels.
 pub(super) const SIZES: RangeInclusive<usize> = 64..=8192;
-/// Assumed field of view along the longer side of a picture of 4:3 whose camera is unknown, degrees: webcams and telephones see about
-/// 50 to 70. Wider formats of the same lens have the same height and see more at the sides.
+/// Assumed field of view along the longer side of a 4:3 image whose camera is unknown, degrees: webcams and phones have about 50 to 70.
+/// A wider format is taken to have the same field of view along the shorter side and more along the longer one.
 pub(super) const ASSUMED_VIEW_DEG: f32 = 60.0;
 
-/// The view of an unknown camera by the size of its pictures: focal length by the shorter side, axis in the middle.
+/// Assumed intrinsics of an unknown camera for images of `size`: the focal length follows from the shorter side, the principal point
+/// is in the middle.
 pub(super) fn assumed_view(size: [usize; 2]) -> Pinhole {
     let across = size[0].min(size[1]) as f32 * 4.0 / 3.0;
     let focal = across * 0.5 / (ASSUMED_VIEW_DEG * 0.5).to_radians().tan();
@@ -23,12 +24,12 @@ pub(super) fn assumed_view(size: [usize; 2]) -> Pinhole {
     }
 }
 
-/// How pictures of a size become those of a frame.
+/// How images of a given size are reduced to a frame.
 #[derive(Clone, Copy)]
 pub(super) struct Reduction {
-    /// Columns and rows of the file.
+    /// Columns and rows of the image.
     pub(super) size: [usize; 2],
-    /// File pixels per frame pixel, along each side.
+    /// Image pixels per frame pixel, along each side.
     pub(super) factor: usize,
 }
 
@@ -43,7 +44,7 @@ impl Reduction {
         self.size.map(|pixels| pixels / self.factor)
     }
 
-    /// Fills `luma` with means of blocks; the border is repeated beyond them. `pixel`: brightness at a column and row of the file, 0…255.
+    /// Fills `luma` with means of blocks and pads it with border pixels. `pixel`: grey level at a column and row of the image, 0…255.
     pub(super) fn average(&self, luma: &mut [u8; PIXELS], pixel: impl Fn(usize, usize) -> u32) {
         let ([columns, rows], factor) = (self.frame_size(), self.factor);
         for row in 0..rows {
@@ -64,8 +65,8 @@ impl Reduction {
         }
     }
 
-    /// Fills `depth` with one pixel of each block, near its middle, so that edges are not blurred; the rest, and what `camera` has no
-    /// distance for, is [`NO_DEPTH`]. `raw`: value at a column and row of the file.
+    /// Fills `depth` with one pixel of each block, near its middle, so that edges are not blurred. Pixels beyond the blocks, and those for
+    /// which `camera` has no distance, are [`NO_DEPTH`]. `raw`: value at a column and row of the image.
     pub(super) fn pick(
         &self,
         depth: &mut [u16; PIXELS],
@@ -85,17 +86,17 @@ impl Reduction {
         }
     }
 
-    /// The view of pictures reduced by picking one pixel of each block, near its middle.
+    /// The intrinsics after picking one pixel of each block, near its middle.
     pub(super) fn picked(&self, view: Pinhole) -> Pinhole {
         self.reduced(view, (self.factor / 2) as f32)
     }
 
-    /// The view of pictures reduced by averaging each block.
+    /// The intrinsics after averaging each block.
     pub(super) fn averaged(&self, view: Pinhole) -> Pinhole {
         self.reduced(view, (self.factor - 1) as f32 * 0.5)
     }
 
-    /// `within`: position of a reduced pixel's centre in its block, file pixels.
+    /// The intrinsics of the reduced image; `within`: position of a reduced pixel's centre in its block, image pixels.
     fn reduced(&self, view: Pinhole, within: f32) -> Pinhole {
         let factor = self.factor as f32;
         Pinhole {
@@ -114,7 +115,7 @@ mod tests {
         for (size, reduced, focal) in [
             ([1280, 960], [640, 480], 320.0 * 3f32.sqrt()),
             ([1280, 720], [640, 360], 240.0 * 3f32.sqrt()),
-            // A telephone held upright.
+            // A phone held upright.
             ([720, 1280], [240, 426], 160.0 * 3f32.sqrt()),
         ] {
             let reduction = Reduction::new(size);
@@ -133,7 +134,7 @@ mod tests {
         let mut depth = crate::Frame::default().depth;
         depth.fill(700);
         reduction.pick(&mut depth, &camera, |col, row| match (col, row) {
-            // Nothing, and what is nearer than any camera measures.
+            // No depth, and a distance shorter than any camera measures.
             (1, 1) => 0,
             (3, 1) => 200,
             _ => (1000 + col + row) as u16,

@@ -4,14 +4,14 @@
 //! ffmpeg -i film.mp4 -pix_fmt gray -f yuv4mpegpipe - | mien run --source -
 //! ```
 //!
-//! Format: yuv4mpeg(5) of MJPEG tools. A line `YUV4MPEG2 W640 H480 F30:1 C420jpeg`, then for every frame a line that begins with `FRAME`
-//! and its planes, luma first, of 8 bits; chroma is skipped. Interlacing, pixel aspect and comments are ignored. Pictures larger than a
-//! frame are reduced by a whole factor, averaged. The camera is unknown: [`assumed_view`].
+//! Format: yuv4mpeg(5) of mjpegtools. A line `YUV4MPEG2 W640 H480 F30:1 C420jpeg`, then for every frame a line that begins with `FRAME`
+//! and its 8-bit planes, luma first; chroma is skipped. Interlacing, pixel aspect and comments are ignored. Images larger than a frame are
+//! averaged down by an integer factor. The camera is unknown; [`assumed_view`] replaces its intrinsics.
 //!
-//! Reading waits for at most half a second, then reports a stall, and goes on later where it stopped: a pipe that delivers nothing must
-//! not keep a run from ending. Memory: a picture's luma, a line and 64 KiB, allocated after the header. Degenerate: a frame that the
-//! stream ends in is skipped; after anything but a frame nothing more is found, and the stream ends. Limitation: limited range of luma
-//! (16 to 235) is not stretched.
+//! A read waits at most half a second, then reports a stall; the next one goes on where it stopped. So a pipe that delivers nothing cannot
+//! keep a run from ending. Memory: the luma of one image, a line and 64 KiB, allocated after the header. Degenerate cases: an incomplete
+//! last frame is skipped; the stream ends at data that is not a frame, because the next frame cannot be found. Limitation: limited-range
+//! luma (16 to 235) is not stretched.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
@@ -30,11 +30,11 @@ use crate::sensor::{Sensor, SensorError, SensorState};
 use mien_stages::base::bounded_read::{self, reason};
 use mien_stages::base::time::Timestamp;
 
-/// Longest line, bytes: headers of ffmpeg have a hundred.
+/// Longest line, bytes; headers of ffmpeg have about a hundred.
 const LINE_MAX: usize = 1024;
 /// Longest wait for a frame.
 const WAIT: Duration = Duration::from_millis(500);
-/// Bytes read at a time: what a pipe holds.
+/// Bytes read at a time: the capacity of a pipe.
 const BUFFER: usize = 1 << 16;
 /// First word of a stream.
 const MAGIC: &str = "YUV4MPEG2";
@@ -52,7 +52,7 @@ const ADVICE: &str = "write one with ffmpeg -i FILM -pix_fmt gray -f yuv4mpegpip
 )]
 struct Stalled;
 
-/// What the first line says.
+/// The content of the first line.
 #[derive(Debug, PartialEq)]
 struct Header {
     size: [usize; 2],
@@ -135,7 +135,7 @@ impl Header {
     }
 }
 
-/// A file or pipe whose reads fail with [`ErrorKind::TimedOut`] at a point in time.
+/// A file or pipe whose reads fail with [`ErrorKind::TimedOut`] once a given time has passed.
 struct Timed {
     file: File,
     until: Instant,
@@ -145,7 +145,7 @@ impl Read for Timed {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let left = self.until.saturating_duration_since(Instant::now());
         let mut polled = [PollFd::new(self.file.as_raw_fd(), PollFlags::POLLIN)];
-        // A signal ends the wait early, so that the caller looks at it. Files are always ready.
+        // A signal ends the wait early, so that the caller can react to it. Files are always ready.
         match poll(&mut polled, left.as_millis() as i32) {
             Ok(1..) => self.file.read(into),
             _ => Err(ErrorKind::TimedOut.into()),
@@ -160,7 +160,7 @@ impl Seek for Timed {
 }
 
 fn is_stall(problem: &io::Error) -> bool {
-    // Another program that shares a pipe may have made it non-blocking.
+    // Another program that shares the pipe may have made it non-blocking.
     let kinds = [
         ErrorKind::TimedOut,
         ErrorKind::WouldBlock,
@@ -169,7 +169,7 @@ fn is_stall(problem: &io::Error) -> bool {
     kinds.contains(&problem.kind())
 }
 
-/// A film being played.
+/// A film that is being played.
 pub struct Y4m {
     /// Its name in messages.
     name: PathBuf,
@@ -180,7 +180,7 @@ pub struct Y4m {
     /// The line being read.
     line: Vec<u8>,
     luma: Vec<u8>,
-    /// Bytes read of the frame after its line; `None` before the line is complete.
+    /// Number of bytes read of the frame after its line; `None` until the line is complete.
     done: Option<usize>,
     /// Number of the next frame.
     next: u64,
@@ -188,7 +188,7 @@ pub struct Y4m {
     /// Whether the present stall has been logged.
     stall_logged: bool,
     ended: bool,
-    /// Number of frames of a file, and where the first one begins and the distance to the next, bytes.
+    /// Number of frames of a file; the offset of the first one and the distance to the next, bytes.
     frames: usize,
     layout: [u64; 2],
 }
@@ -210,7 +210,7 @@ impl Y4m {
         let length = file.metadata().map_err(problem)?.len();
         let mut film = Self::new(file, path)?;
         let first = film.stream.stream_position().map_err(problem)?;
-        // Lines of frames may have parameters, the same for all.
+        // The line of a frame may have parameters, which are taken to be the same in all frames.
         let ahead = film.stream.fill_buf().map_err(problem)?;
         let line = ahead.iter().position(|byte| *byte == b'\n');
         let line = line.map_or(FRAME.len() + 1, |at| at + 1);
@@ -242,7 +242,7 @@ impl Y4m {
         let until = Instant::now() + WAIT;
         let mut stream = BufReader::with_capacity(BUFFER, Timed { file, until });
         let mut line = Vec::with_capacity(LINE_MAX);
-        // Signals are not caught yet: the wait may last.
+        // Signals still end the program here, so the wait needs no limit.
         while let Err(problem) = read_line(&mut stream, &mut line) {
             if !is_stall(&problem) {
                 return Err(fails(format!(
@@ -317,7 +317,7 @@ impl Y4m {
     }
 }
 
-/// Reads on to the end of a line, of the stream or of the room in `line`, which keeps what was read before an error.
+/// Reads on to the end of the line or the stream, or until `line` has [`LINE_MAX`] bytes; `line` keeps what was read before an error.
 fn read_line(stream: &mut BufReader<Timed>, line: &mut Vec<u8>) -> io::Result<()> {
     let room = (LINE_MAX - line.len()) as u64;
     stream.take(room).read_until(b'\n', line).map(drop)
@@ -378,7 +378,7 @@ impl Sensor for Y4m {
 
     fn seek(&mut self, number: usize) {
         let ([first, every], number) = (self.layout, number.min(self.frames) as u64);
-        // A pipe cannot go back.
+        // A pipe cannot seek.
         if self.frames > 0 {
             let sought = self.stream.seek(SeekFrom::Start(first + number * every));
             (self.next, self.done, self.ended) = (number, None, sought.is_err());
@@ -526,7 +526,7 @@ mod tests {
         let (film, mut writer) = piped(SMALL);
         let (mut film, mut read) = (film.unwrap(), Frame::default());
         let whole = grey(90);
-        // In the line, and in the pixels.
+        // The stall is in the line, then in the pixels.
         for part in [&whole[..3], &whole[3..2000]] {
             writer.write_all(part).unwrap();
             let began = Instant::now();
@@ -538,7 +538,7 @@ mod tests {
         writer.write_all(&whole[2000..]).unwrap();
         assert!(film.next_frame(&mut read).unwrap());
         assert_eq!((read.index, read.luma[63 * WIDTH + 63]), (0, 90));
-        // The stream ends in a frame.
+        // The stream ends within a frame.
         writer.write_all(&whole[..4000]).unwrap();
         drop(writer);
         for _ in 0..2 {

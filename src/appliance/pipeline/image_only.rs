@@ -1,9 +1,9 @@
-//! People in frames without depth: the image alone gives position, rotation and expression of a face.
+//! People in frames without depth: position, rotation and expression of a face come from the image alone.
 //!
-//! A known face is fitted where its motion leads. A new one is searched for in the whole image, a part of it a frame
-//! ([`FaceSearch`]); the landmark fit confirms a candidate, and a face becomes a user once it was followed for [`CONFIRMED_FRAMES`].
-//! Distance comes from the size of a face: the size that depth has shown of this person, or else that of the mean face, which is
-//! wrong by up to a tenth. A person who returns is recognised by their position only, because a head has no shape without depth.
+//! A known face is fitted at its predicted pose. New faces are searched for in the whole image, one part of its pyramid per frame
+//! ([`FaceSearch`]); the landmark fit confirms a candidate, and a face becomes a user once it has been tracked for [`CONFIRMED_FRAMES`].
+//! Distance comes from the size of a face: the size that depth has measured for this person, or else that of the mean face, which is
+//! wrong by up to a tenth. A person who returns is recognised by position only, because head shape is measured with depth.
 
 use super::follower::Follower;
 use super::people::{CANDIDATE, People};
@@ -15,25 +15,26 @@ use mien_stages::landmarks::face_search::FaceSearch;
 use mien_stages::segment::PixelRect;
 use mien_stages::users::TrackingState;
 
-/// Consecutive frames in which a new face is followed before it becomes a user: most false faces are gone by then.
+/// Consecutive frames in which a new face is tracked before it becomes a user: most false detections are rejected by then.
 const CONFIRMED_FRAMES: u64 = 3;
-/// Least confidence of a new face in each of them: of 385 portraits all but two have more, of as many upside-down or negative ones none.
+/// Least confidence of a new face in each of them, 0 to 1. All but two of 385 portraits exceed it; upside down or
+/// as negatives none does.
 const NEW_CONFIDENCE: f32 = 0.9;
-/// Interval of the search while somebody is tracked, in frames.
+/// Interval between searches while somebody is tracked, frames.
 const SEARCH_STEP: u64 = 3;
-/// Rotations about the vertical at which a candidate is tried, radians.
+/// Yaw angles at which a candidate is tried, radians.
 const YAWS_RAD: [f32; 3] = [0.0, 0.4, -0.4];
-/// Half the width of the part of the depth image that shows the middle of a face, metres.
+/// Half the side of the square in the middle of a face that is checked for depth, metres.
 const BLIND_M: f32 = 0.06;
-/// Share of its pixels up to which depth shows nothing of the face.
+/// Largest share of its pixels with depth, 0 to 1, at which the face counts as having no depth.
 const BLIND_SHARE: f32 = 0.1;
-/// Distance from a lost user's last position within which a new face is theirs, metres.
+/// Largest distance from a lost user's last position at which a new face is taken for that user, metres.
 const SAME_PERSON_M: f32 = 0.3;
-/// Distance of two faces across the line of sight within which they are the same, metres at the nearer one.
+/// Largest distance across the line of sight at which two faces count as one, metres at the nearer face.
 const SAME_FACE_M: f32 = 0.08;
 
 impl Follower {
-    /// Runs the stages on the image alone, where the face is expected. Returns whether it is there.
+    /// Runs the stages on the image alone at the expected pose. Returns whether the face is found there.
     pub(super) fn follow_in_image(&mut self, context: &mut FrameContext<'_>) -> bool {
         self.person.head_box = None;
         let (frame, camera) = (context.frame, context.camera);
@@ -65,7 +66,7 @@ impl Follower {
         true
     }
 
-    /// The same in a frame with depth, for a known face of which depth shows nothing: it is too near, or in the sun.
+    /// Does the same in a frame with depth, for a known face without depth pixels because it is too near or in sunlight.
     pub(super) fn follow_beside_depth(&mut self, context: &mut FrameContext<'_>) -> bool {
         let (frame, camera) = (context.frame, context.camera);
         let is_blind = || {
@@ -88,14 +89,14 @@ impl Follower {
             && self.follow_in_image(context)
     }
 
-    /// Whether a face at this position, sensor frame, metres, is this person's.
+    /// Whether this person's position is within `reach_m` of `place`; sensor frame, metres.
     fn is_at(&self, place: &Vector, reach_m: f32) -> bool {
         let position = self.person.position.as_ref();
         position.is_some_and(|position| (position.centre().coords - place).norm() < reach_m)
     }
 }
 
-/// Box of the pixels within an image of `size` (columns, rows).
+/// Bounding box of the pixels, clipped to an image of `size` (columns, rows).
 fn bounds(pixels: &[[f32; 2]; LANDMARKS], size: [usize; 2]) -> PixelRect {
     let along = |axis: usize| {
         let values = pixels.iter().map(|pixel| pixel[axis]);
@@ -158,7 +159,7 @@ impl People {
         }
         let candidates = search.search(&context.frame.luma);
         (context.stage_done)(Stage::Segment);
-        // A face agrees with the template far better than anything else: the best candidate is tried.
+        // A face agrees with the template far better than anything else, so only the best new candidate is tried.
         let places = candidates.iter().map(|found| {
             let camera = context.camera;
             camera
@@ -183,7 +184,7 @@ impl People {
         starts.follow_in_image(context);
     }
 
-    /// The pose of the face near this position, sensor frame, metres, if the landmark fit confirms it and it is nobody's.
+    /// The pose of the face near this position (sensor frame, metres), if the landmark fit confirms it and it is not tracked yet.
     fn confirmed(&self, context: &mut FrameContext<'_>, place: Vector) -> Option<SensorFromFace> {
         let (luma, camera) = (&context.frame.luma, context.camera);
         let stage = &self.followers[CANDIDATE].landmarks;
@@ -203,7 +204,7 @@ impl People {
         users.filter(|user| user.is_taken() && user.person.head_box.is_some())
     }
 
-    /// Whether the face at this position, sensor frame, metres, is tracked.
+    /// Whether the face at this position (sensor frame, metres) is tracked.
     fn is_tracked(&self, place: &Vector) -> bool {
         let mut faces = self.seen_users().filter_map(|user| user.person.position);
         faces.any(|face| {
@@ -213,7 +214,7 @@ impl People {
         })
     }
 
-    /// Gives the candidate a free slot, or that of the user lost for longest.
+    /// Gives the candidate a free slot, or else the slot of the user who has been lost for longest.
     fn admit_face(&mut self) {
         let most = self.settings.most as usize;
         let free = self.memory.slot_for_newcomer(&self.free_slots());
@@ -240,7 +241,7 @@ mod tests {
     /// A frame's result: the pose of the only user's face, if it is tracked, and the truth.
     type Seen = (Option<Rigid>, Rigid);
 
-    /// Plays a seated person; `change` is applied to each frame, of which it gets the number and the true pose.
+    /// Simulates a seated person; `change` is applied to each frame and gets the frame's number and true pose.
     fn play(count: usize, mut change: impl FnMut(usize, &mut Frame, &Rigid)) -> Vec<Seen> {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
         let camera = sensor.camera().clone();
@@ -276,7 +277,7 @@ mod tests {
         assert!(first.is_some_and(|first| first <= 10), "{first:?}");
         let followed = seen[10..].iter();
         let followed = followed.map(|(pose, truth)| (pose.expect("a face"), truth));
-        // The face's axes are not exactly the truth's; its distance is that of a face of mean size.
+        // The axes of the face differ slightly from those of the truth; its distance assumes a face of mean size.
         let mut usual: Option<Rotation> = None;
         let mut sizes = Vec::new();
         for (pose, truth) in followed {
@@ -312,7 +313,7 @@ mod tests {
         });
         let [turn, shift] = largest_step(&seen[30..]);
         assert!(turn < 0.04 && shift < 0.012, "{turn} rad, {shift} m");
-        // Depth has shown the size of the face.
+        // Depth has measured the size of the face.
         for (pose, truth) in &seen[60..120] {
             let ratio = distance_m(&pose.expect("a face")) / distance_m(truth);
             assert!((ratio - 1.0).abs() < 0.03, "{ratio}");

@@ -1,4 +1,4 @@
-//! A [`Device`] that streams: its format chosen and checked, its images taken one by one.
+//! A [`Device`] that streams: chooses and checks its format, and takes its images one by one.
 
 use core::time::Duration;
 use std::io::ErrorKind;
@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use super::device::{CameraError, Device, Filled};
 use super::format::{Choice, Layout, Want, choose};
 
-/// Frames a second asked for.
+/// Requested frame rate, frames per second.
 const RATE: u32 = 30;
-/// Rate below which quick expressions are missed.
+/// Frame rate below which quick expressions are missed, frames per second.
 const SLOW: f32 = 20.0;
 
 /// A streaming camera.
@@ -20,19 +20,19 @@ pub(super) struct Capture<D> {
     period: Duration,
 }
 
-/// What came of waiting for an image.
+/// Result of waiting for an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Taken {
-    /// None came.
+    /// No image came.
     Nothing,
-    /// A damaged one, which was skipped.
+    /// A damaged image came and was skipped.
     Damaged,
-    /// A whole one, with its time on the monotonic clock if the driver tells it.
+    /// A whole image came, with its time on the monotonic clock if the driver reports it.
     Whole(Option<Duration>),
 }
 
 impl<D: Device> Capture<D> {
-    /// Starts a device of this node and name.
+    /// Starts the device of this node and name.
     pub(super) fn start(
         mut device: D,
         node: &Path,
@@ -45,7 +45,7 @@ impl<D: Device> Capture<D> {
         let answer = device.set_format(asked.format.code, size).map_err(at)?;
         let lies = |how| CameraError::Lies(node.to_owned(), how);
         let layout = Layout::new(want, asked, answer).map_err(lies)?;
-        // Not every driver knows rates.
+        // Not every driver supports frame rates.
         let rate = device
             .set_rate(RATE)
             .ok()
@@ -77,7 +77,7 @@ impl<D: Device> Capture<D> {
         self.layout.choice
     }
 
-    /// Time from one image to the next; assumed if the driver does not tell.
+    /// Time from one image to the next; assumed if the driver does not report it.
     pub(super) fn period(&self) -> Duration {
         self.period
     }
@@ -87,7 +87,7 @@ impl<D: Device> Capture<D> {
         &self.node
     }
 
-    /// Waits at most `wait` for an image, and lets `read` have its bytes if it is whole.
+    /// Waits at most `wait` for an image, and calls `read` with its bytes if it is whole.
     pub(super) fn take(
         &self,
         wait: Duration,
@@ -107,8 +107,8 @@ impl<D: Device> Capture<D> {
             filled => filled.map_err(at)?,
         };
         let bytes = self.device.bytes(index);
-        // An image that is too short has lost packets, so that rows are not where they should be; one that is longer than its
-        // buffer is none.
+        // An image that is too short has lost packets, so its rows are displaced; one that claims to be longer than its buffer is
+        // invalid.
         let whole = bytes
             .get(..used)
             .filter(|bytes| bytes.len() >= self.layout.bytes);

@@ -1,6 +1,6 @@
-//! The interface below the camera's driver: what Video4Linux2 can be asked, and why there are no images.
+//! The interface to a Video4Linux2 device, and the reasons why a camera gives no images.
 //!
-//! [`Device`] has two implementations: the kernel's (`ioctl`) and, in tests, a scripted one that lies, breaks and goes away.
+//! [`Device`] has two implementations: the kernel's (`ioctl`) and, in tests, a scripted one that gives wrong answers, fails and disappears.
 
 use core::time::Duration;
 use std::io;
@@ -11,20 +11,20 @@ use mien_stages::base::bounded_read::reason;
 /// Code of a pixel format, four characters.
 pub(super) type FourCc = [u8; 4];
 
-/// What a device says about itself.
+/// What a device reports about itself.
 #[derive(Clone, Debug, Default)]
 pub(super) struct About {
     /// Name of its driver.
     pub(super) driver: String,
     /// Its name.
     pub(super) card: String,
-    /// Where the device is plugged in: the same for all nodes of one.
+    /// Where the device is plugged in; the same for all nodes of a device.
     pub(super) bus: String,
-    /// Whether this node gives images; others give metadata, or take images.
+    /// Whether this node gives images; other nodes give metadata or accept images.
     pub(super) captures: bool,
 }
 
-/// Sizes of images that a device offers: `least`, and steps from there up to `most`; columns and rows.
+/// Image sizes that a device offers, from `least` to `most` in steps of `step`; columns and rows, pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sizes {
     pub(super) least: [u32; 2],
@@ -49,7 +49,7 @@ pub(super) struct Answer {
     pub(super) size: [u32; 2],
     /// Bytes from one row to the next; 0 if rows have no gaps.
     pub(super) stride: u32,
-    /// Whether an image has all rows of one moment or of two; not every second row.
+    /// Whether an image has all its rows, progressive or interlaced, and not only every second one.
     pub(super) whole: bool,
 }
 
@@ -57,9 +57,9 @@ pub(super) struct Answer {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Filled {
     pub(super) index: usize,
-    /// Number of its bytes that are the image's.
+    /// Number of bytes that the image fills.
     pub(super) used: usize,
-    /// Whether the driver says that they are damaged.
+    /// Whether the driver marks them as damaged.
     pub(super) is_damaged: bool,
     /// Capture time on the monotonic clock; `None` if the driver uses another.
     pub(super) taken: Option<Duration>,
@@ -72,12 +72,12 @@ pub(super) trait Device {
     fn format(&self, index: u32) -> io::Result<FourCc>;
     /// The sizes of a format with this index; an error after the last.
     fn sizes(&self, code: FourCc, index: u32) -> io::Result<Sizes>;
-    /// Whether it can be used, which changes nothing.
+    /// Fails if another program uses the device; changes nothing.
     fn check_free(&self) -> io::Result<()>;
     fn set_format(&self, code: FourCc, size: [u32; 2]) -> io::Result<Answer>;
-    /// Asks for frames a second; returns how many there will be.
+    /// Requests a frame rate; returns the one that the driver set, frames per second.
     fn set_rate(&self, per_s: u32) -> io::Result<f32>;
-    /// Maps and queues the buffers and starts the stream; returns the bytes of the smallest buffer.
+    /// Maps and queues the buffers and starts the stream; returns the size of the smallest buffer, bytes.
     fn start(&mut self) -> io::Result<usize>;
     /// Waits for a filled buffer; `false` if there is none.
     fn wait(&self, wait: Duration) -> io::Result<bool>;
@@ -102,7 +102,7 @@ pub(super) enum CameraError {
         "no depth camera (none of /dev/video* that can be opened gives Z16); plug one in that the driver uvcvideo knows"
     )]
     NoDepth,
-    /// The calibration cannot be used: file, and why.
+    /// The calibration cannot be used: file and reason.
     #[error("{}: {why}", .0.display(), why = .1)]
     Calibration(PathBuf, String),
     /// No camera has this name; number of cameras found.
@@ -116,7 +116,7 @@ pub(super) enum CameraError {
     /// Another program streams from it.
     #[error("the camera {} is in use; stop the other program that reads it", .0.display())]
     Busy(PathBuf),
-    /// It has no known format: what it has, and what is known.
+    /// It has no supported format: its formats, and the supported ones.
     #[error(
         "the camera {} gives {found}, expected an uncompressed format ({known}); use another camera", .0.display(), found = .1, known = .2
     )]
@@ -134,10 +134,10 @@ pub(super) enum CameraError {
     /// The driver contradicts itself.
     #[error("the driver of the camera {} {how}; update the kernel or use another camera", .0.display(), how = .1)]
     Lies(PathBuf, &'static str),
-    /// None for half a second, from a camera that streams.
+    /// A camera that streams gave no image for half a second.
     #[error("the camera gave no image for half a second; it is starting, or needs more light")]
     Late,
-    /// No whole image for a time: number of damaged ones.
+    /// No whole image for three seconds: number of damaged ones.
     #[error(
         "the camera {} gave no whole image for three seconds ({damaged} damaged ones); plug it into a port of the computer itself", .0.display(), damaged = .1
     )]
@@ -145,13 +145,13 @@ pub(super) enum CameraError {
     /// It is gone.
     #[error("the camera {} was unplugged; plug it in again", .0.display())]
     Gone(PathBuf),
-    /// Another error of the kernel.
+    /// Any other error from the kernel.
     #[error("the camera {} fails ({why}); unplug it and plug it in again", .0.display(), why = .1)]
     Failed(PathBuf, String),
 }
 
 impl CameraError {
-    /// The kernel's error at a node.
+    /// The error that the kernel returned for a node.
     pub(super) fn at(node: &Path, problem: &io::Error) -> Self {
         let node = node.to_owned();
         match problem.raw_os_error() {

@@ -1,6 +1,6 @@
-//! Pixel formats, the choice of a format and size, and images to luma or depth.
+//! Pixel formats, the choice of a format and size, and the conversion of images to luma or depth.
 //!
-//! Of images only luma is read. What is larger than a frame is reduced by a whole factor: luma is averaged, depth picked.
+//! Chroma is not read. Images larger than a frame are reduced by an integer factor: luma is averaged, depth is subsampled.
 
 use core::cmp::Reverse;
 use std::io;
@@ -11,11 +11,11 @@ use crate::camera::Camera;
 use crate::reduction::Reduction;
 use mien_stages::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
-/// Smallest frame in which a face can be followed, columns and rows.
+/// Smallest frame in which a face can be tracked, columns and rows.
 const SMALLEST: [usize; 2] = [320, 240];
-/// Most image pixels to one of the frame along each side.
+/// Largest reduction: image pixels per frame pixel along each side.
 const MOST_REDUCED: usize = 4;
-/// Most formats, and sizes of each, that are asked for: a driver need not come to an end.
+/// Maximum number of formats, and of sizes of each, that are listed: a faulty driver's list may not end.
 const MOST_LISTED: u32 = 64;
 
 /// A format whose luma or depth is read in place.
@@ -38,7 +38,7 @@ const fn format(code: &FourCc, first: usize, step: usize, has_planes: bool) -> P
     }
 }
 
-/// Known formats of images, preferred ones first: what webcams send themselves before what a driver converts to.
+/// Supported image formats, preferred ones first: native formats of webcams come before those that a driver converts to.
 static LUMA: [PixelFormat; 6] = [
     format(b"YUYV", 0, 2, false),
     format(b"UYVY", 1, 2, false),
@@ -48,10 +48,10 @@ static LUMA: [PixelFormat; 6] = [
     format(b"GREY", 0, 1, false),
 ];
 
-/// Depth of 16 bits, little endian.
+/// 16-bit depth, little endian.
 static DEPTH: [PixelFormat; 1] = [format(b"Z16 ", 0, 2, false)];
 
-/// What is wanted of a device: one of these formats, preferred ones first, and the only size that will do, if any.
+/// What is required of a device: one of these formats, preferred ones first, and a size, unless any size will do.
 #[derive(Clone, Copy)]
 pub(super) struct Want {
     formats: &'static [PixelFormat],
@@ -67,7 +67,7 @@ impl Want {
     }
 
     pub(super) const LUMA: Self = Self::any_size(&LUMA);
-    /// What a depth camera sees besides depth, through the same lens.
+    /// Infrared images of a depth camera, from the same viewpoint as its depth.
     pub(super) const INFRARED: Self = Self::any_size(LUMA.split_at(5).1);
     pub(super) const DEPTH: Self = Self::any_size(&DEPTH);
 
@@ -96,7 +96,7 @@ fn names(codes: impl IntoIterator<Item = FourCc>) -> String {
     names.join(", ")
 }
 
-/// A format and a size of it.
+/// A format and one of its sizes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Choice {
     pub(super) format: &'static PixelFormat,
@@ -126,7 +126,7 @@ impl Choice {
         *self.format == DEPTH[0]
     }
 
-    /// Greater is better: not reduced, then large in the frame, then little reduced; `None` if it cannot be used.
+    /// Greater is better. Unreduced sizes come first, then larger frames, then smaller reductions; `None` if the size cannot be used.
     fn rank(&self) -> Option<(bool, usize, Reverse<usize>)> {
         let (reduced, [columns, rows]) = (self.reduction().factor, self.reduction().frame_size());
         let is_usable = columns >= SMALLEST[0] && rows >= SMALLEST[1] && reduced <= MOST_REDUCED;
@@ -143,7 +143,7 @@ impl Default for Choice {
     }
 }
 
-/// The size nearest to the one wanted within what is offered.
+/// The largest offered size that is not larger than the one wanted, or else the smallest offered.
 fn nearest(wanted: [usize; 2], sizes: Sizes) -> [usize; 2] {
     [0, 1].map(|side| {
         let (least, step) = (sizes.least[side], sizes.step[side].max(1));
@@ -153,7 +153,7 @@ fn nearest(wanted: [usize; 2], sizes: Sizes) -> [usize; 2] {
     })
 }
 
-/// What is listed by index, until an error.
+/// Lists items by index, until an error.
 fn all<T>(at: impl Fn(u32) -> io::Result<T>) -> impl Iterator<Item = T> {
     (0..MOST_LISTED).map_while(move |index| at(index).ok())
 }
@@ -191,7 +191,7 @@ pub(super) fn choose(device: &impl Device, node: &Path, want: Want) -> Result<Ch
         sizes.map(move |size| Choice { format, size })
     });
     let choices = choices.filter(|choice| want.rank(choice).is_some());
-    // Of equally good ones the last, which is the preferred format.
+    // Among equal ones the last is taken, which has the preferred format.
     let best = choices.max_by_key(Choice::rank);
     let node = || node.to_owned();
     best.ok_or_else(|| match want.size {
@@ -200,7 +200,7 @@ pub(super) fn choose(device: &impl Device, node: &Path, want: Want) -> Result<Ch
     })
 }
 
-/// Where luma or depth is in a buffer, as the driver has answered.
+/// Where luma or depth lies in a buffer, according to the driver's answer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     pub(super) choice: Choice,
@@ -210,10 +210,10 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Checks a driver's answer to `asked`; its size may differ if any will do.
+    /// Checks a driver's answer to `asked`; the size may differ if any will do.
     ///
     /// # Errors
-    /// How the driver contradicts itself.
+    /// A sentence that says how the driver contradicts itself.
     pub(super) fn new(want: Want, asked: Choice, answer: Answer) -> Result<Self, &'static str> {
         let format = asked.format;
         let choice = Choice {
@@ -233,7 +233,7 @@ impl Layout {
         }
         let rows = choice.size[1];
         let rows = rows + if format.has_planes { rows / 2 } else { 0 };
-        // The last row needs no gap behind it.
+        // The last row needs no padding.
         let bytes = stride.saturating_mul(rows - 1).saturating_add(row);
         Ok(Self {
             choice,
@@ -242,14 +242,14 @@ impl Layout {
         })
     }
 
-    /// Luma of an image, which has [`Self::bytes`] bytes or more; the border is repeated beyond its size.
+    /// Reads luma from an image of at least [`Self::bytes`] bytes; the rest of a larger frame repeats the image's border.
     pub(super) fn luma(&self, bytes: &[u8], luma: &mut [u8; PIXELS]) {
         let PixelFormat { first, step, .. } = *self.choice.format;
         let pixel = |col, row| u32::from(bytes[row * self.stride + first + col * step]);
         self.choice.reduction().average(luma, pixel);
     }
 
-    /// Depth of an image, likewise; 0 is none.
+    /// Reads depth from an image of at least [`Self::bytes`] bytes; 0 means no depth.
     pub(super) fn depth(&self, bytes: &[u8], camera: &Camera, depth: &mut [u16; PIXELS]) {
         let at = |col, row| row * self.stride + col * 2;
         let raw = |col, row| u16::from_le_bytes([bytes[at(col, row)], bytes[at(col, row) + 1]]);
@@ -262,7 +262,7 @@ mod tests {
     use super::*;
     use crate::v4l2::scripted::{Script, size};
 
-    /// What is chosen of these formats, or the sentence.
+    /// The choice from these formats, or the error message.
     fn chosen(formats: &[(&FourCc, &[Sizes])]) -> String {
         let formats = formats.iter().map(|(code, sizes)| (**code, sizes.to_vec()));
         let script = Script {

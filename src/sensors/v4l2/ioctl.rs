@@ -1,6 +1,6 @@
-//! [`Device`] by the kernel: structures and requests of `linux/videodev2.h`, and buffers that driver and program share.
+//! [`Device`] on the kernel's interface: structures and requests of `linux/videodev2.h`, and buffers that driver and program share.
 //!
-//! Memory: four buffers of an image, the driver's, mapped read-only. The type is neither `Send` nor `Sync`.
+//! Memory: four image buffers that the driver owns, mapped read-only. The type is neither `Send` nor `Sync`.
 #![expect(
     unsafe_code,
     reason = "Video4Linux2 has ioctl and mmap as its only interface"
@@ -20,17 +20,17 @@ use nix::poll::{PollFd, PollFlags, poll};
 use super::device::{About, Answer, Device, Filled, FourCc, Sizes};
 use mien_stages::base::capacity::CAMERA_BUFFERS;
 
-/// Images of one plane, and buffers that the driver allocates.
+/// Buffer type: single-planar images; memory type: buffers that the driver allocates.
 const CAPTURE: u32 = 1;
 const MAPPED: u32 = 1;
-/// Bits of capabilities: images, and that they are told node by node.
+/// Capability bits: the node captures images; capabilities are reported per node.
 const CAP_CAPTURE: u32 = 1;
 const CAP_BY_NODE: u32 = 0x8000_0000;
-/// Values of a field: any, progressive, and three of interlaced rows in one image.
+/// Field orders that give whole images: any, progressive, and three interlaced ones.
 const WHOLE_FIELDS: [u32; 5] = [0, 1, 4, 8, 9];
-/// A list of sizes has discrete ones.
+/// The list has discrete sizes.
 const DISCRETE: u32 = 1;
-/// Flags of a buffer: damaged; the clock of its time, and the monotonic one.
+/// Buffer flags: damaged; the mask of the time's clock; the monotonic clock.
 const DAMAGED: u32 = 0x40;
 const CLOCK: u32 = 0xe000;
 const MONOTONIC: u32 = 0x2000;
@@ -54,7 +54,7 @@ macro_rules! plain {
     )*};
 }
 
-/// What fills the gap before an aligned union.
+/// Padding before an aligned union.
 #[cfg(target_pointer_width = "64")]
 type Gap = u32;
 #[cfg(not(target_pointer_width = "64"))]
@@ -80,7 +80,7 @@ plain! {
     }
 }
 
-/// A request by its number, with the structure that it takes.
+/// Number of a request, and the type of its structure.
 struct Request<T>(libc::Ioctl, core::marker::PhantomData<T>);
 
 impl<T: Plain> Request<T> {
@@ -108,10 +108,10 @@ const QUEUE: Request<Buffer> = Request::both(15);
 const TAKE: Request<Buffer> = Request::both(17);
 const SET_PARAMETERS: Request<Parameters> = Request::both(22);
 const LIST_SIZES: Request<SizeRow> = Request::both(74);
-/// Takes the kind of stream.
+/// Starts streaming; the argument is the buffer type.
 const START: libc::Ioctl = libc::_IOW::<libc::c_int>(b'V' as u32, 18);
 
-/// A buffer of the driver, mapped.
+/// A mapped buffer of the driver.
 struct Mapping {
     start: NonNull<u8>,
     length: usize,
@@ -135,13 +135,13 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes.unwrap_or_default()).into_owned()
 }
 
-/// A buffer of this index, as requests take it.
+/// Sets the fields of a request that name the buffer with this index.
 fn buffer(index: usize) -> impl FnOnce(&mut Buffer) {
     move |with| (with.index, with.kind, with.memory) = (index as u32, CAPTURE, MAPPED)
 }
 
 impl Node {
-    /// Opens a node, which does not block.
+    /// Opens a node in non-blocking mode.
     pub(super) fn open(path: &Path) -> io::Result<Self> {
         let mut options = File::options();
         let options = options.read(true).write(true);
@@ -152,7 +152,7 @@ impl Node {
         })
     }
 
-    /// Makes a request with what `set` sets, and zeros; returns what the kernel wrote.
+    /// Makes a request with a structure that is zero except for what `set` changes; returns what the kernel wrote.
     fn call<T: Plain>(&self, request: &Request<T>, set: impl FnOnce(&mut T)) -> io::Result<T> {
         let mut with = T::default();
         set(&mut with);
@@ -218,7 +218,7 @@ impl Device for Node {
     }
 
     fn check_free(&self) -> io::Result<()> {
-        // To free the buffers that this handle does not have fails if another handle has some.
+        // Freeing buffers changes nothing, because this handle has none, but fails if another handle has some.
         self.request_buffers(0).map(drop)
     }
 
@@ -264,7 +264,7 @@ impl Device for Node {
             Ok(_) => {}
             Err(problem) => return Err(problem.into()),
         }
-        // Anything but an image is the end of this stream; to wait again would return at once.
+        // Any other event ends the stream; another wait would return at once.
         match polled[0].revents() {
             Some(events) if events.contains(PollFlags::POLLIN) => Ok(true),
             _ => Err(io::Error::from_raw_os_error(libc::ENODEV)),
@@ -288,7 +288,7 @@ impl Device for Node {
     fn bytes(&self, index: usize) -> &[u8] {
         self.buffers.get(index).map_or(&[], |buffer| {
             // SAFETY: mapped for reading with this length until the node is dropped. The driver does not write to a buffer
-            // between `take` and `queue`; if it did, pixels would be of another image, and no value of a byte is invalid.
+            // between `take` and `queue`; if it did, pixels of another image would be read, and every value of a byte is valid.
             unsafe { core::slice::from_raw_parts(buffer.start.as_ptr(), buffer.length) }
         })
     }
@@ -302,7 +302,7 @@ impl Device for Node {
 mod tests {
     use super::*;
 
-    /// The sizes of a C compiler for x86-64, which are those of every 64-bit processor, as numbers of requests tell them.
+    /// Request numbers contain the sizes of the structures; these are from a C compiler for x86-64 and hold for every 64-bit processor.
     #[test]
     #[cfg(all(
         target_pointer_width = "64",

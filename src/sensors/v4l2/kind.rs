@@ -15,7 +15,7 @@ use mien_stages::base::bounded_read::{read_regular, reason};
 /// Longest wait for the first attempt to open a camera.
 const FIRST_ATTEMPT: Duration = Duration::from_secs(10);
 
-/// Which of the cameras.
+/// Kind of camera.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Kind {
     Webcam,
@@ -31,7 +31,7 @@ impl Kind {
         }
     }
 
-    /// That there is none.
+    /// The error if there is no such camera.
     pub(super) const fn absent(self) -> CameraError {
         match self {
             Self::Webcam => CameraError::Absent,
@@ -40,7 +40,7 @@ impl Kind {
     }
 }
 
-/// The row of webcams.
+/// The table entry of webcams.
 pub(crate) const WEBCAM: SensorKind = SensorKind {
     name: Kind::Webcam.name(),
     title: "camera",
@@ -49,7 +49,7 @@ pub(crate) const WEBCAM: SensorKind = SensorKind {
     missing,
 };
 
-/// The row of depth cameras.
+/// The table entry of depth cameras.
 pub(crate) const DEPTH_CAMERA: SensorKind = SensorKind {
     name: Kind::Depth.name(),
     title: "depth camera",
@@ -58,7 +58,7 @@ pub(crate) const DEPTH_CAMERA: SensorKind = SensorKind {
     missing,
 };
 
-/// `calibration`: path of the file, empty for none.
+/// Opens a camera; `calibration`: path of the file, empty for none.
 fn open(kind: Kind, wanted: Option<&str>, calibration: &str) -> Opened {
     let (wanted, calibration) = (wanted.map(str::to_owned), calibration.to_owned());
     let open = move || {
@@ -74,7 +74,7 @@ fn open(kind: Kind, wanted: Option<&str>, calibration: &str) -> Opened {
     (Box::new(live), problem.map(SensorError::new))
 }
 
-/// Warns once, not whenever the camera is plugged in.
+/// Warns only once, not each time that the camera is plugged in.
 fn warn_of_assumed_lens() {
     static WARNED: Once = Once::new();
     WARNED.call_once(|| {
@@ -113,7 +113,7 @@ fn found(kind: Kind, listed: Vec<Found>) -> Result<Vec<Found>, Missing> {
     }
 }
 
-/// The sentence that none of the cameras found is the one wanted.
+/// The message that none of the cameras found is the one wanted; `None` if one is.
 fn missing(wanted: &str, found: &[Found]) -> Option<String> {
     let meant = |found: &Found| is_meant(wanted, Path::new(&found.serial), &found.name);
     let other = || CameraError::Other(wanted.to_owned(), found.len()).to_string();
@@ -173,7 +173,7 @@ mod tests {
         assert!(read(Path::new("")).unwrap().is_none());
     }
 
-    /// Holds on any machine: whatever is or is not plugged in.
+    /// This holds on any machine, whatever is plugged in.
     #[test]
     fn a_camera_that_does_not_exist_is_waited_for() {
         for kind in [Kind::Webcam, Kind::Depth] {

@@ -1,7 +1,7 @@
-//! A camera that may come and go ([`crate::live`]): its thread passes images on through a bounded ring, in which new images replace old
-//! ones (counted), and reopens a camera that fell silent.
+//! A camera that may come and go ([`crate::live`]): its thread passes images on through a bounded ring, in which new images overwrite
+//! old ones (counted), and reopens a camera that stopped giving images.
 //!
-//! Memory: three images, 0.9 MB, with depth 2.8 MB, allocated at the start; images are passed on by swapping buffers.
+//! Memory: three images, 0.9 MB (2.8 MB with depth), allocated at the start; images are passed on by swapping buffers.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -20,15 +20,15 @@ use crate::sensor::{Sensor, SensorError, SensorState};
 use mien_stages::base::capacity::{HEIGHT, WAITING_FRAMES as RING, WIDTH};
 use mien_stages::base::time::Timestamp;
 
-/// Longest wait for an image in the thread; also the delay of the end.
+/// Longest wait for an image in the thread; a request to stop is noticed after at most this time.
 const POLL: Duration = Duration::from_millis(50);
 /// Longest wait for an image in the main thread.
 const WAIT: Duration = Duration::from_millis(500);
-/// Frames in a row without luma that are reported, once: three seconds.
+/// Consecutive frames without luma after which a warning is logged once; three seconds at 30 frames per second.
 const WITHOUT_LUMA: u32 = 90;
-/// Time without a whole image after which the camera is reopened; in the dark some give one a second.
+/// Time without a whole image after which the camera is reopened; in the dark some cameras give one image per second.
 const SILENT: Duration = Duration::from_secs(3);
-/// Largest difference between the times that passed on the driver's clock and on ours from one image to the next.
+/// Largest difference between the driver's clock and ours in the time from one image to the next.
 const CLOCK_TOLERANCE: Duration = Duration::from_millis(500);
 
 struct Inner {
@@ -37,7 +37,7 @@ struct Inner {
     free: Vec<Image>,
     /// Why there are no images; `None` while streaming, and before the first attempt.
     waiting_for: Option<CameraError>,
-    /// Of the camera last opened.
+    /// Geometry of the camera last opened.
     geometry: Option<Arc<Geometry>>,
     damaged: u64,
     overwritten: u64,
@@ -76,7 +76,7 @@ impl Live for Inner {
     }
 }
 
-/// Time since the first image, by the driver's clock as far as it is plausible.
+/// Time since the first image, by the driver's clock where it is plausible, else by ours.
 #[derive(Default)]
 struct Clock {
     last: Option<(Option<Duration>, Instant)>,
@@ -84,7 +84,7 @@ struct Clock {
 }
 
 impl Clock {
-    /// Time of the image `taken` on the driver's clock, if it has one, and `arrived` on ours. Times rise.
+    /// Time of the image that was `taken` on the driver's clock, if that is known, and `arrived` on ours. Times increase strictly.
     fn stamp(&mut self, taken: Option<Duration>, arrived: Instant) -> Timestamp {
         if let Some((last, last_arrived)) = self.last.replace((taken, arrived)) {
             let passed = arrived.saturating_duration_since(last_arrived);
@@ -104,12 +104,12 @@ pub(super) struct LiveCamera {
     worker: Worker<Inner>,
     clock: Clock,
     arrived: Option<Instant>,
-    /// Of the last image; it changes when another camera is plugged in.
+    /// Geometry of the last image; it changes when another camera is plugged in.
     geometry: Arc<Geometry>,
 }
 
 impl LiveCamera {
-    /// The camera opened by `open`, which is called until it succeeds and whenever the camera is lost. Returns at once.
+    /// Starts a thread that calls `open` until it succeeds, and again whenever the camera is lost. Returns at once.
     /// `has_depth`: whether it is a depth camera.
     pub(super) fn new<D: Device>(
         has_depth: bool,
@@ -127,7 +127,7 @@ impl LiveCamera {
         }
     }
 
-    /// Waits for at most `wait` until a camera streams or the first attempt has failed: the reason.
+    /// Waits at most `wait` until a camera streams or the first attempt has failed; returns the reason for a failure.
     pub(super) fn wait_for_first_attempt(&mut self, wait: Duration) -> Option<CameraError> {
         let attempted = |inner: &mut Inner| inner.was_opened() || inner.waiting_for.is_some();
         let inner = self.worker.shared.wait(wait, attempted);
@@ -193,7 +193,7 @@ impl Sensor for LiveCamera {
     }
 }
 
-/// Passes images on until asked to stop (`Ok`) or the camera fails. `number` counts whole images of all openings.
+/// Passes images on until asked to stop (`Ok`) or the camera fails. `number` counts whole images over all times that a camera was opened.
 fn deliver<D: Device>(
     shared: &Shared<Inner>,
     streams: &Streams<D>,
@@ -250,13 +250,13 @@ fn deliver<D: Device>(
     }
 }
 
-/// Swaps an image into the ring, replacing the oldest if full.
+/// Swaps an image into the ring; if the ring is full, it overwrites the oldest.
 fn push(inner: &mut Inner, image: &mut Image) {
     let free = inner.free.pop();
     inner.overwritten += u64::from(free.is_none());
     if let Some(mut place) = free.or_else(|| inner.ring.pop_front()) {
         core::mem::swap(&mut place, image);
-        // Luma that belongs to a later depth picture stays.
+        // Luma that belongs to a later depth map stays.
         image.held = place.held.take();
         if image.held.is_some() {
             core::mem::swap(&mut place.luma, &mut image.luma);
@@ -275,7 +275,7 @@ mod tests {
     use mien_stages::base::geometry::Point;
     use std::path::Path;
 
-    /// Starts scripted cameras one after the other; a camera is not there for as many attempts as its number says.
+    /// Starts scripted cameras one after the other; the number says how many attempts to open the camera fail first.
     fn camera(scripts: Vec<(usize, Script)>) -> LiveCamera {
         let mut scripts = VecDeque::from(scripts);
         LiveCamera::new(false, move || {
@@ -338,7 +338,7 @@ mod tests {
             Err(libc::ENODEV),
         ]);
         second.formats = vec![(*b"GREY", vec![crate::v4l2::scripted::size(320, 240)])];
-        // Its driver counts from another moment.
+        // The clock of its driver has another origin.
         second.then([Ok(whole(0, 17))]);
         let mut live = camera(vec![(0, first), (1, second)]);
         let mut frame = Frame::default();
@@ -457,7 +457,7 @@ mod tests {
             "{col} {row}"
         );
         let wide = camera([1280, 720]);
-        // 480 of 640 columns are 60 degrees.
+        // 480 of the 640 columns span 60 degrees.
         let [col, row] = wide.colour_pixel(&right(30.0));
         assert!(
             (col - 559.5).abs() < 1e-3 && (row - 179.5).abs() < 1e-3,

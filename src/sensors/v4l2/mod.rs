@@ -1,19 +1,19 @@
-//! Cameras through Video4Linux2: webcams, which give grey images without depth, and depth cameras, which give both from two nodes of
+//! Cameras through Video4Linux2: webcams, which give grey images without depth, and depth cameras, which give both, from two nodes of
 //! one device.
 //!
 //! ```text
 //! ioctl     the kernel's calls and the memory shared with it: a `Device`
-//! device    what is asked of a `Device`; why it gives no images
-//! format    pixel formats, the choice of a size, images to luma or depth
+//! device    the interface of a `Device`; the reasons why it gives no images
+//! format    pixel formats, the choice of a size, conversion to luma or depth
 //! capture   a `Device` that streams
-//! streams   one or two of them, paired
+//! streams   one capture, or two that are paired in time
 //! live      a camera that may come and go: a thread and a ring
 //! nodes     the cameras of this machine
-//! kind      the rows of the table of sensors
+//! kind      the entries of the table of sensors
 //! ```
 //!
-//! The lens is assumed, because Video4Linux2 does not tell it ([`crate::reduction`]), unless a file tells that of a depth camera. Only uncompressed formats are read: a decoder of
-//! Motion JPEG would allocate in every frame.
+//! The intrinsics are assumed ([`crate::reduction`]), because Video4Linux2 does not report them; for a depth camera a file can give them.
+//! Only uncompressed formats are read, because a decoder of Motion JPEG would allocate in every frame.
 
 mod capture;
 mod device;

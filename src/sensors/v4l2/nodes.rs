@@ -1,8 +1,8 @@
-//! The cameras of this machine: nodes `/dev/video*` that give images.
+//! The cameras of this machine: the nodes `/dev/video*` that give images.
 //!
-//! A webcam may have several nodes, of which one gives images. A depth camera has one for depth and, in the same place on the bus, one
-//! for infrared images through the same lens or one for colour. Nodes of the kernel's driver for the Kinect are left out: a Kinect is a
-//! sensor of its own.
+//! A webcam may have several nodes, of which one gives images. A depth camera has a node for depth and, at the same address on the bus,
+//! one for infrared images from the same viewpoint, one for colour, or both. Nodes of the kernel's Kinect driver are left out, because the
+//! Kinect is a separate source.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -16,12 +16,12 @@ use super::streams::Streams;
 use crate::rgbd::calibration::{Calibration, Intrinsics};
 use crate::sensor::Found;
 
-/// What the kernel knows of nodes, readable by everyone.
+/// What the kernel tells about nodes, readable by everyone.
 const SYSFS: &str = "/sys/class/video4linux";
 /// The kernel's driver for the Kinect.
 const KINECT_DRIVER: &str = "kinect";
 
-/// Whether a camera is meant by a number, a path (also a link such as `/dev/v4l/by-id/…`), or a part of its name.
+/// Whether `wanted` selects a camera by a number, a path (also a link such as `/dev/v4l/by-id/…`), or a part of its name.
 pub(super) fn is_meant(wanted: &str, node: &Path, card: &str) -> bool {
     if wanted.bytes().all(|byte| byte.is_ascii_digit()) {
         return node.ends_with(format!("video{wanted}"));
@@ -33,7 +33,7 @@ pub(super) fn is_meant(wanted: &str, node: &Path, card: &str) -> bool {
     card.to_lowercase().contains(&wanted.to_lowercase())
 }
 
-/// Nodes by number.
+/// All nodes, sorted by number.
 fn nodes() -> Vec<PathBuf> {
     let entries = std::fs::read_dir("/dev").into_iter().flatten().flatten();
     let numbers = entries.filter_map(|entry| {
@@ -56,10 +56,10 @@ struct Candidate<D> {
     device: Result<D, CameraError>,
 }
 
-/// What streams, the one of the frames first, and what is wanted of it.
+/// The streams of a camera and what is required of each; the one that sets the frames comes first.
 type Camera<D> = Vec<(Candidate<D>, Want)>;
 
-/// The candidate at a node; `None` if it is no camera's.
+/// The candidate at a node; `None` if the node gives no images or is a Kinect's.
 fn identify<D: Device>(node: &Path, opened: io::Result<D>) -> Option<Candidate<D>> {
     let (about, formats, device) = match opened {
         Ok(device) => {
@@ -92,8 +92,7 @@ fn identify<D: Device>(node: &Path, opened: io::Result<D>) -> Option<Candidate<D
     })
 }
 
-/// The cameras of a kind among these nodes. What belongs to a depth camera, its infrared images too, is no webcam; its colour camera
-/// is one.
+/// The cameras of a kind among these nodes. The depth and infrared nodes of a depth camera are not webcams; its colour node is one.
 fn cameras<D: Device>(
     kind: Kind,
     nodes: &[PathBuf],
@@ -112,7 +111,7 @@ fn cameras<D: Device>(
     }
     let depth_size = calibration.and_then(|of| of.depth.as_ref().map(Intrinsics::size));
     let luma_size = calibration.map(|of| of.colour.size());
-    // Calibrated colour is of another lens than infrared.
+    // A calibrated colour camera has another viewpoint than infrared, so it is used instead.
     let wants_infrared = calibration.is_none_or(|of| !of.has_colour);
     let with_luma = |depth: Candidate<D>| {
         let is_partner =
@@ -135,7 +134,7 @@ fn cameras<D: Device>(
     depths.into_iter().map(with_luma).collect()
 }
 
-/// What is known of a camera.
+/// The description of a camera for `mien devices`.
 fn found<D: Device>(kind: Kind, camera: &Camera<D>) -> Found {
     let (first, _) = &camera[0];
     let mut line = format!("{}:{} {}", kind.name(), first.node.display(), first.card);
@@ -164,7 +163,7 @@ fn found<D: Device>(kind: Kind, camera: &Camera<D>) -> Found {
     }
 }
 
-/// Starts the camera that is meant, or the first one that can be started.
+/// Starts the camera that is selected, or else the first one that can be started.
 fn start<D: Device>(
     kind: Kind,
     wanted: Option<&str>,
@@ -200,7 +199,7 @@ pub(super) fn list(kind: Kind) -> Vec<Found> {
     cameras.iter().map(|camera| found(kind, camera)).collect()
 }
 
-/// Starts the camera that is meant, or the first usable one of this machine.
+/// Starts the camera that is selected, or else the first usable one of this machine.
 pub(super) fn open(
     kind: Kind,
     wanted: Option<&str>,
@@ -216,7 +215,7 @@ mod tests {
     use crate::v4l2::device::Sizes;
     use crate::v4l2::scripted::Script;
 
-    /// Two nodes of a webcam, a Kinect, one that is forbidden, one in use, and one that is free.
+    /// Two nodes of a webcam, a Kinect, a node without permission, one in use, and one that is free.
     fn open(node: &Path) -> io::Result<Script> {
         let mut script = Script::honest();
         match node.to_str().unwrap_or_default() {
@@ -330,7 +329,7 @@ mod tests {
     fn a_depth_camera_is_depth_with_the_infrared_images_of_the_same_device() {
         let infrared = "depth-camera:/dev/video910 RealSense 435, Z16 640 x 480 with GREY 640 x 480 of /dev/video912";
         assert_eq!(lines(Kind::Depth, 910..915, None), [infrared]);
-        // Without infrared its colour camera, and never another device.
+        // Without infrared, depth is paired with the colour of the same device, never of another.
         let nodes = |numbers: &[u32]| -> Vec<PathBuf> {
             let node = |number| format!("/dev/video{number}").into();
             numbers.iter().map(node).collect()

@@ -1,4 +1,4 @@
-//! A camera for tests: it answers as its script says, also what no honest driver would.
+//! A camera for tests that answers as scripted, including what no correct driver would answer.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -8,21 +8,21 @@ use std::sync::{Arc, Mutex};
 use super::device::{About, Answer, Device, Filled, FourCc, Sizes};
 use mien_stages::base::capacity::CAMERA_BUFFERS;
 
-/// What is scripted: the same for all openings of a device.
+/// The script of a device; the same each time that it is opened.
 #[derive(Clone)]
 pub(super) struct Script {
     pub(super) about: About,
     pub(super) formats: Vec<(FourCc, Vec<Sizes>)>,
-    /// The answer to any format that is set; `None` for an honest one.
+    /// The answer to any format that is set; `None` for a correct answer.
     pub(super) answer: Option<Answer>,
-    /// Error numbers of the check whether it is free, and of the start.
+    /// Error number of `check_free`, and that of `start`.
     pub(super) taken_by: Option<i32>,
     pub(super) refuses: Option<i32>,
     /// Content of every buffer.
     pub(super) content: Vec<u8>,
-    /// Bytes by which a buffer is said to be smaller than its content.
+    /// Number of bytes by which a buffer claims to be smaller than its content.
     pub(super) missing: usize,
-    /// What comes next: a filled buffer or the error number; nothing at the end.
+    /// Filled buffers or error numbers, in order; no image comes after the last.
     pub(super) coming: Arc<Mutex<VecDeque<Result<Filled, i32>>>>,
     /// Buffers that were given back.
     pub(super) queued: Arc<Mutex<Vec<usize>>>,
@@ -44,7 +44,7 @@ pub(super) fn whole(index: usize, us: u64) -> Filled {
 }
 
 impl Script {
-    /// A node of a depth camera with a format of 640 × 480.
+    /// A node of a depth camera with one format at 640 × 480.
     pub(super) fn of(code: &FourCc, content: Vec<u8>) -> Self {
         let mut script = Self::honest();
         script.about.card = "Depth Camera 435".into();
@@ -78,7 +78,7 @@ impl Script {
         }
     }
 
-    /// Appends what comes next.
+    /// Appends filled buffers or error numbers.
     pub(super) fn then(&self, coming: impl IntoIterator<Item = Result<Filled, i32>>) {
         self.coming.lock().unwrap().extend(coming);
     }

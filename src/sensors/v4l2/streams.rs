@@ -1,8 +1,8 @@
-//! What a camera streams: images, or depth and the images taken at the same time.
+//! The streams of a camera: images, or depth maps and the images taken at the same time.
 //!
-//! A depth picture is paired with the image nearest in time, by the driver's stamps, at most half a period of the faster stream away.
-//! Images wait in the driver's buffers until depth has caught up; the first one that is too late for a depth picture is held for the
-//! next. A depth picture waits for its image for at most that half period, and is then a frame without colour.
+//! A depth map is paired with an image whose driver timestamp differs by at most half a period of the faster stream. Images wait in the
+//! driver's buffers until depth has caught up; the first one that is too late for a depth map is held for the next. A depth map waits at
+//! most that half period for its image, and then becomes a frame without an image.
 
 use core::time::Duration;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::camera::Camera;
 use crate::rgbd::calibration::Calibration;
 use mien_stages::base::capacity::{CAMERA_BUFFERS, PIXELS};
 
-/// Largest difference of stamps by one clock: what is further ahead of depth is not waited for.
+/// Largest plausible lead of an image over depth; an image further ahead has another clock and is dropped.
 const PLAUSIBLE: Duration = Duration::from_secs(1);
 
 /// What follows from the size of a camera's images.
@@ -40,12 +40,12 @@ impl Geometry {
     }
 }
 
-/// What becomes a frame.
+/// The content of one frame.
 pub(super) struct Image {
     pub(super) luma: Box<[u8; PIXELS]>,
-    /// Time of the luma that no depth picture has had so far.
+    /// Time of the luma that has not been paired with a depth map yet.
     pub(super) held: Option<Duration>,
-    /// Whether luma belongs to depth; true without depth.
+    /// Whether luma belongs to this depth map; always true without depth.
     pub(super) has_luma: bool,
     pub(super) depth: Option<Box<[u16; PIXELS]>>,
     /// Number of whole images before it.
@@ -75,7 +75,7 @@ impl Image {
 
 /// The streams of a camera.
 pub(super) struct Streams<D> {
-    /// Each of its images is a frame: depth, or luma.
+    /// The stream that sets the frames: depth, or luma without depth.
     pub(super) frames: Capture<D>,
     /// Luma beside depth.
     luma: Option<Capture<D>>,
@@ -84,7 +84,7 @@ pub(super) struct Streams<D> {
 }
 
 impl<D: Device> Streams<D> {
-    /// Of luma alone, or of depth and luma. Without a calibration a usual lens is assumed, the same for both.
+    /// Streams luma alone, or depth and luma. Without a calibration a typical lens is assumed, the same for both.
     pub(super) fn new(
         frames: Capture<D>,
         luma: Option<Capture<D>>,
@@ -100,7 +100,7 @@ impl<D: Device> Streams<D> {
         }
     }
 
-    /// Waits at most `wait` for what makes a frame.
+    /// Waits at most `wait` for an image or a depth map; a depth map then waits for its luma.
     pub(super) fn take(&self, wait: Duration, into: &mut Image) -> Result<Taken, CameraError> {
         let Some(depth) = &mut into.depth else {
             let luma = &mut into.luma;
@@ -114,17 +114,17 @@ impl<D: Device> Streams<D> {
         Ok(taken)
     }
 
-    /// Whether there is luma of the time of a depth picture; takes it from the driver.
+    /// Takes the luma that belongs to a depth map from the driver; returns whether there is one.
     fn pair(&self, at: Option<Duration>, into: &mut Image) -> Result<bool, CameraError> {
         let Some(capture) = &self.luma else {
             return Ok(false);
         };
-        // A driver without stamps is paired by arrival.
+        // Without timestamps of the driver, pairs are formed by time of arrival.
         let stamp = |at: Option<Duration>| at.unwrap_or_else(|| self.started.elapsed());
         let at = stamp(at);
         let half = self.frames.period().min(capture.period()) / 2;
         let until = Instant::now() + half;
-        // No more than a driver holds: it may go on forever.
+        // At most as many images as the driver holds, so that the loop ends.
         for _ in 0..=CAMERA_BUFFERS {
             if let Some(held) = into.held {
                 if held.abs_diff(at) <= half {
@@ -161,7 +161,7 @@ mod tests {
     const WAIT: Duration = Duration::ZERO;
 
     fn depth_script() -> Script {
-        // Nothing at column 0, then 1000, 1001, … mm in every row.
+        // No depth at column 0, then 1000, 1001, … mm in every row.
         let row = (0..COLUMNS as u16).map(|col| if col == 0 { 0 } else { 999 + col });
         let row: Vec<u8> = row.flat_map(u16::to_le_bytes).collect();
         Script::of(b"Z16 ", row.repeat(480))
@@ -195,7 +195,7 @@ mod tests {
             }
         }
 
-        /// For depth and luma taken at these times, ms: by depth picture, whether it has luma.
+        /// For depth and luma taken at these times (ms), whether each depth map has luma.
         fn paired(&mut self, depth_ms: &[u64], luma_ms: &[u64]) -> Vec<bool> {
             let filled = |ms: &u64| Ok(whole(0, ms * 1000));
             self.depth.then(depth_ms.iter().map(filled));
@@ -211,7 +211,7 @@ mod tests {
 
     #[test]
     fn depth_goes_with_the_image_of_its_time_at_most_half_a_period_away() {
-        // Together; 16 ms before and after; 17 ms are too many.
+        // Together; 16 ms before and after; 17 ms is too much.
         let mut bench = Bench::new();
         assert_eq!(bench.paired(&[1000, 1033], &[1000, 1033]), [true; 2]);
         assert_eq!(bench.paired(&[2000, 2033], &[1984, 2049]), [true; 2]);
@@ -222,12 +222,12 @@ mod tests {
     #[test]
     fn images_lost_before_between_and_after_cost_only_their_own_depth() {
         let mut bench = Bench::new();
-        // Of a late thread, all of the queue: images of before are skipped, and the one after a gap is held.
+        // After a delay of the thread the whole queue is there: older images are skipped, and the one after a gap is held.
         let depth = [1000, 1033, 1066, 1100];
         let luma = [900, 933, 966, 1000, 1066, 1100];
         assert_eq!(bench.paired(&depth, &luma), [true, false, true, true]);
         assert!(bench.luma.coming.lock().unwrap().is_empty());
-        // Depth lost: its image is skipped.
+        // A depth map is lost: its image is skipped.
         assert_eq!(bench.paired(&[2066], &[2000, 2033, 2066]), [true]);
         // No images at all.
         assert_eq!(bench.paired(&[3000, 3033], &[]), [false; 2]);
@@ -314,7 +314,7 @@ mod tests {
         let mut image = Image::new(true);
         streams.take(WAIT, &mut image).unwrap();
         assert!(!image.has_luma);
-        // The second of two columns; 0.3 m are the nearest distance.
+        // The second of two columns is taken; 0.3 m is the nearest distance.
         let depth = image.depth.as_ref().unwrap();
         assert_eq!(depth[148..152], [NO_DEPTH, NO_DEPTH, 3010, 3030]);
         assert_eq!(depth[423], 8470);

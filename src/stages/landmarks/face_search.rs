@@ -1,13 +1,13 @@
-//! Search of faces in a whole grey image, for frames without depth.
+//! Search for faces in a whole grey image, for frames without depth.
 //!
-//! A sliding window over an image pyramid: cells of gradient orientations, each normalised by its neighbourhood, against one linear
-//! template of a face. Histograms of oriented gradients after Dalal and Triggs 2005; the template is a linear discriminant against
-//! pictures without faces (Hariharan, Malik and Ramanan 2012), learned by `mien-studio train`. The best windows are candidates only:
-//! the landmark fit there confirms a face or not ([`super::LandmarkFitter::search_in_image`]).
+//! A window slides over an image pyramid; its histograms of oriented gradients (Dalal and Triggs 2005), one per cell and normalised by
+//! the neighbouring cells, are compared with one linear template of a face. The template is a linear discriminant against windows
+//! without faces (Hariharan, Malik and Ramanan 2012), learned by `mien-studio train`. The best windows are only candidates: the
+//! landmark fit confirms or rejects each ([`super::LandmarkFitter::search_in_image`]).
 //!
-//! Each call searches one of the [`PARTS`] of the pyramid, near faces first, which bounds its cost: about 1.5 ms. Image pixels;
-//! pixels per metre at the face. Memory: 0.7 MB, allocated at construction. Limitation: frontal upright faces, up to about 30° of
-//! yaw and 20° of roll, 40 to 240 pixels wide.
+//! Each call searches one of the [`PARTS`] of the pyramid, near faces first, which bounds its cost to about 1.5 ms. Units: image
+//! pixels, and pixels per metre at the face. Memory: 0.7 MB, allocated at construction. Limitation: only frontal upright faces are
+//! found, up to about 30° of yaw and 20° of roll, 40 to 240 pixels wide.
 
 use core::ops::Range;
 
@@ -23,19 +23,19 @@ pub const CELL: usize = 4;
 pub const TEMPLATE_PIXELS_PER_METRE: f32 = 222.0;
 /// Pixel of the template between the inner corners of the eyes, where the head frame has its origin.
 pub const TEMPLATE_ORIGIN: [f32; 2] = [20.0, 14.0];
-/// Image pixels per pixel of the finest level.
+/// Image pixels per pixel of the finest pyramid level.
 const FINEST: f32 = 1.25;
-/// Reduction from level to level.
+/// Scale factor from one pyramid level to the next.
 const STEP: f32 = 1.2;
-/// Levels searched together, coarsest first; the finest alone costs as much as all others.
+/// Levels searched in each call, coarsest first; the finest alone costs as much as all others.
 const LEVELS: [Range<i32>; PARTS as usize] = [4..11, 2..4, 1..2, 0..1];
-/// Calls that search the whole pyramid.
+/// Number of calls that search the whole pyramid.
 pub const PARTS: u32 = 4;
-/// Most candidates of a call.
+/// Maximum number of candidates per call.
 pub const CANDIDATES: usize = 3;
-/// Energy of a cell's neighbourhood at which its values are damped by half: flat areas have no orientation.
+/// Added to the gradient energy of a cell's neighbourhood, grey levels, so that noise in flat areas is not amplified.
 const FLAT: f32 = 600.0;
-/// Tangent of 22.5°: half of an orientation.
+/// Tangent of 22.5°, half the width of an orientation bin.
 const HALF_ORIENTATION: f32 = 0.414_213_56;
 
 /// Columns and rows of the finest level, a whole number of cells.
@@ -44,7 +44,7 @@ const LARGEST: [usize; 2] = [
     (HEIGHT as f32 / FINEST) as usize / CELL * CELL,
 ];
 
-/// Columns of the widest picture that cells are computed of, pixels.
+/// Width of the widest image whose cells can be computed, pixels.
 const LONGEST_ROW: usize = 4096;
 
 /// A place where a face may be.
@@ -54,17 +54,17 @@ pub struct Candidate {
     pub pixel: [f32; 2],
     /// Pixels per metre at the face.
     pub pixels_per_metre: f32,
-    /// Agreement with the template; above 0 for a candidate.
+    /// Response of the template, without unit; above 0 for a candidate.
     pub score: f32,
 }
 
-/// Cells of a level and the buffers to compute them.
+/// Cells of a pyramid level and the buffers to compute them.
 pub struct Cells {
     /// Columns and rows, in cells.
     pub size: [usize; 2],
     /// Grey values of the level, row by row.
     level: Vec<u8>,
-    /// Sums down the rows of a row of the level.
+    /// Sums per image column over the rows that make one row of the level.
     column_sums: Vec<u16>,
     sums: Vec<[f32; ORIENTATIONS]>,
     energy: Vec<f32>,
@@ -88,8 +88,8 @@ impl Default for Cells {
 }
 
 impl Cells {
-    /// Computes the cells of a grey image of `columns` × `rows`, reduced by `scale` from the pixel `first` on, at most as large as the
-    /// finest level of a search.
+    /// Computes the cells of a grey image of `columns` × `rows`, reduced by `scale` from the pixel `first` on. What exceeds the size of
+    /// the finest level is cut off.
     pub fn compute(
         &mut self,
         luma: &[u8],
@@ -115,7 +115,7 @@ impl Cells {
         );
     }
 
-    /// Means over areas of `scale`² pixels.
+    /// Reduces the image to means over areas of `scale`² pixels.
     #[inline(always)]
     fn reduce(&mut self, luma: &[u8], [columns, rows]: [usize; 2], first: [f32; 2], scale: f32) {
         let width = self.size[0] * CELL;
@@ -144,7 +144,7 @@ impl Cells {
         }
     }
 
-    /// Sums the gradient's magnitude in each cell by orientation.
+    /// Sums the gradient magnitudes of each cell per orientation bin.
     #[inline(always)]
     fn sum_orientations(&mut self) {
         let [columns, rows] = self.size.map(|cells| cells * CELL);
@@ -162,7 +162,7 @@ impl Cells {
         }
     }
 
-    /// Divides each cell by its neighbourhood of 3 × 3 cells, and takes square roots (the Hellinger map).
+    /// Divides each cell by the mean energy of its 3 × 3 neighbourhood, and takes square roots (the Hellinger map).
     #[inline(always)]
     fn normalise(&mut self) {
         let [columns, rows] = self.size;
@@ -184,7 +184,7 @@ impl Cells {
         }
     }
 
-    /// Sum of products of the template with the window whose first cell is given.
+    /// Dot product of the template and the window whose first cell is given.
     #[inline(always)]
     fn product(&self, template: &FaceTemplate, column: usize, row: usize) -> f32 {
         let mut sums = [0.0f32; ORIENTATIONS];
@@ -200,10 +200,10 @@ impl Cells {
     }
 }
 
-/// Orientations by the sign of x (1), the sign of y (2), and whether the gradient is flat (0), oblique (4) or steep (8).
+/// Orientation bin by sign of x (1), sign of y (2), and whether the gradient is near horizontal (0), diagonal (4) or near vertical (8).
 const ORIENTATION: [u8; 12] = [4, 0, 4, 0, 5, 7, 3, 1, 6, 6, 2, 2];
 
-/// Which of eight orientations a gradient has, clockwise from the right; without branches, which noise would mislead.
+/// Orientation bin of a gradient, 0 to 7 clockwise from the right; branch-free, because noise makes branches unpredictable.
 #[inline(always)]
 fn orientation(across: f32, down: f32) -> usize {
     let (x, y) = (across.abs(), down.abs());
@@ -212,7 +212,7 @@ fn orientation(across: f32, down: f32) -> usize {
     ORIENTATION[signs + 4 * steepness].into()
 }
 
-/// Searches whole images, one part of the pyramid a call.
+/// Searches whole images, one part of the pyramid per call.
 pub struct FaceSearch {
     template: FaceTemplate,
     cells: Cells,
@@ -220,7 +220,7 @@ pub struct FaceSearch {
 }
 
 impl FaceSearch {
-    /// A search with a template; all memory is allocated here.
+    /// Creates a search for a template; all memory is allocated here.
     pub fn new(template: FaceTemplate) -> Self {
         Self {
             template,
@@ -271,7 +271,7 @@ impl FaceSearch {
     }
 }
 
-/// Adds a candidate, unless a better one shows the same face or there are enough better ones; best first.
+/// Adds a candidate, unless a better one shows the same face or the list is full of better ones. The list stays sorted, best first.
 fn add(best: &mut heapless::Vec<Candidate, CANDIDATES>, new: Candidate) {
     let same = |other: &Candidate| {
         let apart = (other.pixel[0] - new.pixel[0]).hypot(other.pixel[1] - new.pixel[1]);
@@ -300,7 +300,7 @@ fn add(best: &mut heapless::Vec<Candidate, CANDIDATES>, new: Candidate) {
 mod tests {
     use super::*;
 
-    /// A picture of random blocks of `side` pixels.
+    /// An image of random blocks of `side` pixels.
     fn blocks(seed: u64, side: usize) -> Vec<u8> {
         let mut random = fastrand::Rng::with_seed(seed);
         let columns = WIDTH.div_ceil(side);
@@ -314,7 +314,7 @@ mod tests {
     #[test]
     fn each_direction_has_its_orientation() {
         for k in 0..64 {
-            // Not at the borders, which belong to either.
+            // Angles on the border of two bins are avoided: either bin is right.
             let angle = (k as f32 + 0.5) / 64.0 * core::f32::consts::TAU;
             let expected = ((angle / core::f32::consts::FRAC_PI_4).round() as usize) % ORIENTATIONS;
             let (down, across) = angle.sin_cos();
@@ -325,7 +325,7 @@ mod tests {
     #[test]
     fn a_ramp_has_one_orientation_and_a_flat_picture_none() {
         let mut cells = Cells::default();
-        // Two grey levels a pixel to the right, five a pixel of the level: gradients of 10.
+        // The image rises by two grey levels per pixel, the level by five per pixel: the central difference is 10.
         let ramp: Vec<u8> = (0..100 * 80).map(|k| (k % 100 * 2) as u8).collect();
         cells.compute(&ramp, [100, 80], [0.0; 2], 2.5);
         assert_eq!(cells.size, [10, 8]);

@@ -1,10 +1,11 @@
-//! Pose of a face from the image alone: between the fit's own view and the one in which the person's mean shape projects onto the
-//! fitted points.
+//! Pose of a face from the image alone: halfway between the view of the landmark fit and the view in which the person's mean shape
+//! projects onto the fitted points.
 //!
-//! The fit's own view changes with the expression, because an opening jaw and a nodding head move the points alike. The shape averaged
-//! over time has little expression; of its points those on bone count most. On four people of the second world the rotation's error
-//! is 1.05° by the fit alone, 0.94° by the mean shape alone, 0.92° between them. Gauss–Newton over the six parameters of
-//! the view, [`STEPS`] steps. Window pixels. Memory: the mean coefficients of a person.
+//! The view of the fit changes with the expression, because an opening jaw and a nodding head move the points in similar ways. The
+//! shape averaged over time has little expression; its points on bone get the largest weights. On four people of the second world
+//! (docs/results.md) the rotation error is 1.05° with the fit alone, 0.94° with the mean shape alone, and 0.92° halfway between.
+//! Method: [`STEPS`] Gauss–Newton steps over the six parameters of the view. Unit: window pixels. Memory: the mean coefficients of a
+//! person.
 
 use core::ops::Range;
 
@@ -18,13 +19,13 @@ use crate::face_model::{MAX_MODES, ShapeModel, VIEW_PARAMETERS};
 
 /// Time over which the shape is averaged, seconds.
 const AVERAGED_S: f32 = 60.0;
-/// Steps of the solver.
+/// Gauss–Newton steps.
 const STEPS: usize = 3;
-/// Difference of a parameter for its derivative, in units of [`super::view::UNITS`].
+/// Step of a parameter for its numerical derivative, in units of [`super::view::UNITS`].
 const DIFFERENCE: f32 = 0.05;
-/// Share of the mean shape's view: its errors and those of the fit's own view are partly independent.
+/// Weight of the view of the mean shape, 0 to 1: its errors and those of the fit's view are partly independent, so a mean is better.
 const SHARE: f32 = 0.5;
-/// Weight of the points of each part of the face; the mouth moves too much to count.
+/// Weight of the points of each part of the face; the mouth is left out because it moves too much.
 const WEIGHTS: [(Range<usize>, f32); 4] =
     [(0..17, 0.3), (17..27, 0.4), (27..36, 1.0), (36..48, 0.6)];
 
@@ -33,13 +34,13 @@ defaults! {
     #[derive(Clone, Debug)]
     pub(super) struct MeanShape {
         coefficients: [f32; MAX_MODES] = [0.0; MAX_MODES],
-        /// Seconds averaged.
+        /// Time averaged so far, seconds; at most [`AVERAGED_S`].
         seconds: f32 = 0.0,
     }
 }
 
 impl MeanShape {
-    /// Adds the coefficients of a frame of `step_s` seconds.
+    /// Adds the coefficients of a frame that is `step_s` seconds after the last one.
     pub(super) fn add(&mut self, coefficients: &[f32; MAX_MODES], step_s: f32) {
         self.seconds = (self.seconds + step_s).min(AVERAGED_S);
         let share = (step_s / self.seconds.max(step_s)).clamp(0.0, 1.0);
@@ -48,7 +49,8 @@ impl MeanShape {
         }
     }
 
-    /// Between the view `start` of a fit to the points `seen` and the one near it in which the mean shape projects onto them.
+    /// The view halfway between `start`, the view of a fit to the points `seen` (window pixels), and the one near it in which the mean
+    /// shape projects onto these points; `start` if that one is not determined.
     pub(super) fn view(
         &self,
         shape: &ShapeModel,
@@ -111,7 +113,7 @@ mod tests {
         let mut points = [Point::origin(); LANDMARKS];
         shape.shape(&own, &mut points);
         let mut seen = points.map(|point| planted.project(&point));
-        // The mouth does not count.
+        // The mouth has no weight.
         for pixel in &mut seen[48..] {
             pixel[1] += 9.0;
         }

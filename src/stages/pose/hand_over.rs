@@ -1,7 +1,8 @@
-//! Continuity of the reported distance where depth comes or goes.
+//! Continuity of the reported distance when depth appears or disappears.
 //!
-//! The image knows the distance of a face only by its size, to some per cent. When it takes over from depth, or depth from the image,
-//! the difference of the two is kept at first and then fades. Metres, seconds. Memory: some numbers a person.
+//! The image gives the distance of a face only by the face's size, to a few per cent. When tracking switches from depth to the image, or
+//! back, the reported distance starts at its last value, and the difference decays exponentially. Units: metres, seconds. Memory: a few
+//! numbers per person.
 
 use super::trail::COAST_S;
 use crate::base::frames::SensorFromFace;
@@ -9,20 +10,20 @@ use crate::base::frames::SensorFromFace;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 
-/// Time constant of the fading, seconds.
+/// Time constant of the decay, seconds.
 const FADES_S: f32 = 0.5;
 
-/// The last reported distance, and what is left of the difference.
+/// The last reported distance, and what remains of the difference.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct HandOver {
-    /// Whether the last pose is the image's, its reported distance and its time.
+    /// Whether the last pose came from the image, its reported distance in metres, and its time.
     last: Option<(bool, f32, Timestamp)>,
-    /// Logarithm of the reported distance relative to the measured one.
+    /// Natural logarithm of the ratio of the reported to the measured distance.
     difference: f32,
 }
 
 impl HandOver {
-    /// The pose to report for a measured one.
+    /// The pose to report for a measured one; `by_image`: whether it was measured without depth.
     pub(super) fn reported(
         &mut self,
         mut pose: SensorFromFace,
@@ -65,14 +66,14 @@ mod tests {
         };
         assert_eq!(distance(0, 0.8, false), 0.8);
         assert_eq!(distance(1, 0.9, false), 0.9);
-        // Another way: at first as before, after half a second a share of 1/e is left.
+        // After the switch: the same distance at first; after half a second 1/e of the difference is left.
         assert!((distance(2, 1.0, true) - 0.9).abs() < 1e-6);
         for frame in 3..7 {
             distance(frame, 1.0, true);
         }
         let left = 0.9f32.ln() * (-1f32).exp();
         assert!((distance(7, 1.0, true) - left.exp()).abs() < 1e-5);
-        // After a gap it is another track.
+        // After a gap a new track begins, without a difference.
         assert_eq!(distance(10, 0.8, false), 0.8);
     }
 }

@@ -1,7 +1,8 @@
-//! The template of a face for the search in whole images: a linear discriminant (Fisher 1936) of cells of orientations between
-//! rendered faces and windows without a face, of the same renderings and of the portraits.
+//! The template of a face for the search in whole images. It is a linear discriminant (Fisher 1936) on histograms of oriented gradients,
+//! between rendered faces and windows without a face; these come from the same renderings and from the portraits.
 //!
-//! Faces are drawn as for the cascade, up to [`YAW_RAD`] and [`ROLL_RAD`], and displaced by as much as the search's grid is wide.
+//! Faces are rendered as for the cascade, with yaw up to [`YAW_RAD`] and roll up to [`ROLL_RAD`], and shifted by up to half a step of the
+//! search grid.
 
 use std::path::Path;
 
@@ -23,27 +24,27 @@ use mien_workbench::dataset::{Entry, read_folder};
 use mien_workbench::fault::Fault;
 use mien_workbench::people_split::Split;
 
-/// Values of a window.
+/// Number of values of a window.
 const VALUES: usize = TEMPLATE_CELLS * TEMPLATE_CELLS * ORIENTATIONS;
-/// Largest yaw of a face to be found, radians.
+/// Largest yaw of a face that the search shall find, radians.
 const YAW_RAD: f32 = 0.6;
-/// Largest roll of a face to be found, radians.
+/// Largest roll of a face that the search shall find, radians.
 const ROLL_RAD: f32 = 0.3;
-/// Largest displacement of a face from the middle of a step of the grid, pixels of the template.
+/// Largest shift of a face along each axis, pixels of the template: half a step of the search grid.
 const DISPLACED_PX: f32 = 2.0;
-/// Largest logarithm of a face's size relative to the middle of a step of the pyramid.
+/// Largest change of a face's size, natural logarithm: half a step of the pyramid.
 const DISPLACED_SCALE: f32 = 0.09;
-/// Windows without a face from each picture.
+/// Windows without a face taken from each image.
 const EMPTY_WINDOWS: usize = 6;
-/// Added to the diagonal of the scatter, relative to its mean.
+/// Ridge added to the diagonal of the scatter matrix, relative to the mean of that diagonal.
 const RIDGE: f64 = 0.02;
-/// Share of the faces that the threshold lets pass.
+/// Share of the training faces that exceed the threshold, 0 to 1.
 const PASSED: f64 = 0.92;
 
 /// A window's values.
 type Window = Vec<f32>;
 
-/// Pixel of the head's origin, and pixels per metre there.
+/// Pixel of the head's origin, and pixels per metre at it.
 fn place(camera: &Camera, sensor_from_head: &Rigid) -> ([f32; 2], f32) {
     let origin = sensor_from_head * Point::origin();
     let at = camera.colour_pixel(&origin);
@@ -51,9 +52,9 @@ fn place(camera: &Camera, sensor_from_head: &Rigid) -> ([f32; 2], f32) {
     (at, (beside[0] - at[0]) / 0.01)
 }
 
-/// The values of the window that has the template's origin at `pixel`, reduced by `scale`; `None` if it is not in the picture.
+/// The values of the window that has the template's origin at `pixel`, reduced by `scale`; `None` if it reaches beyond the image.
 fn window(cells: &mut Cells, grey: &GrayImage, pixel: [f32; 2], scale: f32) -> Option<Window> {
-    // A cell around the window, for its neighbourhood.
+    // One more cell on each side, for the normalisation.
     let margin = CELL as f32;
     let size = [grey.width() as usize, grey.height() as usize];
     let first: [f32; 2] = std::array::from_fn(|k| pixel[k] - (TEMPLATE_ORIGIN[k] + margin) * scale);
@@ -69,7 +70,7 @@ fn window(cells: &mut Cells, grey: &GrayImage, pixel: [f32; 2], scale: f32) -> O
     Some(rows.flatten().flatten().copied().collect())
 }
 
-/// Windows of a picture beside the face at `pixel`, which has `scale` pixels per pixel of the template.
+/// Windows of an image that do not show the face at `pixel`, which has `scale` image pixels per pixel of the template.
 fn beside(
     cells: &mut Cells,
     grey: &GrayImage,
@@ -95,7 +96,7 @@ fn beside(
     windows
 }
 
-/// A drawn face's window, if it is to be found, and windows beside it.
+/// The window of a rendered face, if the search shall find it, and windows beside it.
 fn windows_of(sample: &TrainingSample, camera: &Camera, seed: u64) -> [Vec<Window>; 2] {
     let mut random = fastrand::Rng::with_seed(seed);
     let (at, pixels_per_metre) = place(camera, &sample.sensor_from_head);
@@ -115,7 +116,7 @@ fn windows_of(sample: &TrainingSample, camera: &Camera, seed: u64) -> [Vec<Windo
     [face.into_iter().collect(), empty]
 }
 
-/// A portrait's window, and windows beside it.
+/// The window of a portrait's face, and windows beside it.
 fn portrait_windows(entry: &Entry, shape: &ShapeModel) -> Result<[Vec<Window>; 2], Fault> {
     let Some(picture) = TruePicture::portrait(entry, shape)? else {
         return Ok(Default::default());
@@ -138,7 +139,7 @@ fn mean(windows: &[Window]) -> DVector<f64> {
     sum / windows.len().max(1) as f64
 }
 
-/// Mean product of deviations from the mean.
+/// Scatter matrix: the mean outer product of the deviations from the mean.
 fn scatter(windows: &[Window], mean: &DVector<f64>) -> DMatrix<f64> {
     let parts = windows.par_chunks(512).map(|part| {
         let deviations = DMatrix::from_fn(VALUES, part.len(), |row, k| {
@@ -150,7 +151,7 @@ fn scatter(windows: &[Window], mean: &DVector<f64>) -> DMatrix<f64> {
     sum / windows.len().max(1) as f64
 }
 
-/// The discriminant of faces and empty windows.
+/// The linear discriminant between faces and windows without a face, with the threshold that [`PASSED`] sets.
 fn discriminant(faces: &[Window], empty: &[Window]) -> FaceTemplate {
     let means = [mean(faces), mean(empty)];
     let mut within = scatter(faces, &means[0]) * 0.5 + scatter(empty, &means[1]) * 0.5;

@@ -1,8 +1,9 @@
-//! A face by the image alone: the fit of a tracked face, and the confirmation of a new one, each with its pose.
+//! Fits with the image alone: of a tracked face, and of a candidate that may be a new one. Both return the pose of the face.
 
 use super::*;
 
-/// The pose of a face that was `expected` somewhere, seen as `start`, and is seen as `end`; `log_size`: its size relative to the model.
+/// The pose of a face at the view `end`, if the pose `expected` has the view `start`; `log_size`: natural logarithm of the face's size
+/// relative to the model.
 fn pose_in_image(
     expected: &SensorFromFace,
     start: &View,
@@ -11,19 +12,19 @@ fn pose_in_image(
 ) -> SensorFromFace {
     let seen = **expected * view_motion(start, end);
     let before = expected.translation.vector;
-    // A face that looks smaller than it is, is farther away.
+    // A face that appears smaller than expected is farther away.
     let farther = (start.log_scale + log_size - end.log_scale).exp();
     let place = seen.translation.vector * farther;
     // A view is relative to the line of sight, which has moved with the face.
     let sight = Rotation::rotation_between(&before, &place).unwrap_or_else(Rotation::identity);
-    // From frame to frame, rounding errors would grow.
+    // Without normalisation, rounding errors would grow from frame to frame.
     SensorFromFace::from_parts(place, Rotation::new_normalize(*(sight * seen.rotation)))
 }
 
 impl LandmarkFitter {
-    /// Fits one frame near the `expected` pose of the face and corrects that pose by the image alone: rotation and position from the
-    /// fitted view, distance from the size that the face has, or, before depth has shown it, from the model's. Returns the corrected
-    /// pose; `None` if no face is found there. `depth`: if there is any.
+    /// Fits one frame near the `expected` pose of the face and corrects that pose by the image alone: rotation and position come from
+    /// the fitted view, distance from the size of the face, which is that of the model until depth has shown it. Returns the corrected
+    /// pose; `None` if no face is found there. `depth` is the depth map of the frame, if it has one.
     pub fn fit_in_image(
         &mut self,
         scratch: &mut Scratch,
@@ -38,7 +39,7 @@ impl LandmarkFitter {
             self.interrupt();
             return None;
         };
-        // The first frame with depth replaces it.
+        // The first frame with depth replaces this size.
         let (log_size, _) = *self.log_size.get_or_insert((0.0, 0.0));
         let (placement, fit, _) = &found;
         self.mean_shape.add(&fit.shape, step_s);
@@ -51,7 +52,7 @@ impl LandmarkFitter {
         Some((&self.landmarks, seen))
     }
 
-    /// Searches for any face near a guessed pose by the image alone; returns its confidence and pose. Changes no state.
+    /// Searches for anyone's face near a guessed pose by the image alone; returns its confidence (0 to 1) and pose. Changes no state.
     pub fn search_in_image(
         &self,
         scratch: &mut Scratch,
@@ -92,7 +93,7 @@ mod tests {
             shift: [91.5, 66.0],
             inverse_distance: 1.25,
         };
-        // A face a tenth larger than the model's, which looks exactly so, stays.
+        // A face a tenth larger than the model that also appears a tenth larger keeps its distance.
         let same = View {
             log_scale: start.log_scale + 0.1,
             ..start
