@@ -87,20 +87,22 @@ fn pictures_alone_come_at_their_time_and_calibration_without_depth() {
 }
 
 #[test]
-fn an_unknown_camera_is_sixty_degrees_wide() {
+fn an_unknown_camera_is_sixty_degrees_wide_at_four_to_three() {
     let folder = folder();
     fs::remove_file(folder.path().join("camera.json")).unwrap();
     // What is first in the list is missing.
     fs::remove_file(folder.path().join("0.pgm")).unwrap();
     let film_path = folder.path().join("film.y4m");
     fs::write(&film_path, film(1)).unwrap();
-    for (path, columns) in [(folder.path(), 640.0), (&film_path, 96.0)] {
+    // 1280 x 720 is reduced to 640 x 360, which is as high as 480 x 360; 96 x 64 is as high as 85.3 x 64.
+    for (path, columns, rows) in [(folder.path(), 640.0, 360.0), (&film_path, 96.0, 64.0)] {
         let source = source::recording(path).unwrap();
-        // The right border is 30 degrees from the axis: 1 m aside at √3 m.
+        // The right border of 4:3 is 30 degrees from the axis: 1 m aside at √3 m.
         let [col, _] = source
             .camera()
             .colour_pixel(&Point::new(1.0, 0.0, 3.0_f32.sqrt()));
-        assert!((col - (columns - 0.5)).abs() < 1e-3, "{col} of {columns}");
+        let expected = columns / 2.0 + rows * 2.0 / 3.0 - 0.5;
+        assert!((col - expected).abs() < 1e-3, "{col}, not {expected}");
     }
     let done = mien("run --fast --csv - --source")
         .arg(folder.path())

@@ -89,6 +89,31 @@ pub(super) trait Device {
     fn queue(&self, index: usize) -> io::Result<()>;
 }
 
+/// Kind of camera.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Kind {
+    Webcam,
+    Depth,
+}
+
+impl Kind {
+    /// The name of its source.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Webcam => "camera",
+            Self::Depth => "depth-camera",
+        }
+    }
+
+    /// The error if there is no such camera.
+    pub(super) const fn absent(self) -> CameraError {
+        match self {
+            Self::Webcam => CameraError::Absent,
+            Self::Depth => CameraError::NoDepth,
+        }
+    }
+}
+
 /// Why a camera gives no images; each message contains the remedy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum CameraError {

@@ -4,7 +4,7 @@ use core::time::Duration;
 use std::path::Path;
 use std::sync::Once;
 
-use super::device::CameraError;
+use super::device::{CameraError, Kind};
 use super::live::LiveCamera;
 use super::nodes::{self, is_meant};
 use crate::reduction::ASSUMED_VIEW_DEG;
@@ -14,31 +14,6 @@ use mien_stages::base::bounded_read::{read_regular, reason};
 
 /// Longest wait for the first attempt to open a camera.
 const FIRST_ATTEMPT: Duration = Duration::from_secs(10);
-
-/// Kind of camera.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Kind {
-    Webcam,
-    Depth,
-}
-
-impl Kind {
-    /// The name of its source.
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            Self::Webcam => "camera",
-            Self::Depth => "depth-camera",
-        }
-    }
-
-    /// The error if there is no such camera.
-    pub(super) const fn absent(self) -> CameraError {
-        match self {
-            Self::Webcam => CameraError::Absent,
-            Self::Depth => CameraError::NoDepth,
-        }
-    }
-}
 
 /// The table entry of webcams.
 pub(crate) const WEBCAM: SensorKind = SensorKind {

@@ -8,10 +8,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::capture::Capture;
+use super::device::Kind;
 use super::device::{About, CameraError, Device, FourCc};
 use super::format::{Want, choose, formats};
 use super::ioctl::Node;
-use super::kind::Kind;
 use super::streams::Streams;
 use crate::rgbd::calibration::{Calibration, Intrinsics};
 use crate::sensor::Found;
