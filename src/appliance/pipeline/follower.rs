@@ -192,6 +192,9 @@ impl Follower {
         let is_confident = landmarks.confidence >= FUSED_CONFIDENCE;
         let is_new = self.person.face_frames < CORRECTED_FRAMES;
         let sensor_from_face = self.pose.register_face(cloud, pose, is_confident, is_new);
+        if landmarks.seen == [1.0; REGIONS] {
+            self.person.face_lengths.add(&landmarks.head);
+        }
         self.observe_face(context, landmarks, sensor_from_face, cloud.centre);
         true
     }
@@ -207,9 +210,6 @@ impl Follower {
         self.expression
             .observe(&landmarks, &sensor_from_face, context.frame.at);
         self.ranges = self.expression.unit_ranges();
-        if landmarks.seen == [1.0; REGIONS] {
-            self.person.face_lengths.add(&landmarks.head);
-        }
         self.accept_landmarks(context, landmarks, sensor_from_face, centre);
     }
 

@@ -41,6 +41,12 @@ impl Follower {
         let Some(expected) = self.pose.expected_face(frame.at) else {
             return false;
         };
+        // Beyond its border the image is repeated, where a fit would follow itself.
+        let pixel = camera.colour_pixel(&(expected * Point::origin()));
+        let size = camera.depth_size().map(|pixels| pixels as f32);
+        if (0..2).any(|k| !(0.0..size[k]).contains(&pixel[k])) {
+            return false;
+        }
         let depth = (!self.pose.ignores_depth()).then_some(&*frame.depth);
         let fitted = self.landmarks.fit_in_image(
             context.scratch,
@@ -79,6 +85,10 @@ impl Follower {
             };
             let [columns, rows] = [span(col, WIDTH), span(row, HEIGHT)];
             let all = columns.len() * rows.len();
+            // A face beside the image is not one that depth does not show.
+            if (all as f32) < 2.0 * reach * reach {
+                return None;
+            }
             let pixels = rows.flat_map(|row| &frame.depth[row * WIDTH..][columns.clone()]);
             let measured = pixels.filter(|&&raw| camera.depth_m(raw) > 0.0).count();
             Some(measured as f32 <= BLIND_SHARE * all as f32)

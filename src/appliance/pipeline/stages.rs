@@ -273,7 +273,7 @@ mod tests {
         segmented.retain(|&number| number >= 45);
         assert_eq!(segmented, [47, 50, 53, 56, 59, 62, 65, 68, 71, 74]);
         // Without users every frame is segmented.
-        frame.depth.fill(mien_sensors::NO_DEPTH);
+        frame.depth.fill(camera.raw_from_m(2.2) as u16);
         let mut searched = 0;
         for _ in 0..6 {
             pipeline.follow_by_stage(&frame, |stage| {
@@ -362,16 +362,17 @@ mod tests {
     #[test]
     fn recognition_in_another_slot_keeps_the_time_of_arrival() {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
-        let camera = sensor.camera();
+        let camera = sensor.camera().clone();
         let settings = Settings::default();
         let mut pipeline =
-            Pipeline::new(&settings, camera, &FaceModel::shipped()).expect("a pipeline");
+            Pipeline::new(&settings, &camera, &FaceModel::shipped()).expect("a pipeline");
         let mut frame = Frame::default();
         let mut follow = |pipeline: &mut Pipeline, frames: usize, is_there: bool| {
             for _ in 0..frames {
                 sensor.next_frame(&mut frame);
                 if !is_there {
-                    frame.depth.fill(mien_sensors::NO_DEPTH);
+                    // A wall.
+                    frame.depth.fill(camera.raw_from_m(2.2) as u16);
                 }
                 pipeline.follow(&frame);
             }
