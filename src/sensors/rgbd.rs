@@ -5,7 +5,7 @@
 //! | --- | --- |
 //! | `depth.txt` | a line per depth picture: seconds, and its file; `#` begins a comment |
 //! | `rgb.txt` | the same for colour or infrared pictures; optional beside `depth.txt`; alone, its pictures are the frames |
-//! | `camera.json` | size, focal lengths, centre and scale of the cameras, and the pose between them: [`calibration`] |
+//! | `camera.json` | size, focal lengths, centre and scale of the cameras, and the pose between them: `rgbd/calibration.rs` |
 //!
 //! Depth has 16 bits, 0 = none; pictures are grey of 8 or 16 bits or RGB of 8. Files are PGM or PPM, or with the feature `studio`
 //! PNG and JPEG (`picture_file`). A depth picture is paired with the other picture nearest in time, at most half a period away; a
