@@ -317,7 +317,7 @@ impl Y4m {
     }
 }
 
-/// Reads on to the end of the line or the stream, or until `line` has [`LINE_MAX`] bytes; `line` keeps what was read before an error.
+/// Continues to read to the end of the line or the stream, or until `line` has [`LINE_MAX`] bytes; `line` keeps what was read before an error.
 fn read_line(stream: &mut BufReader<Timed>, line: &mut Vec<u8>) -> io::Result<()> {
     let room = (LINE_MAX - line.len()) as u64;
     stream.take(room).read_until(b'\n', line).map(drop)

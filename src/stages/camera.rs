@@ -462,7 +462,7 @@ mod tests {
             212.0 + 601.0 * p.y / 0.8,
         ];
         assert!((col - expected[0]).abs() < 1e-3 && (row - expected[1]).abs() < 1e-3);
-        // By the size of what is seen there.
+        // From the pixel and the scale there.
         let found = camera.point_in_image([col, row], 600.0 / 0.8);
         assert!((found - p).norm() < 1e-4, "{found} {p}");
     }

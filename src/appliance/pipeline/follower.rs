@@ -380,9 +380,11 @@ impl Follower {
         }
     }
 
-    /// Notes a frame in which the person was not found.
-    pub(crate) fn miss(&mut self, at: Timestamp) {
+    /// Notes a frame in which the person was not found. Returns whether they are gone now.
+    pub(crate) fn miss(&mut self, at: Timestamp) -> bool {
+        let was_here = self.is_taken();
         self.person.state = self.presence.unseen(at);
+        was_here && !self.is_taken()
     }
 
     /// Resets everything to the priors for the next person.

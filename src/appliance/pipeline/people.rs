@@ -28,7 +28,7 @@ use mien_stages::segment::{HeadCloud, Segmenter};
 use mien_stages::users::choice::{Candidate, Choice};
 use mien_stages::users::matching::LastSeen;
 use mien_stages::users::memory::Memory;
-use mien_stages::users::{self, Presence, TrackingState, matching};
+use mien_stages::users::{self, Presence, matching};
 
 /// Frames until a head without a face is tried again.
 const RETRY_FRAMES: u64 = 4;
@@ -205,10 +205,7 @@ impl People {
             let mut follow = |head| user.follow_in_cloud(context, &segmenter.heads()[head]);
             let found = found[slot].unwrap_or_else(|| theirs[slot].is_some_and(&mut follow));
             if !found && !user.follow_beside_depth(context) {
-                let before = user.person.state;
-                user.miss(at);
-                let is_absent = user.person.state == TrackingState::Absent;
-                self.left[slot] |= is_absent && before != TrackingState::Absent;
+                self.left[slot] |= user.miss(at);
             }
         }
         let people = self.followers[..USERS].iter().map(|user| &user.person);

@@ -54,25 +54,34 @@ impl People {
             return;
         }
         let slot = known.filter(|&slot| slot < most);
-        // Else a free slot, else that of the user lost for longest.
-        let slot = slot.or_else(|| {
-            let slot = self.memory.slot_for_newcomer(&self.free_slots())?;
-            self.memory.forget_slot(slot);
-            Some(slot)
-        });
-        let slot = slot.or_else(|| {
-            let lost = self.lost().filter(|&slot| slot < most);
-            lost.min_by_key(|&slot| self.followers[slot].person.last_seen)
-        });
-        if let Some(slot) = slot {
+        if let Some(slot) = slot.or_else(|| self.slot_for_newcomer()) {
             if known.is_some() {
                 self.memory.forget_slot(slot);
-            } else if self.followers[slot].is_taken() {
-                self.remember(slot);
+                self.followers.swap(slot, CANDIDATE);
+            } else {
+                self.move_candidate(slot);
             }
-            self.followers.swap(slot, CANDIDATE);
         }
         self.followers[CANDIDATE].forget();
+    }
+
+    /// A free slot, else that of the user lost for longest.
+    pub(super) fn slot_for_newcomer(&mut self) -> Option<usize> {
+        if let Some(slot) = self.memory.slot_for_newcomer(&self.free_slots()) {
+            self.memory.forget_slot(slot);
+            return Some(slot);
+        }
+        let most = self.settings.most as usize;
+        let lost = self.lost().filter(|&slot| slot < most);
+        lost.min_by_key(|&slot| self.followers[slot].person.last_seen)
+    }
+
+    /// Makes the candidate the user of this slot; remembers the user who had it.
+    pub(super) fn move_candidate(&mut self, slot: usize) {
+        if self.followers[slot].is_taken() {
+            self.remember(slot);
+        }
+        self.followers.swap(slot, CANDIDATE);
     }
 
     /// Compares a recent newcomer again with people who left, and moves them to their old slot if recognised.
@@ -87,12 +96,12 @@ impl People {
     }
 
     /// Slots of lost users.
-    pub(super) fn lost(&self) -> impl Iterator<Item = usize> {
+    fn lost(&self) -> impl Iterator<Item = usize> {
         let users = self.followers[..USERS].iter().zip(0..);
         users.filter_map(|(user, slot)| (user.person.state == TrackingState::Lost).then_some(slot))
     }
 
-    pub(super) fn free_slots(&self) -> [bool; USERS] {
+    fn free_slots(&self) -> [bool; USERS] {
         let most = self.settings.most as usize;
         core::array::from_fn(|slot| slot < most && !self.followers[slot].is_taken())
     }

@@ -340,7 +340,7 @@ mod tests {
 
     #[test]
     fn luma_is_read_from_every_format_and_rows_may_have_gaps() {
-        // Luma of four pixels in a row, and what is around it.
+        // Luma of four pixels in a row, and the bytes around it.
         let rows: [(&FourCc, &[u8]); 4] = [
             (b"YUYV", &[10, 1, 20, 2, 30, 1, 40, 2]),
             (b"UYVY", &[1, 10, 2, 20, 1, 30, 2, 40]),

@@ -56,7 +56,7 @@ struct Candidate<D> {
     device: Result<D, CameraError>,
 }
 
-/// The streams of a camera and what is required of each; the one that sets the frames comes first.
+/// The streams of a camera and the format that each must have; the first one sets the frame rate.
 type Camera<D> = Vec<(Candidate<D>, Want)>;
 
 /// The candidate at a node; `None` if the node gives no images or is a Kinect's.

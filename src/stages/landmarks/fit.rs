@@ -315,14 +315,28 @@ impl LandmarkFitter {
         camera: &Camera,
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
-        let mut pose = *guess;
+        // The pose of this face within its head is unknown: assume identity.
+        self.search(scratch, luma, camera, *guess, |pose, start, end| {
+            pose * Motion::<Head, Head>::assume_frames(view_motion(start, end))
+        })
+    }
+
+    /// Fits at a guessed pose, again at the pose that `moved` gives for the views at start and end of the fit, and so on, until the fit
+    /// is a face. Returns its confidence and pose. Changes no state.
+    fn search<To, From>(
+        &self,
+        scratch: &mut Scratch,
+        luma: &[u8; PIXELS],
+        camera: &Camera,
+        mut pose: Motion<To, From>,
+        moved: impl Fn(Motion<To, From>, &View, &View) -> Motion<To, From>,
+    ) -> Option<(f32, Motion<To, From>)> {
         scratch.solver.hidden = [false; LANDMARKS];
         for _ in 0..SEARCH_ROUNDS {
             let placement = Placement::from_pose(camera, &pose)?;
-            let (fit, confidence, _) = self.run(scratch, luma, &placement, &placement.start, false);
-            // The pose of this face within its head is unknown: assume identity.
-            pose = pose
-                * Motion::<Head, Head>::assume_frames(view_motion(&placement.start, &fit.view));
+            let start = &placement.start;
+            let (fit, confidence, _) = self.run(scratch, luma, &placement, start, false);
+            pose = moved(pose, start, &fit.view);
             if confidence.face >= MIN_FOUND {
                 return Some((confidence.face, pose));
             }

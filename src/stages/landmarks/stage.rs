@@ -4,7 +4,7 @@ use super::fit::{LandmarkFitter, Scratch, Settings};
 use super::paper_aam::PaperAamFitter;
 use super::points::Landmarks;
 use crate::base::capacity::PIXELS;
-use crate::base::frames::{SensorFromFace, SensorFromHead};
+use crate::base::frames::SensorFromHead;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
@@ -88,26 +88,16 @@ impl LandmarkStage {
         }
     }
 
-    /// See [`LandmarkFitter::fit_in_image`]; `None` with the paper's method, which needs depth.
-    pub fn fit_in_image(
-        &mut self,
-        scratch: &mut Scratch,
-        luma: &[u8; PIXELS],
-        depth: Option<&[u16; PIXELS]>,
-        camera: &Camera,
-        expected: &SensorFromFace,
-        at: Timestamp,
-    ) -> Option<(&Landmarks, SensorFromFace)> {
+    /// The default method, which can search an image for a face; `None` with the paper's.
+    pub fn cascade(&self) -> Option<&LandmarkFitter> {
         match self {
-            Self::Cascade(fitter) => {
-                fitter.fit_in_image(scratch, luma, depth, camera, expected, at)
-            }
+            Self::Cascade(fitter) => Some(fitter),
             Self::Paper(_) => None,
         }
     }
 
-    /// The default method, which can search an image for a face; `None` with the paper's.
-    pub fn cascade(&self) -> Option<&LandmarkFitter> {
+    /// The same, to fit without depth.
+    pub fn cascade_mut(&mut self) -> Option<&mut LandmarkFitter> {
         match self {
             Self::Cascade(fitter) => Some(fitter),
             Self::Paper(_) => None,
@@ -123,18 +113,6 @@ impl LandmarkStage {
         guess: &SensorFromHead,
     ) -> Option<(f32, SensorFromHead)> {
         self.cascade()?.search_face(scratch, luma, camera, guess)
-    }
-
-    /// See [`LandmarkFitter::search_in_image`]; `None` with the paper's method.
-    pub fn search_in_image(
-        &self,
-        scratch: &mut Scratch,
-        luma: &[u8; PIXELS],
-        camera: &Camera,
-        guess: &SensorFromFace,
-    ) -> Option<(f32, SensorFromFace)> {
-        self.cascade()?
-            .search_in_image(scratch, luma, camera, guess)
     }
 
     /// Forgets the person.

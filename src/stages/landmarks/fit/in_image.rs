@@ -60,20 +60,9 @@ impl LandmarkFitter {
         camera: &Camera,
         guess: &SensorFromFace,
     ) -> Option<(f32, SensorFromFace)> {
-        let mut pose = *guess;
-        scratch.solver.hidden = [false; LANDMARKS];
-        for _ in 0..SEARCH_ROUNDS {
-            let placement = Placement::from_pose(camera, &pose)?;
-            let (fit, confidence, _) = self.run(scratch, luma, &placement, &placement.start, false);
-            pose = pose_in_image(&pose, &placement.start, 0.0, &fit.view);
-            if confidence.face >= MIN_FOUND {
-                return Some((confidence.face, pose));
-            }
-            if confidence.face < MIN_TO_CONTINUE {
-                break;
-            }
-        }
-        None
+        self.search(scratch, luma, camera, *guess, |pose, start, end| {
+            pose_in_image(&pose, start, 0.0, end)
+        })
     }
 }
 
