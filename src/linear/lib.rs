@@ -3,6 +3,7 @@
 //! ```text
 //! cholesky           sparse matrices: the order of elimination, factors in supernodes
 //! normal_equations   dense ones of a ridge regression
+//! rounding           few levels for the weights of a linear map
 //! ```
 //!
 //! Nothing public is generic, and nothing else in the workspace names `faer`: its generic code is compiled once, here, and not
@@ -10,3 +11,4 @@
 
 pub mod cholesky;
 pub mod normal_equations;
+pub mod rounding;

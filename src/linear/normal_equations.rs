@@ -4,6 +4,8 @@
 //! Threads share the columns of the scatter. Memory: two and a half scatters, as 32-bit floats. `W` is returned transposed: a
 //! row of it has the weights of one feature.
 
+use std::ops::Range;
+
 use faer::linalg::matmul::matmul;
 use faer::prelude::Solve;
 use faer::{Accum, Mat, MatRef, Par, Side};
@@ -45,11 +47,23 @@ pub fn by_samples(block: &DMatrix<f32>, features: usize, penalty: f32) -> DMatri
 /// If a sample is not finite.
 pub fn by_features(blocks: &[DMatrix<f32>], features: usize, penalty: f32) -> DMatrix<f32> {
     let rows = blocks.first().map_or(0, DMatrix::nrows);
+    let (lower, moments) = scatter(blocks, 0..features, rows - features);
+    owned(&solved(lower, penalty, moments))
+}
+
+/// Lower triangle of the scatter of a range of rows, and their moments with as many rows `below` it.
+pub(crate) fn scatter(
+    blocks: &[DMatrix<f32>],
+    range: Range<usize>,
+    below: usize,
+) -> (Mat<f32>, Mat<f32>) {
+    let features = range.len();
+    let rows = features + below;
     // Lower triangle only.
     let part = |first: usize| {
         let mut sum = Mat::zeros(rows - first, COLUMNS.min(features - first));
         for block in blocks {
-            let below = view(block).subrows(first, rows - first);
+            let below = view(block).subrows(range.start + first, rows - first);
             let own = below.subrows(0, sum.ncols()).transpose();
             matmul(&mut sum, Accum::Add, below, own, 1.0, Par::Seq);
         }
@@ -68,7 +82,6 @@ pub fn by_features(blocks: &[DMatrix<f32>], features: usize, penalty: f32) -> DM
             scatter(row, column)
         }
     });
-    let moments = Mat::from_fn(features, rows - features, |k, t| scatter(features + t, k));
-    drop(parts);
-    owned(&solved(lower, penalty, moments))
+    let moments = Mat::from_fn(features, below, |k, t| scatter(features + t, k));
+    (lower, moments)
 }

@@ -12,7 +12,7 @@ pub enum ModelError {
     NotAModel(Vec<u8>),
     /// Unsupported version: the expected one, and the file's.
     #[error(
-        "expected a face model of version {0}, found version {1}; train it again with this mien-studio"
+        "expected a face model of version {0}, found version {1}; train it again, or convert one of version 3 with `mien-studio train --round FILE`"
     )]
     Version(u32, u32),
     /// Wrong length: bytes by the header, and bytes found.

@@ -5,7 +5,7 @@
 //! sections:   tag [u8; 4]  length u32  payload          SHAP COLD WARM CONF HEAD PROV PAAM REFI
 //! CRC-32 of everything before it
 //! ```
-//! Little-endian; floats are IEEE 32-bit. Sections may be in any order; unknown ones are skipped. The checksum is also the
+//! Little-endian; floats are IEEE 32-bit, those of the stages' scales and priors their upper 16 bits. Sections may be in any order; unknown ones are skipped. The checksum is also the
 //! model's id. Beyond length and checksum, every count is checked against the bytes left, so that parsing cannot panic or
 //! allocate more than the file's length, and every number against its plausible range, so that stages built from a model cannot
 //! either.
@@ -17,21 +17,18 @@ use crate::base::checksum::crc32;
 use crate::base::geometry::{Point, Vector};
 
 use super::error::ModelError;
-use super::model::{CascadeStage, ConfidenceModel, FaceModel, ShapeModel};
-use super::reader::Reader;
+use super::model::{CascadeStage, ConfidenceModel, FaceModel, LEVELS_PER_BYTE, ShapeModel};
+use super::reader::{Reader, short};
 use super::refinement::Refinement;
 use super::sizes::{
-    FACE_INPUTS, FEATURES, FIRST_FACE_INPUTS, LANDMARK_INPUTS, MAX_MODES, MAX_STAGES,
-    VIEW_PARAMETERS,
+    FACE_INPUTS, FEATURES, LANDMARK_INPUTS, MAX_MODES, MAX_STAGES, VIEW_PARAMETERS,
 };
 use crate::base::prelude::*;
 
 /// First bytes of a model file.
 pub const MAGIC: [u8; 8] = *b"MIENFACE";
 /// Version of the written format.
-pub const VERSION: u32 = 3;
-/// The oldest readable version.
-const OLDEST: u32 = 2;
+pub const VERSION: u32 = 4;
 /// Largest coordinate of a head, head frame, metres: limits memory that grows with its extent.
 const HEAD_M: f32 = 0.3;
 /// Most points of the standard head: three times the shipped one's.
@@ -82,7 +79,7 @@ fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
         return Err(length((HEADER + CHECKSUM) as u64));
     }
     let version = u32_at(bytes, MAGIC.len());
-    if !(OLDEST..=VERSION).contains(&version) {
+    if version != VERSION {
         return Err(ModelError::Version(VERSION, version));
     }
     let stated = u64::from(u32_at(bytes, 12)) | u64::from(u32_at(bytes, 16)) << 32;
@@ -177,18 +174,16 @@ fn parse_stages<'a>(
             VIEW_PARAMETERS..=parameters,
             "a row for each parameter of the view and at most one for each shape mode",
         )?;
+        let mut bytes = |count| {
+            let bytes = reader.take(count)?;
+            Ok(lasting(bytes).map_or_else(|| Cow::Owned(bytes.to_vec()), Cow::Borrowed))
+        };
         stages.push(CascadeStage {
+            mean: bytes(FEATURES)?,
+            levels: bytes(rows * FEATURES / LEVELS_PER_BYTE)?,
             cell_px: reader.cell_px()?,
-            mean: reader.floats(FEATURES)?,
-            weights: {
-                let weights = reader.take(rows * FEATURES)?;
-                match lasting(weights) {
-                    Some(weights) => Cow::Borrowed(bytemuck::cast_slice(weights)),
-                    None => Cow::Owned(bytemuck::cast_slice(weights).to_vec()),
-                }
-            },
-            scales: reader.floats(rows * LANDMARKS)?,
-            prior: reader.floats(rows * rows)?,
+            scales: reader.shorts(rows * LANDMARKS)?,
+            prior: reader.shorts(rows * rows)?,
             bias: reader.floats(rows)?,
         });
     }
@@ -199,19 +194,13 @@ fn parse_stages<'a>(
 fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
     let model = ConfidenceModel {
         cell_px: reader.cell_px()?,
-        mean: reader.floats(FEATURES)?,
-        weights: reader.floats(FEATURES)?,
+        mean: reader.take(FEATURES)?.to_vec(),
+        weights: bytemuck::cast_slice(reader.take(FEATURES)?).to_vec(),
+        scales: reader.floats(LANDMARKS)?,
         landmark: reader.floats(LANDMARK_INPUTS * LANDMARKS)?,
         face: {
-            // Version 2 has the first inputs only.
-            let is_first = reader.bytes.len() == 4 * FIRST_FACE_INPUTS;
-            let signs = if is_first {
-                FIRST_FACE_INPUTS
-            } else {
-                FACE_INPUTS
-            };
-            let slopes = reader.floats(signs)?;
-            core::array::from_fn(|k| slopes.get(k).copied().unwrap_or(0.0))
+            let slopes = reader.floats(FACE_INPUTS)?;
+            core::array::from_fn(|k| slopes[k])
         },
     };
     reader.end()?;
@@ -232,20 +221,33 @@ fn put_stages(stages: &[CascadeStage]) -> Vec<u8> {
     put_count(&mut out, stages.len());
     for stage in stages {
         put_count(&mut out, stage.bias.len());
+        out.extend_from_slice(&stage.mean);
+        out.extend_from_slice(&stage.levels);
         put_floats(&mut out, [&stage.cell_px]);
-        put_floats(&mut out, &stage.mean);
-        out.extend(stage.weights.iter().map(|w| w.to_le_bytes()[0]));
-        for values in [&stage.scales, &stage.prior, &stage.bias] {
-            put_floats(&mut out, values);
+        for value in stage.scales.iter().chain(&stage.prior) {
+            out.extend_from_slice(&short(*value).to_le_bytes()[2..]);
         }
+        put_floats(&mut out, &stage.bias);
     }
     out
 }
 
-/// A file of a version and sections (tag, bytes), with length and checksum.
-fn framed<'a>(version: u32, sections: impl Iterator<Item = (&'a [u8], &'a [u8])>) -> Vec<u8> {
+/// Bytes of the section CONF.
+pub fn put_confidence(model: &ConfidenceModel) -> Vec<u8> {
+    let mut out = Vec::new();
+    put_floats(&mut out, [&model.cell_px]);
+    out.extend_from_slice(&model.mean);
+    out.extend_from_slice(bytemuck::cast_slice(&model.weights));
+    for values in [&model.scales[..], &model.landmark, &model.face] {
+        put_floats(&mut out, values);
+    }
+    out
+}
+
+/// A file of sections (tag, bytes), with length and checksum.
+pub fn framed<'a>(sections: impl Iterator<Item = (&'a [u8], &'a [u8])>) -> Vec<u8> {
     let mut out = MAGIC.to_vec();
-    out.extend(version.to_le_bytes());
+    out.extend(VERSION.to_le_bytes());
     out.extend([0; 8]);
     for (tag, payload) in sections {
         out.extend(tag);
@@ -281,7 +283,7 @@ pub fn sections(bytes: &[u8]) -> Result<impl Iterator<Item = (&[u8], &[u8])> + C
 pub fn with_section(bytes: &[u8], tag: [u8; 4], payload: &[u8]) -> Result<Vec<u8>, ModelError> {
     let sections = sections(bytes)?;
     let replaced = sections.map(|(other, kept)| (other, if other == tag { payload } else { kept }));
-    let out = framed(u32_at(bytes, MAGIC.len()), replaced);
+    let out = framed(replaced);
     FaceModel::read(&out)?;
     Ok(out)
 }
@@ -300,12 +302,7 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
         model.standard_head.iter().flat_map(|(p, _)| &p.coords),
     );
     put_floats(&mut head, model.standard_head.iter().flat_map(|(_, n)| n));
-    let mut confidence = Vec::new();
-    put_floats(&mut confidence, [&model.confidence.cell_px]);
-    put_floats(&mut confidence, &model.confidence.mean);
-    put_floats(&mut confidence, &model.confidence.weights);
-    put_floats(&mut confidence, &model.confidence.landmark);
-    put_floats(&mut confidence, &model.confidence.face);
+    let confidence = put_confidence(&model.confidence);
     let (cold, warm) = (put_stages(&model.cold), put_stages(&model.warm));
     let refinement = model.refinement.as_ref().map(|r| r.emit());
     let sections = [
@@ -320,7 +317,7 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
     let refinement = refinement.iter().map(|bytes| ("REFI", bytes.as_slice()));
     let sections = sections.into_iter().chain(refinement);
     let sections = sections.map(|(tag, payload)| (tag.as_bytes(), payload));
-    framed(VERSION, sections)
+    framed(sections)
 }
 
 #[cfg(test)]
@@ -331,6 +328,7 @@ mod tests {
         let mut random = fastrand::Rng::with_seed(7);
         let mut floats =
             |count: usize| -> Vec<f32> { (0..count).map(|_| random.f32() - 0.5).collect() };
+        let bytes = |count: usize| -> Vec<u8> { (0..count).map(|k| (k * k / 7) as u8).collect() };
         let vectors = |f: Vec<f32>| -> Vec<Vector> {
             f.chunks_exact(3)
                 .map(|c| Vector::new(c[0], c[1], c[2]))
@@ -347,13 +345,10 @@ mod tests {
         let rows = VIEW_PARAMETERS + 2;
         let mut stage = || CascadeStage {
             cell_px: 5.5,
-            mean: floats(FEATURES),
-            weights: floats(rows * FEATURES)
-                .iter()
-                .map(|f| (f * 250.0) as i8)
-                .collect(),
-            scales: floats(rows * LANDMARKS),
-            prior: floats(rows * rows),
+            mean: bytes(FEATURES).into(),
+            levels: bytes(rows * FEATURES / LEVELS_PER_BYTE).into(),
+            scales: floats(rows * LANDMARKS).into_iter().map(short).collect(),
+            prior: floats(rows * rows).into_iter().map(short).collect(),
             bias: floats(rows),
         };
         let mut model = FaceModel {
@@ -365,8 +360,9 @@ mod tests {
         };
         model.confidence = ConfidenceModel {
             cell_px: 5.0,
-            mean: floats(FEATURES),
-            weights: floats(FEATURES),
+            mean: bytes(FEATURES),
+            weights: bytes(FEATURES).iter().map(|b| b.cast_signed()).collect(),
+            scales: floats(LANDMARKS),
             landmark: floats(LANDMARK_INPUTS * LANDMARKS),
             face: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
         }
@@ -481,7 +477,7 @@ mod tests {
         let model = FaceModel::read(SHIPPED).expect("valid");
         assert_eq!(FaceModel::shipped().id, model.id);
         assert_eq!(model.shape.mean.len(), LANDMARKS);
-        assert!(SHIPPED.len() <= 3_000_000);
+        assert!(SHIPPED.len() <= 1_000_000);
         let eyes = nalgebra::center(&model.shape.mean[39], &model.shape.mean[42]);
         assert!(eyes.coords.norm() < 0.01, "origin off by {eyes}");
     }

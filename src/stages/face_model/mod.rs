@@ -6,9 +6,9 @@
 //! image, so each mode is even or odd under left-right mirroring. Principal component analysis of 3D shape as in the combined
 //! 2D+3D active appearance models (Xiao, Baker, Matthews, Kanade 2004).
 //!
-//! **Cascade.** Update matrices of the stages of [`crate::landmarks`], quantised to 8 bits in blocks of one patch.
+//! **Cascade.** Update matrices of the stages of [`crate::landmarks`]: two bits a weight, in units of one scale for each row and patch.
 //!
-//! Memory: 0.4 MB per stage. The built-in model's update matrices are used in place; everything else is allocated while
+//! Memory: 0.1 MB per stage. The built-in model's update matrices are used in place; everything else is allocated while
 //! reading. Limits: see [`mod@file`].
 
 pub mod error;
@@ -23,5 +23,6 @@ mod template;
 pub use error::ModelError;
 pub use file::SHIPPED;
 pub use model::*;
+pub use reader::short;
 pub use sizes::*;
 pub use template::FaceTemplate;

@@ -9,7 +9,7 @@ use crate::base::prelude::*;
 use crate::base::vectors::with_avx2;
 
 use super::refinement::Refinement;
-use super::sizes::FACE_INPUTS;
+use super::sizes::{FACE_INPUTS, PATCH};
 
 /// 3D shape of faces: mean and modes of variation, head frame, metres.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -65,11 +65,11 @@ impl ShapeModel {
 pub struct CascadeStage {
     /// Distance of neighbouring cells of a patch, window pixels.
     pub cell_px: f32,
-    /// Mean features, [`super::sizes::FEATURES`] values.
-    pub mean: Vec<f32>,
-    /// Update matrix: one row of [`super::sizes::FEATURES`] per updated parameter, in units of `scales`.
-    pub weights: Cow<'static, [i8]>,
-    /// Unit of `weights`, per row and landmark.
+    /// Mean features in units of 1 / [`MEAN_STEPS`], [`super::sizes::FEATURES`] values.
+    pub mean: Cow<'static, [u8]>,
+    /// Update matrix: one row of [`super::sizes::FEATURES`] weights per updated parameter, two bits each; see [`weight_at`].
+    pub levels: Cow<'static, [u8]>,
+    /// Unit of the weights, per row and landmark.
     pub scales: Vec<f32>,
     /// Square matrix (as many columns as rows) on the inputs besides the image: displacement of the view from the start, then the
     /// shape coefficients.
@@ -78,15 +78,31 @@ pub struct CascadeStage {
     pub bias: Vec<f32>,
 }
 
+/// Steps of a mean feature from 0 to 1.
+pub const MEAN_STEPS: f32 = 255.0;
+/// Weights in a byte.
+pub const LEVELS_PER_BYTE: usize = 4;
+/// Bytes of the weights of one patch.
+pub const PATCH_BYTES: usize = PATCH / LEVELS_PER_BYTE;
+
+/// Weight `k` of a patch, in units of its scale: -3, -1, 1 or 3. Byte `b` has the levels (0 to 3) of the weights `b`, `b` + 32, `b` +
+/// 64 and `b` + 96, the first in its lowest bits, so that one shift serves the same bits of neighbouring bytes.
+pub fn weight_at(levels: &[u8; PATCH_BYTES], k: usize) -> i32 {
+    let level = levels[k % PATCH_BYTES] >> (2 * (k / PATCH_BYTES)) & 3;
+    2 * i32::from(level) - 3
+}
+
 /// Confidence of a fit: linear discriminants over the last stage's features.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ConfidenceModel {
     /// Distance of neighbouring cells of a patch, window pixels.
     pub cell_px: f32,
-    /// Mean features, [`super::sizes::FEATURES`] values.
-    pub mean: Vec<f32>,
-    /// Discriminant per landmark, [`super::sizes::FEATURES`] values in all.
-    pub weights: Vec<f32>,
+    /// Mean features in units of 1 / [`MEAN_STEPS`], [`super::sizes::FEATURES`] values.
+    pub mean: Vec<u8>,
+    /// Discriminant of each landmark's patch in units of its scale, [`super::sizes::FEATURES`] values in all.
+    pub weights: Vec<i8>,
+    /// Unit of the weights, per landmark.
+    pub scales: Vec<f32>,
     /// Logistic slopes on the inputs of each landmark ([`crate::landmarks::cascade::landmark_inputs`]): 68 × 4.
     pub landmark: Vec<f32>,
     /// Logistic slopes on the inputs of the whole face ([`crate::landmarks::cascade::face_inputs`]).

@@ -64,6 +64,20 @@ impl<'a> Reader<'a> {
         self.floats_within(count, LARGEST, "finite numbers within a million")
     }
 
+    /// The same, of 16 bits: see [`short`].
+    pub(crate) fn shorts(&mut self, count: usize) -> Result<Vec<f32>, ModelError> {
+        let bytes = self.take(count.saturating_mul(2))?.as_chunks().0.iter();
+        let halves = bytes.map(|bytes| u32::from(u16::from_le_bytes(*bytes)));
+        let values: Vec<f32> = halves.map(|half| f32::from_bits(half << 16)).collect();
+        let bad = values
+            .iter()
+            .find(|value| value.is_nan() || value.abs() > LARGEST);
+        match bad {
+            None => Ok(values),
+            Some(bad) => Err(self.malformed("finite numbers within a million", f64::from(*bad))),
+        }
+    }
+
     /// Floats of magnitude up to `most`.
     pub(crate) fn floats_within(
         &mut self,
@@ -118,6 +132,11 @@ impl<'a> Reader<'a> {
         }
         Err(self.malformed("no bytes after its end", self.bytes.len() as f64))
     }
+}
+
+/// The nearest number that the upper 16 bits of a float state (bfloat16), to half a per cent.
+pub fn short(value: f32) -> f32 {
+    f32::from_bits((value.to_bits() + 0x8000) & 0xffff_0000)
 }
 
 /// Groups values into vectors.

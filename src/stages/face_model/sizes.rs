@@ -22,7 +22,5 @@ pub const FEATURES: usize = LANDMARKS * PATCH;
 pub const LANDMARK_INPUTS: usize = 4;
 /// Number of inputs of the face's confidence.
 pub const FACE_INPUTS: usize = 7;
-/// Number of inputs of the face's confidence in models of version 2.
-pub const FIRST_FACE_INPUTS: usize = 4;
 /// Most stages of one schedule.
 pub const MAX_STAGES: usize = 8;

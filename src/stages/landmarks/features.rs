@@ -5,7 +5,7 @@
 //! pixels and blurred: by σ 1.2 px for patches of lids and lips, whose cells are closer than [`FINE_BELOW_PX`], by σ 2.4 px for
 //! the others. Per landmark: 4×4 cells, bilinear, scaled to unit length, square-rooted (the Hellinger map).
 //! Histograms of oriented gradients after Dalal and Triggs 2005, used for alignment as in Xiong and De la Torre 2013.
-//! Units: window pixels in, values 0…1 out. About 1.7 M operations per window, 35 k look-ups per face; 0.8 MB.
+//! Units: window pixels in, values 0…1 out. About 1.7 M operations per window, 35 k look-ups per face; 0.6 MB.
 //! Invariant to the scale of the grey values, because the constant of the normalisation is relative to the window's mean
 //! gradient. Degenerate: a flat window gives zero patches. Limitation: clipped highlights have no gradients.
 
@@ -18,11 +18,15 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::vectors::with_avx2;
+use crate::base::vectors::{NO_FRACTION, with_avx2};
 use crate::face_model::{FEATURES, ORIENTATIONS, PATCH, PATCH_CELLS};
 
 /// Cells along one side of the maps.
 pub const MAP: usize = WINDOW / 2;
+/// Cells beyond either end of a line, where blurring across repeats the border.
+const BORDER: usize = COARSE.len() - 1;
+/// Cells in memory from one line of the maps to the next.
+const LINE: usize = MAP + 2 * BORDER;
 /// Patches with cells closer than this use the finer maps, window pixels.
 pub const FINE_BELOW_PX: f32 = 3.4;
 /// Blur of the finer maps: half a Gaussian of σ 0.6 cells (1.2 px).
@@ -43,12 +47,15 @@ const DOWN: [f32; ORIENTATIONS] = [
 ];
 
 defaults! {
-    /// Orientation maps of one window: `MAP` × `MAP` cells of eight values, fine and coarse.
+    /// Orientation maps of one window: `MAP` lines of [`LINE`] cells of eight values, fine and coarse.
     #[derive(Clone)]
     pub struct OrientationMaps {
-        fine: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * MAP],
-        coarse: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * MAP],
-        scratch: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * MAP],
+        fine: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * LINE],
+        coarse: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; MAP * LINE],
+        /// Ring buffers of lines blurred across, the input of each map's blur down. A line is stored at its row modulo the number of
+        /// lines, which is at least the height of the kernel.
+        fine_across: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; 2 * FINE.len() * LINE],
+        coarse_across: Vec<[f32; ORIENTATIONS]> = vec![[0.0; ORIENTATIONS]; 2 * COARSE.len() * LINE],
         floor: f32 = 1.0,
         /// Region covered by the maps, window pixels.
         region: Region = Region::WHOLE,
@@ -61,29 +68,54 @@ impl OrientationMaps {
         self.region = region.clone();
         let cells = Region {
             rows: region.rows.start / 2..region.rows.end / 2,
-            columns: region.columns.start / 2..region.columns.end / 2,
+            columns: BORDER + region.columns.start / 2..BORDER + region.columns.end / 2,
         };
-        let Self {
-            fine,
-            coarse,
-            scratch,
-            ..
-        } = self;
         let total = with_avx2(
             #[inline(always)]
-            || spread(window, region, coarse),
-        );
-        with_avx2(
-            #[inline(always)]
-            || blur(coarse, &FINE, &cells, scratch, fine),
-        );
-        with_avx2(
-            #[inline(always)]
-            || blur(fine, &COARSE, &cells, scratch, coarse),
+            || self.fill(window, region, &cells),
         );
         // A typical cell holds four mean gradients, spread over about three orientations.
         let cell = 4.0 * total / (region.rows.len() * region.columns.len()) as f32;
         self.floor = (FLATNESS * cell * (PATCH_CELLS as f32)).max(1e-3);
+    }
+
+    /// Fills both maps line by line, so that the second blur finds its input in the cache; returns the sum of the gradients' magnitudes.
+    #[inline(always)]
+    fn fill(&mut self, window: &[f32], region: &Region, cells: &Region) -> f32 {
+        let mut gradients = Gradients::default();
+        let mut line = [[0.0; ORIENTATIONS]; LINE];
+        let [fine, coarse, fine_across, coarse_across] = [
+            &mut self.fine,
+            &mut self.coarse,
+            &mut self.fine_across,
+            &mut self.coarse_across,
+        ]
+        .map(|cells| cells.as_chunks_mut::<LINE>().0);
+        let Region { rows, columns } = cells;
+        for pixels in region.rows.start..region.rows.end + 2 * (FINE.len() + COARSE.len() - 2) {
+            if pixels < region.rows.end {
+                spread(window, region, pixels, &mut gradients, &mut line);
+            }
+            if pixels.is_multiple_of(2) {
+                continue;
+            }
+            let row = pixels / 2;
+            if row < rows.end {
+                let slot = row % (2 * FINE.len());
+                blur_across(&mut line, &FINE, columns, &mut fine_across[slot]);
+            }
+            let row = row.wrapping_sub(FINE.len() - 1);
+            if rows.contains(&row) {
+                blur_down(fine_across, &FINE, cells, row, &mut fine[row]);
+                let slot = row % (2 * COARSE.len());
+                blur_across(&mut fine[row], &COARSE, columns, &mut coarse_across[slot]);
+            }
+            let row = row.wrapping_sub(COARSE.len() - 1);
+            if rows.contains(&row) {
+                blur_down(coarse_across, &COARSE, cells, row, &mut coarse[row]);
+            }
+        }
+        gradients.totals.iter().sum()
     }
 
     /// Patches around all landmarks (window pixels), with cells `cell_px` apart: [`FEATURES`] values, landmark by landmark.
@@ -112,16 +144,17 @@ impl OrientationMaps {
         cell_px: f32,
         patch: &mut [f32; PATCH],
     ) {
-        let columns = cell_positions(landmark[0], cell_px, &self.region.columns);
-        let rows = cell_positions(landmark[1], cell_px, &self.region.rows);
+        let (columns, across) = cell_positions(landmark[0], cell_px, &self.region.columns);
+        let (rows, down) = cell_positions(landmark[1], cell_px, &self.region.rows);
         let mut squares = [0.0f32; ORIENTATIONS];
         let cells = patch.as_chunks_mut::<ORIENTATIONS>().0;
         let lines = cells.as_chunks_mut::<PATCH_CELLS>().0;
-        for (line, (row, down)) in lines.iter_mut().zip(rows) {
-            // One slice of both rows: one bounds check.
-            let (upper, lower) = maps[row * MAP..][..2 * MAP].split_at(MAP);
-            for (values, (column, across)) in line.iter_mut().zip(columns) {
-                *values = between(upper, lower, column, across, down);
+        for (j, line) in lines.iter_mut().enumerate() {
+            for (i, values) in line.iter_mut().enumerate() {
+                // One slice of both rows: one bounds check.
+                let cell = rows[j] * LINE as u32 + columns[i];
+                let square = &maps[BORDER + cell as usize..][..LINE + 2];
+                *values = between(square, across[i], down[j]);
                 for k in 0..ORIENTATIONS {
                     squares[k] += values[k] * values[k];
                 }
@@ -135,107 +168,121 @@ impl OrientationMaps {
     }
 }
 
-/// Spreads the gradients of a region over orientations into cells; returns the sum of their magnitudes.
+defaults! {
+    /// Gradients of a row of pixels, and the sums of the magnitudes of all rows so far.
+    struct Gradients {
+        gx: [f32; WINDOW] = [0.0; WINDOW],
+        gy: [f32; WINDOW] = [0.0; WINDOW],
+        magnitude: [f32; WINDOW] = [0.0; WINDOW],
+        inverse: [f32; WINDOW] = [0.0; WINDOW],
+        totals: [f32; ORIENTATIONS] = [0.0; ORIENTATIONS],
+    }
+}
+
+/// Spreads the gradients of a row of pixels in a region over orientations and adds them to a line of cells. A line of cells has two rows
+/// of pixels; the upper one clears it first.
 #[inline(always)]
-fn spread(window: &[f32], region: &Region, cells: &mut [[f32; ORIENTATIONS]]) -> f32 {
+fn spread(
+    window: &[f32],
+    region: &Region,
+    row: usize,
+    gradients: &mut Gradients,
+    cells: &mut [[f32; ORIENTATIONS]; LINE],
+) {
     let pixels = window.as_chunks::<WINDOW>().0;
     // Hidden from constant folding: special cases of ones and zeros cost more than they save.
     let (across, down) = black_box((ACROSS, DOWN));
-    let (mut gx, mut gy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
-    let (mut magnitude, mut inverse) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
-    let mut totals = [0.0f32; ORIENTATIONS];
+    let Gradients {
+        gx,
+        gy,
+        magnitude,
+        inverse,
+        totals,
+    } = gradients;
     let columns = region.columns.start..region.columns.end.min(WINDOW);
-    for row in region.rows.clone() {
-        let cells =
-            &mut cells.as_chunks_mut::<MAP>().0[row / 2][columns.start / 2..columns.end / 2];
-        if row % 2 == 0 {
-            cells.fill([0.0; ORIENTATIONS]);
+    let within = columns.start / 2..columns.end / 2;
+    let cells = &mut cells[BORDER..][within.clone()];
+    if row.is_multiple_of(2) {
+        cells.fill([0.0; ORIENTATIONS]);
+    }
+    if row == region.rows.start || row + 1 == region.rows.end {
+        return;
+    }
+    let (line, above, below) = (&pixels[row], &pixels[row - 1], &pixels[row + 1]);
+    for column in columns.start + 1..columns.end - 1 {
+        let x = line[column + 1] - line[column - 1];
+        let y = below[column] - above[column];
+        let squared = x * x + y * y;
+        magnitude[column] = squared.sqrt();
+        // Inverse cube, because magnitude × cosine⁴ is projection⁴ / magnitude³. The constant avoids 0 / 0.
+        inverse[column] = 1.0 / (squared * magnitude[column] + 1e-12);
+        (gx[column], gy[column]) = (x, y);
+    }
+    for part in magnitude.as_chunks::<ORIENTATIONS>().0 {
+        for k in 0..ORIENTATIONS {
+            totals[k] += part[k];
         }
-        if row == region.rows.start || row + 1 == region.rows.end {
-            continue;
-        }
-        let (line, above, below) = (&pixels[row], &pixels[row - 1], &pixels[row + 1]);
-        for column in columns.start + 1..columns.end - 1 {
-            let x = line[column + 1] - line[column - 1];
-            let y = below[column] - above[column];
-            let squared = x * x + y * y;
-            magnitude[column] = squared.sqrt();
-            // Inverse cube, because magnitude × cosine⁴ is projection⁴ / magnitude³. The constant avoids 0 / 0.
-            inverse[column] = 1.0 / (squared * magnitude[column] + 1e-12);
-            (gx[column], gy[column]) = (x, y);
-        }
-        for part in magnitude.as_chunks::<ORIENTATIONS>().0 {
+    }
+    let [gx, gy, inverse] =
+        [&*gx, &*gy, &*inverse].map(|values| &values.as_chunks::<2>().0[within.clone()]);
+    for (((cell, gx), gy), inverse) in cells.iter_mut().zip(gx).zip(gy).zip(inverse) {
+        // Makes the compiler vectorise over orientations, not cells, which is slower.
+        compiler_fence(Ordering::Release);
+        for pixel in 0..2 {
             for k in 0..ORIENTATIONS {
-                totals[k] += part[k];
-            }
-        }
-        let within = columns.start / 2..columns.end / 2;
-        let [gx, gy, inverse] =
-            [&gx, &gy, &inverse].map(|values| &values.as_chunks::<2>().0[within.clone()]);
-        for (((cell, gx), gy), inverse) in cells.iter_mut().zip(gx).zip(gy).zip(inverse) {
-            // Makes the compiler vectorise over orientations, not cells, which is slower.
-            compiler_fence(Ordering::Release);
-            for pixel in 0..2 {
-                for k in 0..ORIENTATIONS {
-                    let along = gx[pixel] * across[k] + gy[pixel] * down[k];
-                    let squared = along.max(0.0) * along.max(0.0);
-                    cell[k] += squared * squared * inverse[pixel];
-                }
+                let along = gx[pixel] * across[k] + gy[pixel] * down[k];
+                let squared = along.max(0.0) * along.max(0.0);
+                cell[k] += squared * squared * inverse[pixel];
             }
         }
     }
-    totals.iter().sum()
 }
 
-/// Blurs a region of cells by a separable symmetric kernel, given as its half; the border is repeated.
+/// Blurs the cells of a line in `columns` by a symmetric kernel, given as its half; the border is repeated.
 #[inline(always)]
-fn blur<const TAPS: usize>(
-    from: &[[f32; ORIENTATIONS]],
+fn blur_across<const TAPS: usize>(
+    line: &mut [[f32; ORIENTATIONS]; LINE],
+    kernel: &[f32; TAPS],
+    columns: &Range<usize>,
+    out: &mut [[f32; ORIENTATIONS]; LINE],
+) {
+    for distance in 1..TAPS {
+        line[columns.start - distance] = line[columns.start];
+        line[columns.end - 1 + distance] = line[columns.end - 1];
+    }
+    for column in columns.clone() {
+        let mut sum = scaled(&line[column], kernel[0]);
+        for distance in 1..TAPS {
+            let (left, right) = (&line[column - distance], &line[column + distance]);
+            add_pair(&mut sum, left, right, kernel[distance]);
+        }
+        out[column] = sum;
+    }
+}
+
+/// Blurs `lines` vertically into row `row`, as [`blur_across`] does horizontally. Each line is stored at its row modulo 2 × `TAPS`.
+#[inline(always)]
+fn blur_down<const TAPS: usize>(
+    lines: &[[[f32; ORIENTATIONS]; LINE]],
     kernel: &[f32; TAPS],
     cells: &Region,
-    scratch: &mut [[f32; ORIENTATIONS]],
-    to: &mut [[f32; ORIENTATIONS]],
+    row: usize,
+    out: &mut [[f32; ORIENTATIONS]; LINE],
 ) {
-    let columns = cells.columns.clone();
-    let inside = columns.start + TAPS..columns.end - TAPS;
-    for row in cells.rows.clone() {
-        let line = &from.as_chunks::<MAP>().0[row];
-        let out = &mut scratch.as_chunks_mut::<MAP>().0[row];
-        for column in (columns.start..inside.start).chain(inside.end..columns.end) {
-            let mut sum = scaled(&line[column], kernel[0]);
-            for distance in 1..TAPS {
-                let left = column.saturating_sub(distance).max(columns.start);
-                let right = (column + distance).min(columns.end - 1);
-                add_pair(&mut sum, &line[left], &line[right], kernel[distance]);
-            }
-            out[column] = sum;
-        }
-        for column in inside.clone() {
-            let mut sum = scaled(&line[column], kernel[0]);
-            for distance in 1..TAPS {
-                let (left, right) = (column - distance, column + distance);
-                add_pair(&mut sum, &line[left], &line[right], kernel[distance]);
-            }
-            out[column] = sum;
-        }
+    let line = |row: usize| &lines[row % (2 * TAPS)];
+    let mut above = [line(row); TAPS];
+    let mut below = above;
+    for distance in 1..TAPS {
+        above[distance] = line(row.saturating_sub(distance).max(cells.rows.start));
+        below[distance] = line((row + distance).min(cells.rows.end - 1));
     }
-    let lines = scratch.as_chunks::<MAP>().0;
-    for row in cells.rows.clone() {
-        let mut above = [&lines[row]; TAPS];
-        let mut below = above;
+    for column in cells.columns.clone() {
+        let mut sum = scaled(&above[0][column], kernel[0]);
         for distance in 1..TAPS {
-            above[distance] = &lines[row.saturating_sub(distance).max(cells.rows.start)];
-            below[distance] = &lines[(row + distance).min(cells.rows.end - 1)];
+            let (a, b) = (&above[distance][column], &below[distance][column]);
+            add_pair(&mut sum, a, b, kernel[distance]);
         }
-        let out = &mut to.as_chunks_mut::<MAP>().0[row];
-        for column in columns.clone() {
-            let mut sum = scaled(&lines[row][column], kernel[0]);
-            for distance in 1..TAPS {
-                let (a, b) = (&above[distance][column], &below[distance][column]);
-                add_pair(&mut sum, a, b, kernel[distance]);
-            }
-            out[column] = sum;
-        }
+        out[column] = sum;
     }
 }
 
@@ -262,28 +309,29 @@ fn add_pair(
 
 /// Along one axis of a patch: the map cell before each patch cell, and the share of the way to the next; clamped to the region.
 #[inline(always)]
-fn cell_positions(middle: f32, cell_px: f32, along: &Range<usize>) -> [(usize, f32); PATCH_CELLS] {
+fn cell_positions(
+    middle: f32,
+    cell_px: f32,
+    along: &Range<usize>,
+) -> ([u32; PATCH_CELLS], [f32; PATCH_CELLS]) {
     let (least, most) = ((along.start / 2) as f32, (along.end / 2 - 1) as f32 - 1e-3);
     let first = -0.5 * (PATCH_CELLS as f32 - 1.0);
-    core::array::from_fn(|k| {
+    let cells: [f32; PATCH_CELLS] = core::array::from_fn(|k| {
         let pixel = middle + (first + k as f32) * cell_px;
-        let cell = ((pixel - 0.5) * 0.5).max(least).min(most);
-        let whole = cell as i32;
-        (whole as usize, cell - whole as f32)
-    })
+        ((pixel - 0.5) * 0.5).max(least).min(most)
+    });
+    let whole = cells.map(f32::floor);
+    (
+        whole.map(|whole| (whole + NO_FRACTION).to_bits() - NO_FRACTION.to_bits()),
+        core::array::from_fn(|k| cells[k] - whole[k]),
+    )
 }
 
-/// Bilinear value in two rows of a map, at shares `across` to the next column and `down` to the lower row.
+/// Bilinear value in a map that begins with the upper left one of four cells, at shares `across` to the next column and `down` to the
+/// lower row.
 #[inline(always)]
-fn between(
-    upper: &[[f32; ORIENTATIONS]],
-    lower: &[[f32; ORIENTATIONS]],
-    column: usize,
-    across: f32,
-    down: f32,
-) -> [f32; ORIENTATIONS] {
-    let (a, b) = (&upper[column], &upper[column + 1]);
-    let (c, d) = (&lower[column], &lower[column + 1]);
+fn between(map: &[[f32; ORIENTATIONS]], across: f32, down: f32) -> [f32; ORIENTATIONS] {
+    let (a, b, c, d) = (&map[0], &map[1], &map[LINE], &map[LINE + 1]);
     let (wa, wb) = ((1.0 - across) * (1.0 - down), across * (1.0 - down));
     let (wc, wd) = ((1.0 - across) * down, across * down);
     let mut value = [0.0; ORIENTATIONS];
@@ -296,6 +344,12 @@ fn between(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The cells of a whole window.
+    const CELLS: Region = Region {
+        rows: 0..MAP,
+        columns: BORDER..BORDER + MAP,
+    };
 
     fn edge(angle: f32, gain: f32) -> Vec<f32> {
         let (sin, cos) = angle.sin_cos();
@@ -315,7 +369,7 @@ mod tests {
                 &edge(k as f32 * core::f32::consts::FRAC_PI_4, 1.0),
                 &Region::WHOLE,
             );
-            let value = maps.coarse[46 * MAP + 46];
+            let value = maps.coarse[46 * LINE + BORDER + 46];
             let strongest = (0..ORIENTATIONS).max_by(|&a, &b| value[a].total_cmp(&value[b]));
             assert_eq!(strongest, Some(k), "{value:?}");
         }
@@ -325,8 +379,7 @@ mod tests {
     fn the_gradients_of_a_slope_add_up_over_all_but_the_border() {
         let slope = |i: usize| 0.3 * (i % WINDOW) as f32 + 0.4 * (i / WINDOW) as f32;
         let window: Vec<f32> = (0..WINDOW * WINDOW).map(slope).collect();
-        let mut cells = vec![[0.0; ORIENTATIONS]; MAP * MAP];
-        let total = spread(&window, &Region::WHOLE, &mut cells);
+        let total = OrientationMaps::default().fill(&window, &Region::WHOLE, &CELLS);
         // Differences over two pixels.
         let expected = (WINDOW - 2).pow(2) as f32 * 2.0 * 0.5;
         assert!((total / expected - 1.0).abs() < 1e-3, "{total} {expected}");
@@ -334,13 +387,16 @@ mod tests {
 
     #[test]
     fn patches_are_interpolated_and_repeat_the_border() {
-        let row = |from: f32| [from, from + 1.0].map(|value| [value; ORIENTATIONS]);
-        let value = between(&row(1.0), &row(5.0), 0, 0.25, 0.5);
+        let mut map = [[0.0; ORIENTATIONS]; LINE + 2];
+        for (cell, value) in [(0, 1.0), (1, 2.0), (LINE, 5.0), (LINE + 1, 6.0)] {
+            map[cell] = [value; ORIENTATIONS];
+        }
+        let value = between(&map, 0.25, 0.5);
         assert_eq!(value, [3.25; ORIENTATIONS]);
         // Cells are two pixels wide, and the last but one is the last that has a next.
         for (middle, cell) in [(-900.0, 10), (900.0, 48)] {
             let cells = cell_positions(middle, 5.0, &(20..100));
-            assert!(cells.iter().all(|(found, _)| *found == cell), "{cells:?}");
+            assert_eq!(cells.0, [cell; PATCH_CELLS]);
         }
     }
 
@@ -364,14 +420,13 @@ mod tests {
     #[test]
     fn wider_vectors_change_nothing() {
         let window = edge(0.4, 0.7);
-        let mut narrow = vec![[0.0; ORIENTATIONS]; MAP * MAP];
-        let mut broad = narrow.clone();
-        let total = spread(&window, &Region::WHOLE, &mut narrow);
+        let (mut narrow, mut broad) = <(OrientationMaps, OrientationMaps)>::default();
+        let total = narrow.fill(&window, &Region::WHOLE, &CELLS);
         let same = with_avx2(
             #[inline(always)]
-            || spread(&window, &Region::WHOLE, &mut broad),
+            || broad.fill(&window, &Region::WHOLE, &CELLS),
         );
         assert_eq!(total.to_bits(), same.to_bits());
-        assert!(narrow == broad);
+        assert!(narrow.fine == broad.fine && narrow.coarse == broad.coarse);
     }
 }

@@ -5,7 +5,7 @@
 //! are averaged slowly: the size of the face relative to the mean, so that it adds no jitter, and the pose of the face within
 //! the head seen by depth (rotation and shift), from which the next fit starts.
 //! Shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see [`super::cascade`].
-//! Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (60 kB per person; 1 MB of
+//! Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (60 kB per person; 0.8 MB of
 //! [`Scratch`] is lent to each fit). Degenerate: a head outside the image, or a low-confidence result, gives `None`.
 
 mod in_image;
@@ -62,7 +62,7 @@ defaults! {
     }
 }
 
-/// Least confidence of a face found by [`LandmarkFitter::search_face`], without a confirmed depth pose.
+/// Least confidence of a face found by [`LandmarkFitter::search_face`] or [`LandmarkFitter::search_in_image`].
 const MIN_FOUND: f32 = 0.8;
 /// Longest time that one fit counts for when visibility is averaged, seconds: after a loss the last fit may be long ago.
 const EVIDENCE_S: f32 = 0.04;

@@ -245,6 +245,8 @@ impl Placement {
         let map = &self.image_from_window;
         let (luma, width) = (image.luma, image.width as u32 as usize);
         let most = [image.width, image.height].map(|size| (size - 1) as f32 - 1e-2);
+        // Of equal length: one bounds check for all four values of a square.
+        let (upper, lower) = (&luma[..luma.len() - width], &luma[width..]);
         // Positions, loads and weights in separate loops: only the loads are not vectorised.
         let (mut at, mut pairs) = ([0u32; WINDOW], [[0u16; WINDOW]; 2]);
         let (mut fx, mut fy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
@@ -269,11 +271,11 @@ impl Placement {
                 at[column] = top * width as u32 + left;
             }
             for column in columns.clone() {
-                // One slice of both rows: one bounds check for all four.
-                let first = at[column] as usize;
-                let square = &luma[first..first + width + 2];
-                pairs[0][column] = u16::from_le_bytes([square[0], square[1]]);
-                pairs[1][column] = u16::from_le_bytes([square[width], square[width + 1]]);
+                let at = at[column] as usize;
+                for (pairs, line) in pairs.iter_mut().zip([upper, lower]) {
+                    let next = line[at + 1];
+                    pairs[column] = u16::from_le_bytes([line[at], next]);
+                }
             }
             for column in columns.clone() {
                 let [[a, b], [c, d]] = [pairs[0][column], pairs[1][column]]

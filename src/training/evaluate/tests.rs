@@ -76,7 +76,7 @@ fn scenes_of_heads_give_the_golden_rows() {
     let rows = ["acted", "wide", "first", "several", "known", "nobody"];
     let rows = rows.map(str::to_owned);
     let table = tried(&data, 2, 1.0, |trial| head_scenes::play(trial, &rows)).unwrap();
-    let wild = tried(&data, 4, 1.0, head_scenes::wild::play).unwrap();
+    let wild = tried(&data, 4, 1.0, |trial| head_scenes::wild::play(trial, false)).unwrap();
     compare_with_golden("evaluate/scenes", &figures(&(table + &wild)));
 }
 
@@ -85,7 +85,7 @@ fn recorded_wild_sessions_play_and_their_points_lie_where_the_truth_says() {
     let Some(data) = people() else { return };
     let folder = tempfile::tempdir().unwrap();
     tried(&data, 1, 1.0, |trial| {
-        head_scenes::wild::record(trial, folder.path())
+        head_scenes::wild::record(trial, false, folder.path())
     })
     .unwrap();
     let session = folder.path().join("0");

@@ -43,6 +43,9 @@ pub struct TrainArgs {
     /// Train the template of a face for the search in whole pictures alone, and write it instead of a model
     #[arg(long, conflicts_with_all = ["paper_into", "person"])]
     pub template: bool,
+    /// Convert this model of version 3 to the current format, on faces like those of the training, instead of training one
+    #[arg(long, conflicts_with_all = ["paper_into", "person", "template"])]
+    pub round: Option<PathBuf>,
     /// A recording of one person who goes through all expressions: train a model of that person alone
     #[arg(long)]
     pub person: Option<PathBuf>,

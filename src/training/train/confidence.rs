@@ -14,7 +14,7 @@ use super::cascade::Progress;
 use super::evaluate::{differences, mean_percent};
 use super::samples::{MapBuffer, Sample};
 use mien_stages::base::capacity::LANDMARKS;
-use mien_stages::face_model::{ConfidenceModel, PATCH, ShapeModel};
+use mien_stages::face_model::{ConfidenceModel, MEAN_STEPS, PATCH, ShapeModel};
 use mien_stages::landmarks::cascade::{Solver, discriminants, face_inputs, landmark_inputs};
 
 /// Largest error of a good point, percent of the eye distance.
@@ -75,8 +75,10 @@ pub fn learn(
     };
     let landmarks = (0..LANDMARKS).into_par_iter();
     let directions = landmarks.map(|i| discriminant(&features, &errors, i));
-    let (means, directions): (Vec<_>, Vec<_>) = directions.unzip();
-    (model.mean, model.weights) = (means.concat(), directions.concat());
+    let directions: Vec<_> = directions.collect();
+    for (mean, direction) in &directions {
+        add_patch(&mut model, mean, direction);
+    }
     let values = features.par_iter().map(|own| discriminants(&model, own));
     let values: Vec<[f32; LANDMARKS]> = values.collect();
     let signs: Vec<_> = values.iter().map(landmark_inputs).collect();
@@ -92,6 +94,19 @@ pub fn learn(
     let weights: Vec<f64> = ends.iter().map(|end| weight(end.sample)).collect();
     model.face = regressed(&signs, &good, &weights);
     model
+}
+
+/// Appends the discriminant of one landmark's patch, rounded to 8 bits.
+pub fn add_patch(model: &mut ConfidenceModel, mean: &[f32], direction: &[f32]) {
+    let steps = mean.iter().map(|m| (m * MEAN_STEPS).round() as u8);
+    model.mean.extend(steps);
+    let scale = direction
+        .iter()
+        .fold(1e-30_f32, |most, w| most.max(w.abs()))
+        / 127.0;
+    let steps = direction.iter().map(|w| (w / scale).round() as i8);
+    model.weights.extend(steps);
+    model.scales.push(scale);
 }
 
 /// Errors per landmark in percent of the eye distance, infinite without a face and for covered points, and their

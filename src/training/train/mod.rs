@@ -9,6 +9,7 @@
 //! samples          head windows with disturbed starts
 //! cascade          update matrices by ridge regression (ridge), on the output of earlier stages
 //! refine           lids and lips from depth
+//! round            a model of 8 bits a weight, converted
 //! confidence       recognition of good fits
 //! paper_aam        the paper's active appearance model; paper_aam_fits: its accuracy; person: for one person
 //! template         the template of a face for the search in whole images
@@ -34,6 +35,7 @@ mod random;
 pub mod refine;
 pub mod render;
 pub mod ridge;
+mod round;
 pub mod samples;
 pub mod schedule;
 pub mod shape;
@@ -54,6 +56,8 @@ use mien_workbench::fault::Fault;
 pub fn run(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     if args.template {
         template::learn(args, &args.out, say)
+    } else if let Some(path) = &args.round {
+        round::convert(args, path, say)
     } else if args.person.is_some() || args.paper_into.is_some() {
         paper_section::replace(args, say)
     } else {

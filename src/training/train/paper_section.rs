@@ -82,7 +82,7 @@ pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(),
     Ok(())
 }
 
-fn model_bytes(path: &Path) -> Result<Vec<u8>, Fault> {
+pub(super) fn model_bytes(path: &Path) -> Result<Vec<u8>, Fault> {
     let advice = "; expected a face model, such as config/face.model";
     std::fs::read(path).map_err(Fault::cannot("read", path, advice))
 }

@@ -20,7 +20,7 @@ pub struct LinearMap {
 }
 
 /// Subtracts the mean of all columns, and returns it.
-fn centred(blocks: &mut [DMatrix<f32>]) -> DVector<f32> {
+pub fn centred(blocks: &mut [DMatrix<f32>]) -> DVector<f32> {
     let mut sum = DVector::<f64>::zeros(blocks.first().map_or(0, DMatrix::nrows));
     for column in blocks.iter().flat_map(DMatrix::column_iter) {
         sum.zip_apply(&column, |sum, v| *sum += f64::from(v));

@@ -200,6 +200,33 @@ fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: Log) -> Result<Pict
     Ok(pictures)
 }
 
+/// Starts at portraits and rendered faces.
+fn starts(
+    args: &TrainArgs,
+    shape: &ShapeModel,
+    pictures: &Pictures,
+    log: Log,
+) -> Result<Vec<Sample>, Fault> {
+    let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
+    log(&format!("{} rendered faces", drawn.len()));
+    let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
+    samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
+    log(&format!("{} starts", samples.len()));
+    Ok(samples)
+}
+
+/// The starts that a model of this shape is trained on.
+///
+/// # Errors
+/// If the data cannot be read or are too few.
+pub fn training_starts(
+    args: &TrainArgs,
+    shape: &ShapeModel,
+    log: Log,
+) -> Result<Vec<Sample>, Fault> {
+    starts(args, shape, &portraits(args, shape)?, log)
+}
+
 /// Trains the cold and warm stages on portraits and rendered faces.
 fn learn_stages(
     args: &TrainArgs,
@@ -207,13 +234,7 @@ fn learn_stages(
     pictures: &Pictures,
     log: Log,
 ) -> Result<[Vec<CascadeStage>; 2], Fault> {
-    let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
-    log(&format!("{} rendered faces", drawn.len()));
-    let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
-    samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
-    // Tens of kilobytes each.
-    drop(drawn);
-    log(&format!("{} starts", samples.len()));
+    let samples = starts(args, shape, pictures, log)?;
 
     // People not trained on go through the stages as well, to measure generalisation.
     let strangers = args.strangers();
