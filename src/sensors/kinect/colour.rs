@@ -34,11 +34,19 @@ fn luma_from_sums([red, green, blue]: [Sum; 3]) -> u8 {
 
 /// Luma of the demosaiced picture, 0…255, without storing the RGB picture.
 pub fn luma_from_bayer(bayer: &[u8; PIXELS], luma: &mut [u8; PIXELS]) {
-    with_avx2(|| {
-        demosaic(bayer, &mut luma[..], |colours, luma: &mut [u8; 2]| {
-            *luma = colours.map(luma_from_sums);
-        });
-    });
+    with_avx2(
+        #[inline(always)]
+        || {
+            demosaic(
+                bayer,
+                &mut luma[..],
+                #[inline(always)]
+                |colours, luma: &mut [u8; 2]| {
+                    *luma = colours.map(luma_from_sums);
+                },
+            );
+        },
+    );
 }
 
 /// The demosaiced picture; `rgb` holds [`RGB_BYTES`].

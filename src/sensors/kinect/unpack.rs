@@ -27,27 +27,31 @@ const BATCH: usize = 256;
 
 /// Unpacks a depth picture to raw values, 0…2047.
 pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
-    with_avx2(|| {
-        let batches = packed.as_chunks::<{ BATCH * 11 / 8 }>().0.iter();
-        for (bytes, pixels) in batches.zip(depth.as_chunks_mut::<BATCH>().0) {
-            let mut words = [0u64; BATCH / 4];
-            let groups = bytes.as_chunks::<11>().0.iter();
-            for (pair, bytes) in words.as_chunks_mut::<2>().0.iter_mut().zip(groups) {
-                // Two overlapping words: the upper 44 bits of one, the lower 44 of the other.
-                let word = |from: usize| {
-                    let word = bytes[from..].first_chunk();
-                    word.map_or(0, |word| u64::from_be_bytes(*word))
-                };
-                *pair = [word(0) >> 20, word(3)];
+    with_avx2(
+        #[inline(always)]
+        || {
+            let batches = packed.as_chunks::<{ BATCH * 11 / 8 }>().0.iter();
+            for (bytes, pixels) in batches.zip(depth.as_chunks_mut::<BATCH>().0) {
+                let mut words = [0u64; BATCH / 4];
+                let groups = bytes.as_chunks::<11>().0.iter();
+                for (pair, bytes) in words.as_chunks_mut::<2>().0.iter_mut().zip(groups) {
+                    // Two overlapping words: the upper 44 bits of one, the lower 44 of the other.
+                    let word = |from: usize| {
+                        let word = bytes[from..].first_chunk();
+                        word.map_or(0, |word| u64::from_be_bytes(*word))
+                    };
+                    *pair = [word(0) >> 20, word(3)];
+                }
+                for (four, word) in pixels.as_chunks_mut::<4>().0.iter_mut().zip(words) {
+                    *four = unpack_four(word);
+                }
             }
-            for (four, word) in pixels.as_chunks_mut::<4>().0.iter_mut().zip(words) {
-                *four = unpack_four(word);
-            }
-        }
-    });
+        },
+    );
 }
 
 /// Packs four pixels into the lower 44 bits of a word, the first one in the highest.
+#[inline(always)]
 fn pack_four(pixels: [u16; 4]) -> u64 {
     const EACH: u64 = 0x7ff << 32 | 0x7ff;
     // One load: the first pixel in the lowest bits.
@@ -58,12 +62,24 @@ fn pack_four(pixels: [u16; 4]) -> u64 {
 
 /// Packs a depth picture; values modulo 2048.
 pub fn pack_depth(depth: &[u16; PIXELS], packed: &mut [u8; PACKED_DEPTH]) {
-    let groups = depth.as_chunks::<4>().0.as_chunks::<2>().0;
-    for (pixels, bytes) in groups.iter().zip(packed.as_chunks_mut::<11>().0) {
-        let [first, second] = pixels.map(pack_four);
-        bytes[..8].copy_from_slice(&(first << 20 | second >> 24).to_be_bytes());
-        bytes[8..].copy_from_slice(&second.to_be_bytes()[5..]);
-    }
+    with_avx2(
+        #[inline(always)]
+        || {
+            let batches = packed.as_chunks_mut::<{ BATCH * 11 / 8 }>().0.iter_mut();
+            for (bytes, pixels) in batches.zip(depth.as_chunks::<BATCH>().0) {
+                let mut words = [0u64; BATCH / 4];
+                for (word, four) in words.iter_mut().zip(pixels.as_chunks::<4>().0) {
+                    *word = pack_four(*four);
+                }
+                let groups = bytes.as_chunks_mut::<11>().0.iter_mut();
+                for ([first, second], bytes) in words.as_chunks::<2>().0.iter().zip(groups) {
+                    // The words overlap by five bytes, as in unpacking: the first overwrites those in which the second is incomplete.
+                    bytes[3..].copy_from_slice(&second.to_be_bytes());
+                    bytes[..8].copy_from_slice(&(first << 20 | second >> 24).to_be_bytes());
+                }
+            }
+        },
+    );
 }
 
 #[cfg(test)]

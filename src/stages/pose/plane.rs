@@ -175,10 +175,11 @@ impl Sums {
             let turn = q.coords.cross(&n);
             let growth = -n.dot(&q.coords);
             let j = [turn.x, turn.y, turn.z, n.x, n.y, n.z, growth, r].map(f64::from);
-            for (row, j_a) in self.rows.iter_mut().zip(j) {
-                let wa = w * j_a;
-                for (sum, j_b) in row.iter_mut().zip(&j) {
-                    *sum += wa * j_b;
+            for (a, row) in self.rows.iter_mut().enumerate() {
+                let wa = w * j[a];
+                // Whole vectors of four columns; those entirely below the diagonal are skipped, because nothing reads them.
+                for b in a / 4 * 4..8 {
+                    row[b] += wa * j[b];
                 }
             }
         }
@@ -204,10 +205,13 @@ pub(crate) fn align(
         let inverse_scale = (-log_scale).exp() as f32;
         let thinned = cloud.iter().step_by(stride);
         let mut sums = Sums::default();
-        with_avx2(|| {
-            let (place, weights) = ((&pose, inverse_scale), (cutoff, options.hair_weight));
-            sums.add(anchor, shape, thinned, place, weights, middle2);
-        });
+        with_avx2(
+            #[inline(always)]
+            || {
+                let (place, weights) = ((&pose, inverse_scale), (cutoff, options.hair_weight));
+                sums.add(anchor, shape, thinned, place, weights, middle2);
+            },
+        );
         if sums.total < MIN_WEIGHT / stride as f64 {
             return None;
         }

@@ -106,7 +106,14 @@ impl Segmenter {
                 _ => HEADS as f32 + head.centre.z,
             }
         };
-        self.heads[..self.count].sort_unstable_by(|a, b| rank(a).total_cmp(&rank(b)));
+        let heads = &mut self.heads[..self.count];
+        // Insertion sort: there are few heads, mostly in order, and the library's sort of this large type would add 5 kB of code.
+        for mut k in 1..heads.len() {
+            while k > 0 && rank(&heads[k]) < rank(&heads[k - 1]) {
+                heads.swap(k, k - 1);
+                k -= 1;
+            }
+        }
         let heads = &self.heads[..self.count];
         self.last = heads.iter().map(|head| (head.rect, head.centre)).collect();
         heads.first()
