@@ -4,8 +4,8 @@
 //! Each frame is split into the USB packets of a sensor (not timed) and then runs through all steps: packet assembly, unpacking
 //! of depth and colour, segmentation, pose, landmarks, expression. Depth and colour packets are interleaved and read from
 //! freshly written memory, so that the cache is realistically cold. Times are wall-clock: on a busy machine prefer the median
-//! to the mean. A stage's time is that of the first thread; with people on a second core, only `frame` covers both. Memory is
-//! that of the whole process, including the simulated sensor (about 15 MB).
+//! to the mean. A stage's time is that of the first thread; with people on a second core, only `frame` covers both. Peak memory is
+//! that of the whole process; how much of it the sources take is printed beside it.
 
 use std::io::{self, Write};
 use std::time::Instant;
@@ -18,6 +18,7 @@ use crate::source;
 use mien_outputs::Report;
 use mien_sensors::Frame;
 use mien_simulator::round_trip::PacketRoundTrip;
+use mien_stages::base::peak_memory::{peak_resident_bytes, resident_bytes};
 
 /// Frames without `--frames`: ten seconds at 30 Hz.
 const FRAMES: u64 = 300;
@@ -111,32 +112,44 @@ pub fn run(bench: &Run, allocations: fn() -> u64, out: &mut impl Write) -> Resul
         Some(named) => &[named.as_str()][..],
         None => &SOURCES,
     };
-    let mut allocated = 0;
+    let (mut allocated, mut source_bytes) = (0, 0);
     for name in sources {
-        let (mut times, more) = time(name, frames, &settings, allocations)?;
+        let (mut times, more, bytes) = time(name, frames, &settings, allocations)?;
         allocated += more;
+        source_bytes += bytes;
         let people = times.people as f64 / times.by_step[FRAME].len().max(1) as f64;
         writeln!(out, "{name}: {people:.2} people per frame")
             .and_then(|()| times.write(out))
             .map_err(Failure::Print)?;
     }
-    let peak = mien_stages::base::peak_memory::peak_resident_bytes();
-    peak.map_or(Ok(()), |bytes| writeln!(out, "peak_rss_bytes {bytes}"))
-        .and_then(|()| writeln!(out, "allocations_after_start {allocated}"))
-        .map_err(Failure::Print)
+    let peak = peak_resident_bytes();
+    peak.map_or(Ok(()), |bytes| {
+        writeln!(out, "peak_rss_bytes {bytes}")?;
+        writeln!(out, "of_it_sources_bytes {source_bytes}")
+    })
+    .and_then(|()| writeln!(out, "allocations_after_start {allocated}"))
+    .map_err(Failure::Print)
 }
 
-/// Times of one source's frames, and the number of allocations after warm-up.
+/// Times of one source's frames, the number of allocations after warm-up, and the memory that the source and the cutting of its
+/// frames into packets take, bytes.
 fn time(
     name: &str,
     frames: u64,
     settings: &Settings,
     allocations: fn() -> u64,
-) -> Result<(Times, u64), Failure> {
+) -> Result<(Times, u64, u64), Failure> {
+    let before = resident_bytes();
     let (mut source, _) = source::open(name, true, &settings.sensor.device)?;
+    let mut round_trip = PacketRoundTrip::default();
+    // The first frame is not measured, and a source without frames ends below.
+    let _ = source.next_frame(round_trip.next_frame());
+    let source_bytes = before
+        .zip(resident_bytes())
+        .map_or(0, |(before, after)| after.saturating_sub(before));
     let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &service::model(None)?)?;
     let mut times = Times::new(frames);
-    let (mut round_trip, mut frame) = (PacketRoundTrip::default(), Frame::default());
+    let mut frame = Frame::default();
     let mut allocated = 0;
     for number in 0..frames.saturating_add(WARM_UP) {
         match source.next_frame(round_trip.next_frame()) {
@@ -174,7 +187,7 @@ fn time(
         }
         times.end_frame(counts);
     }
-    Ok((times, allocated))
+    Ok((times, allocated, source_bytes))
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ use mien_sensors::Frame;
 use mien_sensors::kinect::device::Stream;
 use mien_sensors::kinect::driver::{depth_from_pair, luma_from_pair};
 use mien_sensors::kinect::frame::KinectFrame;
-use mien_sensors::kinect::packet::LONGEST;
 use mien_sensors::kinect::pairing::{Pairing, RawPair};
 use mien_sensors::kinect::stream::Assembler;
 use mien_stages::base::defaults;
@@ -17,8 +16,10 @@ defaults! {
     pub struct PacketRoundTrip {
         player: Player<NextFrame> = Player::new(NextFrame(KinectFrame::default()), PERIOD),
         now: Duration = Duration::ZERO,
-        /// Stream, length and bytes of each packet, in time order.
-        packets: Vec<(Stream, usize, [u8; LONGEST])> = Vec::new(),
+        /// Stream and length of each packet, in time order.
+        packets: Vec<(Stream, usize)> = Vec::new(),
+        /// Their bytes, one after another.
+        bytes: Vec<u8> = Vec::new(),
         assemblers: [Assembler; 2] = Stream::BOTH.map(Assembler::new),
         pairing: Pairing = Pairing::default(),
         pair: RawPair = RawPair::default(),
@@ -53,13 +54,12 @@ impl PacketRoundTrip {
     /// Cuts the frame into packets.
     pub fn cut(&mut self) {
         self.packets.clear();
+        self.bytes.clear();
         let end = self.now + PERIOD;
         while self.now < end {
             self.player.play(self.now, [true; 2], &mut |packet| {
-                let mut bytes = [0; LONGEST];
-                bytes[..packet.bytes.len()].copy_from_slice(packet.bytes);
-                self.packets
-                    .push((packet.stream, packet.bytes.len(), bytes));
+                self.packets.push((packet.stream, packet.bytes.len()));
+                self.bytes.extend_from_slice(packet.bytes);
             });
             self.now += STEP;
         }
@@ -68,9 +68,12 @@ impl PacketRoundTrip {
 
     /// Assembles packets to pictures; `number`: number of the frame.
     pub fn assemble(&mut self, number: u64) {
-        for (stream, length, bytes) in &self.packets {
+        let mut rest = &self.bytes[..];
+        for (stream, length) in &self.packets {
+            let (bytes, after) = rest.split_at(*length);
+            rest = after;
             let assembler = &mut self.assemblers[stream.index()];
-            if let Some(ticks) = assembler.push(true, &bytes[..*length])
+            if let Some(ticks) = assembler.push(true, bytes)
                 && let Some(paired) =
                     (self.pairing).offer(*stream, number, ticks, &mut assembler.picture)
             {
