@@ -303,9 +303,9 @@ fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
         .as_chunks::<2>()
         .0
         .iter()
-        .map(|two| u16::from_be_bytes(*two));
-    let mut values: Vec<u16> = values.filter(|&value| value > 0).collect();
-    let metres = |value: u16| f32::from(value) * metres_per_unit;
+        .map(|two| u16::from_be_bytes(*two).into());
+    let mut values: Vec<u32> = values.filter(|&value| value > 0).collect();
+    let metres = |value: u32| value as f32 * metres_per_unit;
     let inside = values
         .iter()
         .filter(|&&value| (RANGE_M[0]..=RANGE_M[1]).contains(&metres(value)));

@@ -42,6 +42,11 @@ const PERIOD_MAX_S: f64 = 4.0;
 /// Smallest share of depth pictures that must have a partner.
 const PAIRED_SHARE: f64 = 0.1;
 
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
 /// The problem with the times of a list, if they are evidently not seconds.
 pub(super) fn misread_times(text: &str) -> Option<String> {
     if let Some((time, _)) = fields(text).find(|(time, _)| {
@@ -54,9 +59,7 @@ pub(super) fn misread_times(text: &str) -> Option<String> {
     }
     let times = fields(text).filter_map(|(time, _)| time.parse::<f64>().ok());
     let times: Vec<f64> = times.filter(|time| time.is_finite()).collect();
-    let mut spacing: Vec<f64> = times.windows(2).map(|two| two[1] - two[0]).collect();
-    spacing.sort_unstable_by(f64::total_cmp);
-    let spacing = *spacing.get(spacing.len() / 2)?;
+    let spacing = median(times.windows(2).map(|two| two[1] - two[0]).collect())?;
     let (unit, second) = OTHER_UNITS
         .into_iter()
         .find(|(_, second)| spacing / second >= 1e-3 && spacing >= PERIOD_MAX_S)?;
@@ -107,9 +110,9 @@ impl Index {
         let start = lines(frames).find_map(|(time, _)| time).unwrap_or(0);
         let (mut frames, pictures) = (entries(frames, start), entries(pictures, start));
         let times: Vec<i64> = frames.iter().filter_map(|entry| entry.time_us).collect();
-        let mut periods: Vec<i64> = times.windows(2).map(|two| two[1] - two[0]).collect();
-        periods.sort_unstable();
-        let period = *periods.get(periods.len() / 2).unwrap_or(&PERIOD_US);
+        // Converted to floats so that only one sort is compiled.
+        let periods = times.windows(2).map(|two| (two[1] - two[0]) as f64);
+        let period = median(periods.collect()).map_or(PERIOD_US, |us| us as i64);
         let timed = pictures.iter().enumerate();
         let timed = timed.filter_map(|(at, entry)| Some((entry.time_us?, at)));
         let timed: Vec<(i64, usize)> = timed.collect();

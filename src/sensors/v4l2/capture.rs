@@ -87,11 +87,11 @@ impl<D: Device> Capture<D> {
         &self.node
     }
 
-    /// Waits at most `wait` for an image, and calls `read` with its bytes if it is whole.
+    /// Waits at most `wait` for an image, and calls `read` with its bytes and time if it is whole.
     pub(super) fn take(
         &self,
         wait: Duration,
-        read: impl FnOnce(&Layout, &[u8]),
+        read: impl FnOnce(&Layout, &[u8], Option<Duration>),
     ) -> Result<Taken, CameraError> {
         let at = |problem| CameraError::at(&self.node, &problem);
         if !self.device.wait(wait).map_err(at)? {
@@ -114,7 +114,7 @@ impl<D: Device> Capture<D> {
             .filter(|bytes| bytes.len() >= self.layout.bytes);
         let found = match whole.filter(|_| !is_damaged) {
             Some(bytes) => {
-                read(&self.layout, bytes);
+                read(&self.layout, bytes, taken);
                 Taken::Whole(taken)
             }
             None => Taken::Damaged,
@@ -156,7 +156,7 @@ mod tests {
         let mut luma = crate::Frame::default().luma;
         let mut take = || {
             capture
-                .take(Duration::ZERO, |layout, bytes| {
+                .take(Duration::ZERO, |layout, bytes, _| {
                     layout.luma(bytes, &mut luma)
                 })
                 .unwrap()
@@ -213,7 +213,7 @@ mod tests {
         let mut luma = crate::Frame::default().luma;
         let mut take = || {
             capture
-                .take(Duration::ZERO, |layout, bytes| {
+                .take(Duration::ZERO, |layout, bytes, _| {
                     layout.luma(bytes, &mut luma)
                 })
                 .unwrap_err()

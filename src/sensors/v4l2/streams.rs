@@ -102,16 +102,20 @@ impl<D: Device> Streams<D> {
 
     /// Waits at most `wait` for an image or a depth map; a depth map then waits for its luma.
     pub(super) fn take(&self, wait: Duration, into: &mut Image) -> Result<Taken, CameraError> {
-        let Some(depth) = &mut into.depth else {
+        let Some(mut depth) = into.depth.take() else {
             let luma = &mut into.luma;
-            return (self.frames).take(wait, |layout, bytes| layout.luma(bytes, luma));
+            return (self.frames).take(wait, |layout, bytes, _| layout.luma(bytes, luma));
         };
-        let camera = &self.geometry.camera;
-        let taken = (self.frames).take(wait, |layout, bytes| layout.depth(bytes, camera, depth))?;
-        if let Taken::Whole(at) = taken {
-            into.has_luma = self.pair(at, into)?;
-        }
-        Ok(taken)
+        let (camera, mut paired) = (&self.geometry.camera, Ok(false));
+        // The buffers of a depth map and of its luma go back to the driver together. If the driver had a free buffer for one stream only
+        // when the next images arrive, an overloaded computer would get images of different times, and seldom a pair.
+        let taken = (self.frames).take(wait, |layout, bytes, at| {
+            layout.depth(bytes, camera, &mut depth);
+            paired = self.pair(at, into);
+        });
+        into.depth = Some(depth);
+        into.has_luma = paired?;
+        taken
     }
 
     /// Takes the luma that belongs to a depth map from the driver; returns whether there is one.
@@ -139,7 +143,7 @@ impl<D: Device> Streams<D> {
                 until.saturating_duration_since(Instant::now()),
                 &mut into.luma,
             );
-            match capture.take(wait, |layout, bytes| layout.luma(bytes, luma))? {
+            match capture.take(wait, |layout, bytes, _| layout.luma(bytes, luma))? {
                 Taken::Whole(at) => into.held = Some(stamp(at)),
                 Taken::Damaged => {}
                 Taken::Nothing => return Ok(false),
@@ -272,6 +276,18 @@ mod tests {
         bench.depth.then([Ok(whole(0, 1_033_000))]);
         let problem = bench.streams.take(WAIT, &mut bench.image).unwrap_err();
         assert_eq!(problem, CameraError::Gone("/dev/video0".into()));
+    }
+
+    #[test]
+    fn depth_is_given_back_to_the_driver_with_its_luma() {
+        let (depth, mut luma) = (depth_script(), luma_script());
+        luma.queued = Arc::clone(&depth.queued);
+        depth.then([Ok(whole(0, 1_000_000))]);
+        luma.then([Ok(whole(1, 1_000_000))]);
+        let captures = (start(&depth, Want::DEPTH), start(&luma, Want::INFRARED));
+        let streams = Streams::new(captures.0, Some(captures.1), None);
+        streams.take(WAIT, &mut Image::new(true)).unwrap();
+        assert_eq!(*depth.queued.lock().unwrap(), [1, 0]);
     }
 
     #[test]
