@@ -186,6 +186,9 @@ struct Evaluate {
     /// People with hair, clothes and accessories before a sensor with realistic faults
     #[arg(long, group = "what")]
     wild: bool,
+    /// Give the depth of --wild a stereo camera's noise (RealSense D435) instead of a Kinect's
+    #[arg(long, requires = "wild")]
+    stereo: bool,
     /// Record the sessions of --wild here instead of playing them, with the true points, for other programs
     #[arg(long, requires = "wild", value_name = "FOLDER")]
     record: Option<PathBuf>,
@@ -379,8 +382,8 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
         return paper::play(&trial, rows(&words.rows, &paper::ROWS)?, &mut print_line);
     }
     match &words.record {
-        Some(out) => wild::record(&trial, out)?,
-        None if words.wild => print!("{}", wild::play(&trial)?),
+        Some(out) => wild::record(&trial, words.stereo, out)?,
+        None if words.wild => print!("{}", wild::play(&trial, words.stereo)?),
         None if words.heads => {
             let rows = rows(&words.rows, &head_scenes::ROWS)?;
             print!("{}", head_scenes::play(&trial, rows)?);

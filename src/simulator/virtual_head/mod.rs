@@ -170,7 +170,9 @@ impl Simulator {
     pub fn with_sensor(mut self, sensor: Sensor) -> Self {
         self.sensor = sensor;
         if sensor.faults > 0.0 {
-            self.real = Some(RealReading::new(&self.tiles, self.seed));
+            let mut real = RealReading::new(&self.tiles, self.seed);
+            real.stereo = sensor.stereo;
+            self.real = Some(real);
         }
         if self.dressed {
             self.furnish();

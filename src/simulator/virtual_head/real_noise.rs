@@ -1,4 +1,4 @@
-//! Errors of real sensors beyond [`DepthReading::read`], as measured on three public recordings:
+//! Depth errors of a real Kinect or stereo camera beyond [`DepthReading::read`]. The Kinect's were measured on three public recordings:
 //!
 //! | quantity | `kinect.webm` of three.js, a man at 0.7 to 1 m | OpenISS `test-recording`, two men at 0.8 to 1 m | PCL `five_people`, 1.8 to 4 m |
 //! | --- | --- | --- | --- |
@@ -39,6 +39,9 @@ const RELIEF_SIGMA: f32 = 0.34;
 const STRIPE_SIGMA: f32 = 0.17;
 /// Standard deviation of noise that changes per frame, raw units.
 const CHANGE_SIGMA: f32 = 0.42;
+/// Standard deviation of a stereo camera's noise in inverse depth, 1/m: 0.08 pixels of disparity, a typical figure for a RealSense D435, at
+/// its focal length of 385 pixels (640 × 480) and baseline of 5 cm. 2 mm at 0.7 m, two and a half times a Kinect's.
+const STEREO_SIGMA: f32 = 0.08 / (385.0 * 0.05);
 /// Strength above which outlines follow the correlation window.
 const HALF: f32 = 0.5;
 /// Samples of the correlation window, pixels from its middle.
@@ -60,8 +63,12 @@ const WINDOW_RAW: f32 = 12.0;
 pub(crate) struct RealReading {
     /// Correlated within about five pixels, standard normal.
     lobes: Vec<f32>,
-    /// Correlated within about eight pixels, as ranks in 0…1.
+    /// Correlated within about eight pixels, standard normal.
+    broad: Vec<f32>,
+    /// The same as ranks in 0…1.
     ranks: Vec<f32>,
+    /// Whether the noise is a stereo camera's: stronger, and in patches as large as its matching window.
+    pub(crate) stereo: bool,
     stripes: Vec<f32>,
     edge: Vec<bool>,
     rim: Vec<bool>,
@@ -97,7 +104,9 @@ impl RealReading {
         };
         Self {
             lobes,
+            broad,
             ranks,
+            stereo: false,
             stripes: (0..WIDTH).map(column).collect(),
             edge: vec![false; PIXELS],
             rim: vec![false; PIXELS],
@@ -295,6 +304,11 @@ impl PixelReading<'_> {
     }
 
     fn noise(&self) -> f32 {
+        if self.real.stereo {
+            let broad = &self.real.broad;
+            let patches = 0.6 * self.fixed_noise(broad, 5) + 0.8 * self.frame_noise(broad, 1);
+            return STEREO_SIGMA * self.reading.raw_per_inverse * patches;
+        }
         let (smooth, lobes) = (&self.tiles.smooth, &self.real.lobes);
         let relief = 0.8 * self.fixed_noise(smooth, 5) + 0.6 * self.fixed_noise(lobes, 6);
         let change = 0.6 * self.frame_noise(smooth, 1) + 0.8 * self.frame_noise(lobes, 2);
@@ -316,10 +330,18 @@ mod tests {
         vec![0; PIXELS].try_into().expect("PIXELS long")
     }
 
-    /// A plane of some stuff as the real sensor sees it, frame by frame.
-    fn real_plane(material: Material, z: f32, frames: u64) -> Vec<Box<[u16; PIXELS]>> {
+    fn kinect() -> RealReading {
+        RealReading::new(&Tiles::new(7), 7)
+    }
+
+    /// A plane of some stuff as the sensor sees it, frame by frame.
+    fn real_plane(
+        mut real: RealReading,
+        material: Material,
+        z: f32,
+        frames: u64,
+    ) -> Vec<Box<[u16; PIXELS]>> {
         let tiles = Tiles::new(7);
-        let mut real = RealReading::new(&tiles, 7);
         let (inverse, material) = (vec![1.0 / z; PIXELS], vec![material; PIXELS]);
         (0..frames)
             .map(|k| {
@@ -360,7 +382,7 @@ mod tests {
             (Material::Dark, 0.85, [0.0, 0.01]),
             (Material::Cloth, 0.85, [0.0, 0.003]),
         ] {
-            let frames = real_plane(material, z, 8);
+            let frames = real_plane(kinect(), material, z, 8);
             let blank = |_, col| col < WIDTH - BLANK_COLUMNS;
             let share = frames.iter().map(|depth| holes(depth, blank)).sum::<f64>() / 8.0;
             assert!(
@@ -372,7 +394,7 @@ mod tests {
 
     #[test]
     fn a_real_reading_changes_from_frame_to_frame_and_has_relief_as_measured() {
-        let frames = real_plane(Material::Skin, 0.9, 30);
+        let frames = real_plane(kinect(), Material::Skin, 0.9, 30);
         let (mut change, mut relief, mut count) = (0.0, 0.0, 0.0);
         let mut means = vec![0.0f64; PIXELS];
         for (k, mean) in means.iter_mut().enumerate() {
@@ -401,6 +423,21 @@ mod tests {
             (0.3..0.62).contains(&relief),
             "{relief} raw units of relief"
         );
+    }
+
+    #[test]
+    fn a_stereo_cameras_noise_is_that_of_eight_hundredths_of_a_pixel() {
+        let stereo = RealReading {
+            stereo: true,
+            ..kinect()
+        };
+        let frame = real_plane(stereo, Material::Skin, 0.7, 1).remove(0);
+        let camera = mien_sensors::kinect::geometry::nominal();
+        let read = frame.iter().filter(|raw| **raw != NO_READING);
+        let off: Vec<f32> = read.map(|raw| camera.depth_m(*raw) - 0.7).collect();
+        let squares: f32 = off.iter().map(|off| off * off).sum();
+        let sigma = (squares / off.len() as f32).sqrt();
+        assert!((0.0018..0.0024).contains(&sigma), "{sigma} m at 0.7 m");
     }
 
     /// Standard deviation of a straight upright outline, and the share of failed readings within 3 px inside it.

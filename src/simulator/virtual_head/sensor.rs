@@ -13,6 +13,8 @@ defaults! {
     pub struct Sensor {
         /// Strength of the additional depth errors: 0 = none, 1 = a real Kinect's.
         pub faults: f32 = 0.0,
+        /// Whether the additional errors, if there are any, contain a stereo camera's noise (RealSense D435), in full, instead of a Kinect's.
+        pub stereo: bool = false,
         /// Delay of the colour picture after the depth picture, seconds.
         pub colour_late_s: f32 = 0.0,
         /// Error of the registration: shift of the colour picture, pixels.

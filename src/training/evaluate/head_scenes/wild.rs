@@ -1,7 +1,7 @@
 //! People with hair, clothes and accessories, in rooms, before a sensor with a real one's faults; one row each.
 //!
 //! Each held-out person (portrait and head shape of the test split) wears [`Appearance::numbered`] of their index and
-//! acts the scene `acted` before a sensor of their own ([`random_sensor`]: depth faults in full, colour some
+//! acts the scene `acted` before a sensor of their own ([`random_sensor`]: depth faults in full, a Kinect's or a stereo camera's, colour some
 //! milliseconds late and a few pixels off, lens distortion, another white balance, a sensor above or below), some in
 //! dim light or in front of a bright window. Lost is a frame without a live pose, `held` included, after the ten
 //! frames of an arrival. Rotation and position are less one fixed offset per person. Landmarks are at their positions
@@ -45,8 +45,12 @@ pub struct Row {
     pub landmarks: Spread,
 }
 
-/// A random sensor and light for a person: sensor, light, exposure, label.
-fn random_sensor(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f32, &'static str) {
+/// A random sensor and light for a person: sensor, light, exposure, label. `stereo`: its depth has a stereo camera's noise.
+fn random_sensor(
+    number: usize,
+    stereo: bool,
+    random: &mut fastrand::Rng,
+) -> (Sensor, Light, f32, &'static str) {
     let (mut light, exposure) = lighting(random);
     // The range of the sensor's automatic exposure.
     let mut exposure = 0.4 + 0.6 * exposure;
@@ -54,6 +58,7 @@ fn random_sensor(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f
     let (warm, tint) = (spread(0.16), spread(0.05));
     let mut sensor = Sensor {
         faults: 1.0,
+        stereo,
         // Differences of a real sensor's time stamps: 7.7 to 13.5 ms.
         colour_late_s: 0.0106 + spread(0.003),
         colour_shift_px: [spread(2.1), spread(2.1)],
@@ -85,11 +90,11 @@ fn random_sensor(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f
 }
 
 /// The simulator of one person, and a description.
-fn simulator(head: PersonHead, number: usize, seed: u64) -> (Simulator, String) {
+fn simulator(head: PersonHead, number: usize, stereo: bool, seed: u64) -> (Simulator, String) {
     let seed = person_seed(seed, head.person);
     let look = Appearance::numbered(number, seed);
     let (sensor, light, exposure, said) =
-        random_sensor(number, &mut fastrand::Rng::with_seed(seed));
+        random_sensor(number, stereo, &mut fastrand::Rng::with_seed(seed));
     let mut who = look.to_string();
     if !said.is_empty() {
         who = format!("{who}, {said}");
@@ -112,10 +117,11 @@ fn simulator(head: PersonHead, number: usize, seed: u64) -> (Simulator, String) 
 fn play_one(
     trial: &Trial,
     number: usize,
+    stereo: bool,
     head: PersonHead,
     frames: &mut dyn Iterator<Item = usize>,
 ) -> Result<Row, PipelineError> {
-    let (mut simulator, who) = simulator(head, number, trial.sessions.seed);
+    let (mut simulator, who) = simulator(head, number, stereo, trial.sessions.seed);
     let mut pipeline = trial.pipeline(simulator.camera())?;
     let (mut frame, mut run) = (Frame::default(), SceneRun::default());
     let mut landmarks = Vec::new();
@@ -184,9 +190,9 @@ fn record_one(
 ///
 /// # Errors
 /// If the data sets cannot be read or a folder holds a recording or cannot be written.
-pub fn record(trial: &Trial, out: &Path) -> Result<(), Fault> {
+pub fn record(trial: &Trial, stereo: bool, out: &Path) -> Result<(), Fault> {
     let done = trial.each("record", |number, head, frames| {
-        let (simulator, _) = simulator(head, number, trial.sessions.seed);
+        let (simulator, _) = simulator(head, number, stereo, trial.sessions.seed);
         record_one(&out.join(number.to_string()), simulator, frames)
     });
     done.map(drop)
@@ -196,9 +202,9 @@ pub fn record(trial: &Trial, out: &Path) -> Result<(), Fault> {
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
-pub fn play(trial: &Trial) -> Result<String, Fault> {
+pub fn play(trial: &Trial, stereo: bool) -> Result<String, Fault> {
     let play = |number, head, frames: &mut dyn Iterator<Item = usize>| {
-        play_one(trial, number, head, frames)
+        play_one(trial, number, stereo, head, frames)
     };
     Ok(table(&trial.each("evaluate", play)?))
 }
