@@ -6,6 +6,9 @@
 use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::packet::TICKS_PER_PICTURE;
 
+/// Least depth of a pattern in millimetres, in which 0 would be no depth.
+pub(crate) const NEAREST_MM: u16 = 500;
+
 /// Mixes a number thoroughly (the finaliser of SplitMix64).
 fn hash(seed: u64, index: u64) -> u64 {
     let mut z = seed ^ index.wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -25,19 +28,29 @@ fn bayer(number: u64, group: usize) -> [u8; 8] {
 
 /// Draws frame `number`: its number in the first four pixels, noise that depends on it behind.
 pub(crate) fn draw(number: u64, frame: &mut KinectFrame) {
-    for (group, pixels) in frame.depth.as_chunks_mut().0.iter_mut().enumerate() {
-        *pixels = depth(number, group);
-    }
+    draw_depth(number, 0, &mut frame.depth[..]);
+    draw_luma(number, &mut frame.original.bayer[..]);
     let original = &mut frame.original;
-    for (group, pixels) in original.bayer.as_chunks_mut().0.iter_mut().enumerate() {
-        *pixels = bayer(number, group);
-    }
     original.ticks = (number as u32).wrapping_mul(TICKS_PER_PICTURE);
     original.colour_ticks = original.ticks.wrapping_add(60_000);
-    for i in 0..4 {
-        frame.original.bayer[i] = (number >> (8 * i)) as u8;
-        frame.depth[i] = frame.original.bayer[i].into();
+}
+
+/// Depth of frame `number` in an image of any size; the values are `nearest` and above.
+pub(crate) fn draw_depth(number: u64, nearest: u16, image: &mut [u16]) {
+    for (group, pixels) in image.as_chunks_mut().0.iter_mut().enumerate() {
+        *pixels = depth(number, group).map(|value| nearest + value);
     }
+    for (pixel, byte) in image.iter_mut().zip((number as u32).to_le_bytes()) {
+        *pixel = nearest + u16::from(byte);
+    }
+}
+
+/// Grey levels of frame `number` in an image of any size.
+pub(crate) fn draw_luma(number: u64, image: &mut [u8]) {
+    for (group, pixels) in image.as_chunks_mut().0.iter_mut().enumerate() {
+        *pixels = bayer(number, group);
+    }
+    image[..4].copy_from_slice(&(number as u32).to_le_bytes());
 }
 
 /// Numbers read from a frame's depth and colour picture, and the pixels that are not what those numbers demand.

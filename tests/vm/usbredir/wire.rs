@@ -3,7 +3,7 @@
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 
-use crate::Result;
+use super::Result;
 
 /// Message types of the protocol.
 pub(crate) mod message {
@@ -56,6 +56,13 @@ impl Wire {
         for part in parts {
             self.outbox.extend_from_slice(part);
         }
+    }
+
+    /// Answers a bulk transfer.
+    pub(crate) fn bulk(&mut self, id: u64, endpoint: u8, status: u8, bytes: &[u8]) {
+        let [l0, l1, l2, l3] = (bytes.len() as u32).to_le_bytes();
+        let head = [endpoint, status, l0, l1, 0, 0, 0, 0, l2, l3];
+        self.send(message::BULK_PACKET, id, &[&head, bytes]);
     }
 
     pub(crate) fn flush(&mut self) -> Result<()> {
