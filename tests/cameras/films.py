@@ -1,6 +1,6 @@
 """Writes a film of grey pictures (YUV4MPEG2) to standard output.
 
-films.py DATA upright|upside-down|negative|talking      (numpy, OpenCV)
+films.py DATA upright|upside-down|negative|talking|hour      (numpy, OpenCV)
 """
 import glob
 import os
@@ -38,7 +38,28 @@ def fitted(grey):
 CHANGES = {"upright": lambda g: g, "upside-down": lambda g: g[::-1], "negative": lambda g: 255 - g}
 
 
+def hour(data):
+    """An hour without a face: a new part of a picture every second, upside down or as a negative, under a moving camera."""
+    random = np.random.default_rng(1)
+    greys = [fitted(cv2.imread(path, cv2.IMREAD_GRAYSCALE)) for _, path in pictures(data)]
+    for _ in range(3600):
+        grey = greys[random.integers(len(greys))]
+        is_negative = random.random() < 0.5
+        turn = random.uniform(-30, 30) + (0 if is_negative else 180)
+        start, end = random.uniform((160, 120), (480, 360), (2, 2))
+        zoom = random.uniform(0.8, 3.0)
+        for share in np.arange(30) / 30:
+            middle = start + (end - start) * share
+            turned = cv2.getRotationMatrix2D(tuple(middle), turn, zoom)
+            turned[:, 2] += np.array(SIZE) / 2 - middle
+            frame = cv2.warpAffine(grey, turned, SIZE, borderMode=cv2.BORDER_REPLICATE)
+            yield 255 - frame if is_negative else frame
+
+
 def frames(data, film):
+    if film == "hour":
+        yield from hour(data)
+        return
     if film == "talking":
         for path in sorted(glob.glob(os.path.join(data, "video_talkingface", "img", "*.jpg"))):
             yield cv2.imread(path, cv2.IMREAD_GRAYSCALE)

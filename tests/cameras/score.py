@@ -33,6 +33,11 @@ def main():
         if numbers:
             cells = [f"{sum(k in found[film] for k in numbers)}" for film in ("upright", "upside-down", "negative")]
             print(f"| `{folder}` | {len(numbers)} | {' | '.join(cells)} |")
+    hour = os.path.join(tables, "hour.csv")
+    if os.path.exists(hour):
+        seen = [r for r in rows(hour) if r["state"] in SEEN]
+        seconds = sorted({int(r["frame"]) // 30 for r in seen})
+        print(f"\nhour without a face: one seen in {len(seen)} frames of {len(seconds)} of 3600 seconds", *seconds[:20])
     talking = rows(os.path.join(tables, "talking.csv"))
     with_face = [r for r in talking if r["state"] in SEEN]
     if with_face:

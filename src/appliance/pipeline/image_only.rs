@@ -1,24 +1,32 @@
 //! People in frames without depth: position, rotation and expression of a face come from the image alone.
 //!
 //! A known face is fitted at its predicted pose. New faces are searched for in the whole image, one part of its pyramid per frame
-//! ([`FaceSearch`]); the landmark fit confirms a candidate, and a face becomes a user once it has been tracked for [`CONFIRMED_FRAMES`].
+//! ([`FaceSearch`]); the landmark fit confirms a candidate, and a face becomes a user once it has been tracked for some frames.
 //! Distance comes from the size of a face: the size that depth has measured for this person, or else that of the mean face, which is
 //! wrong by up to a tenth. A person who returns is recognised by position only, because head shape is measured with depth.
 
 use super::follower::Follower;
 use super::people::{CANDIDATE, People};
 use super::stage::{FrameContext, Stage};
+use core::f32::consts::PI;
 use mien_stages::base::capacity::{HEIGHT, LANDMARKS, USERS, WIDTH};
-use mien_stages::base::frames::SensorFromFace;
+use mien_stages::base::frames::{Face, Motion, SensorFromFace};
 use mien_stages::base::geometry::{Point, Vector, rotation_from_yaw_pitch_roll};
 use mien_stages::landmarks::face_search::FaceSearch;
 use mien_stages::segment::PixelRect;
 
-/// Consecutive frames in which a new face is tracked before it becomes a user: most false detections are rejected by then.
+/// Consecutive frames in which a new face has [`NEW_CONFIDENCE`] before it becomes a user: most false detections are rejected by then.
 const CONFIRMED_FRAMES: u64 = 3;
 /// Least confidence of a new face in each of them, 0 to 1. One upright portrait in a hundred has less; of 770 pictures without an
 /// upright face none has as much.
 const NEW_CONFIDENCE: f32 = 0.9;
+/// Score of the search from which a fit may have less than [`NEW_CONFIDENCE`], as behind hair, beard and glasses or in dim light. Such a
+/// fit is rejected if the fit also succeeds at the face turned by half, because the search also finds faces that are upside down.
+const SURE_SCORE: f32 = 6.0;
+/// Frames for which a new face must be tracked before it becomes a user, if its fit is not sure in [`CONFIRMED_FRAMES`] of them in a row.
+const UNSURE_FRAMES: u64 = 12;
+/// Least confidence in each of these frames, 0 to 1.
+const TRACKED_CONFIDENCE: f32 = 0.6;
 /// Interval between searches while somebody is tracked, frames.
 const SEARCH_STEP: u64 = 3;
 /// Yaw angles at which a candidate is tried, radians.
@@ -151,9 +159,20 @@ impl People {
         let candidate = &mut self.followers[CANDIDATE];
         if candidate.is_taken() {
             let found = candidate.follow_in_image(context);
-            if !found || candidate.person.confidence < NEW_CONFIDENCE {
+            let (confidence, frames) = (candidate.person.confidence, candidate.person.face_frames);
+            let least = match self.candidate_score >= SURE_SCORE {
+                true => TRACKED_CONFIDENCE,
+                false => NEW_CONFIDENCE,
+            };
+            self.candidate_sure_frames = match confidence >= NEW_CONFIDENCE {
+                true => self.candidate_sure_frames + 1,
+                false => 0,
+            };
+            let is_confirmed =
+                self.candidate_sure_frames >= CONFIRMED_FRAMES || frames >= UNSURE_FRAMES;
+            if !found || confidence < least {
                 candidate.forget();
-            } else if candidate.person.face_frames >= CONFIRMED_FRAMES {
+            } else if is_confirmed {
                 self.admit_face();
             }
             return;
@@ -166,13 +185,15 @@ impl People {
         // A face agrees with the template far better than anything else, so only the best new candidate is tried.
         let places = candidates.iter().map(|found| {
             let camera = context.camera;
-            camera
-                .point_in_image(found.pixel, found.pixels_per_metre)
-                .coords
+            let place = camera.point_in_image(found.pixel, found.pixels_per_metre);
+            (place.coords, found.score)
         });
-        let mut new = places.filter(|place| !self.is_tracked(place));
-        let found = new.next().and_then(|place| self.confirmed(context, place));
-        let Some(seen) = found else {
+        let mut new = places.filter(|(place, _)| !self.is_tracked(place));
+        let found = new.next().and_then(|(place, score)| {
+            let seen = self.confirmed(context, place, score)?;
+            Some((seen, score))
+        });
+        let Some((seen, score)) = found else {
             return;
         };
         let place = seen.translation.vector;
@@ -186,19 +207,32 @@ impl People {
         };
         starts.pose.start_in_image(&seen, context.frame.at);
         starts.follow_in_image(context);
+        let is_sure = starts.person.confidence >= NEW_CONFIDENCE;
+        (self.candidate_sure_frames, self.candidate_score) = (is_sure.into(), score);
     }
 
-    /// The pose of the face near this position (sensor frame, metres), if the landmark fit confirms it and it is not tracked yet.
-    fn confirmed(&self, context: &mut FrameContext<'_>, place: Vector) -> Option<SensorFromFace> {
+    /// The pose of the face near this position (sensor frame, metres), which the search gave this score, if the landmark fit confirms
+    /// it and it is not tracked yet.
+    fn confirmed(
+        &self,
+        context: &mut FrameContext<'_>,
+        place: Vector,
+        score: f32,
+    ) -> Option<SensorFromFace> {
         let (luma, camera) = (&context.frame.luma, context.camera);
         let cascade = self.followers[CANDIDATE].landmarks.cascade()?;
+        let half_turn = rotation_from_yaw_pitch_roll(0.0, 0.0, PI);
+        let upside_down = Motion::<Face, Face>::from_parts(Vector::zeros(), half_turn);
+        let mut search =
+            |guess: &SensorFromFace| cascade.search_in_image(context.scratch, luma, camera, guess);
         YAWS_RAD.into_iter().find_map(|yaw| {
             let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
-            let guess = SensorFromFace::from_parts(place, turn);
-            let (confidence, seen) =
-                cascade.search_in_image(context.scratch, luma, camera, &guess)?;
-            (confidence >= NEW_CONFIDENCE && !self.is_tracked(&seen.translation.vector))
-                .then_some(seen)
+            let (confidence, seen) = search(&SensorFromFace::from_parts(place, turn))?;
+            let is_sure = confidence >= NEW_CONFIDENCE;
+            let is_new = !self.is_tracked(&seen.translation.vector);
+            let mut may_be_unsure =
+                || score >= SURE_SCORE && search(&(seen * upside_down)).is_none();
+            (is_new && (is_sure || may_be_unsure())).then_some(seen)
         })
     }
 

@@ -58,6 +58,10 @@ pub(super) struct People {
     pub(super) choice: Choice,
     /// Heads without a face, latest first.
     pub(super) rejected: heapless::Vec<RejectedHead, HEADS>,
+    /// Consecutive frames, up to the last, in which the candidate of the search without depth had the confidence of a new face.
+    pub(super) candidate_sure_frames: u64,
+    /// Score that the search gave it.
+    pub(super) candidate_score: f32,
     /// Slots whose users were forgotten in this frame.
     pub(super) left: [bool; USERS],
     /// Index of the last frame, as numbered by the source.
@@ -133,6 +137,8 @@ impl People {
             choice: Choice::new(settings.users.single),
             settings: settings.users.clone(),
             rejected: heapless::Vec::new(),
+            candidate_sure_frames: 0,
+            candidate_score: 0.0,
             left: [false; USERS],
             frame: 0,
             frame_count: 0,
