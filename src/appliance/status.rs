@@ -17,7 +17,7 @@ use mien_outputs::gesture::ENABLED;
 use mien_outputs::{Report, Tally, TrackingState, finite};
 use mien_stages::base::atomic_write::AtomicFile;
 use mien_stages::base::bounded_read::reason;
-use mien_stages::base::capacity::{REGIONS, UNITS, USERS};
+use mien_stages::base::capacity::{GESTURES, REGIONS, UNITS, USERS};
 use mien_stages::base::defaults;
 use mien_stages::base::json::Quoted;
 use mien_stages::expression::UnitRange;
@@ -44,6 +44,8 @@ defaults! {
         frames: u64 = 0,
         time_us: u64 = 0,
         lost: u64 = 0,
+        /// Number of activations of each gesture, summed over all people.
+        activations: [u64; GESTURES] = [0; GESTURES],
         /// Whether the sensor delivers frames.
         sensor: bool = false,
         latencies: Latencies = Latencies::default(),
@@ -92,6 +94,13 @@ impl Status {
         (self.start, self.frames, self.lost) = (before.start, before.frames, before.lost);
         (self.time_us, self.sensor) = (before.time_us, before.sensor);
         (self.latencies, self.users) = (before.latencies, before.users);
+        let counts = before.gestures.iter().zip(before.activations);
+        for (name, count) in counts {
+            let place = self.gestures.iter().position(|own| own == name);
+            if let Some(own) = place.and_then(|place| self.activations.get_mut(place)) {
+                *own = count;
+            }
+        }
         // One sum per name over all reloads.
         let mut sums = before.replaced;
         for tally in outputs {
@@ -127,6 +136,12 @@ impl Status {
         let before = self.users[slot].as_ref();
         let was_lost = before.is_none_or(|user| user.state == TrackingState::Lost);
         self.lost += u64::from(report.state == TrackingState::Lost && !was_lost);
+        if ENABLED {
+            let new = report.gestures & !before.map_or(0, |user| user.gestures);
+            for (bit, count) in self.activations.iter_mut().enumerate() {
+                *count += u64::from(new >> bit & 1);
+            }
+        }
         self.users[slot] = (report.state != TrackingState::Absent).then(|| User {
             state: report.state,
             confidence: report.confidence,
@@ -183,6 +198,14 @@ impl Status {
             self.latencies.count()
         )?;
         writeln!(text, "  \"tracking_lost\": {},", self.lost)?;
+        if ENABLED && !self.gestures.is_empty() {
+            text.push_str("  \"activations\": {");
+            for (k, (name, count)) in self.gestures.iter().zip(self.activations).enumerate() {
+                let comma = if k > 0 { ", " } else { "" };
+                write!(text, "{comma}{}: {count}", Quoted(name))?;
+            }
+            text.push_str("},\n");
+        }
         write!(text, "  \"outputs\": [")?;
         for (i, tally) in outputs.enumerate() {
             let comma = if i > 0 { "," } else { "" };
@@ -282,6 +305,16 @@ impl Status {
                         writeln!(text, "{name}{{output=\"{}\"}} {value}", tally.name)?;
                     }
                 }
+            }
+        }
+        if ENABLED && !self.gestures.is_empty() {
+            let name = "mien_gesture_activations_total";
+            writeln!(
+                text,
+                "# HELP {name} Number of activations of a gesture, summed over all people.\n# TYPE {name} counter"
+            )?;
+            for (gesture, count) in self.gestures.iter().zip(self.activations) {
+                writeln!(text, "{name}{{gesture=\"{gesture}\"}} {count}")?;
             }
         }
         Ok(())
@@ -533,7 +566,11 @@ mod tests {
     }
 
     #[test]
-    fn gestures_that_are_on_are_named() {
+    fn gestures_that_are_on_are_named_and_counted() {
+        if !ENABLED {
+            // Only a build with the wires has gestures.
+            return;
+        }
         let mut status = Status::new("", "", &[], &["smile", "kiss", "brows"]);
         let report = Report {
             user: Some(0),
@@ -548,6 +585,23 @@ mod tests {
             json.contains("\"gestures\": [\"smile\", \"brows\"], \"units\": {}"),
             "{json}"
         );
+        // Counted once, and on across a reload that moves them.
+        status.observe(&report, None);
+        let mut after = Status::new("", "", &[], &["brows", "smile"]);
+        after.continue_from(status, std::iter::empty());
+        after.observe(&Report::default(), None);
+        let next = Report {
+            gestures: 0b10,
+            ..report
+        };
+        after.observe(&next, None);
+        let (mut json, mut metrics) = (String::new(), String::new());
+        after.json(std::iter::empty(), &mut json).unwrap();
+        let counts = "\"activations\": {\"brows\": 1, \"smile\": 2}";
+        assert!(json.contains(counts), "{json}");
+        after.prometheus(std::iter::empty(), &mut metrics).unwrap();
+        let sample = "\nmien_gesture_activations_total{gesture=\"smile\"} 2\n";
+        assert!(metrics.contains(sample), "{metrics}");
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! Gestures: expressions used as switches, such as a raised brow that presses a key.
 //!
 //! A gesture evaluates a sum of units, or the smallest of several sums. It goes on when the value has been at the upper level for
-//! the hold time, and off below the lower level. It does not go on while the head is turned away, before the face is tracked, or
-//! before the pause is over; during speech it needs twice the level. Every on is followed by an off, also when the head turns
-//! away, the face is lost, the person leaves, the source stops, the configuration changes or the run ends.
+//! the hold time, and off below the lower level. It does not go on while the head is turned away, before the face is tracked, before
+//! the pause is over, during speech or laughter that moves the mouth, or if the value took longer than `rise_s` to rise (eyes of a drowsy
+//! person). Every on is followed by an off, also when the head turns away, the face is lost, the person leaves, the source stops, the
+//! configuration changes or the run ends.
 //!
-//! Speech is detected from the mouth's opening: at least [`REVERSALS`] reversals within [`SPEECH_S`], each of at least [`REVERSAL`]
-//! and at least a [`SHARE`] of the opening, the last one less than [`QUIET_S`] ago.
+//! Speech and laughter are detected from the mouth's opening: at least [`REVERSALS`] reversals within [`SPEECH_S`], each of at least
+//! [`REVERSAL`] and at least a [`SHARE`] of the opening, the last one less than [`QUIET_S`] ago.
 //!
 //! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
 
@@ -23,7 +24,7 @@ use mien_stages::users::TrackingState;
 /// Whether this build has gestures.
 pub const ENABLED: bool = cfg!(any(test, feature = "wires"));
 /// Reversals of the mouth's opening that count as speech.
-const REVERSALS: usize = 4;
+const REVERSALS: usize = 3;
 /// Smallest reversal, weight.
 const REVERSAL: f32 = 0.15;
 /// Smallest reversal as a share of the opening.
@@ -32,8 +33,6 @@ const SHARE: f32 = 0.2;
 const SPEECH_S: f64 = 1.2;
 /// Speech ends this long after the last reversal, seconds.
 const QUIET_S: f64 = 0.4;
-/// Factor on the upper level during speech: a broad smile still counts, movements of speech do not.
-const SPEAKING_FACTOR: f32 = 2.0;
 /// Least and greatest upper level.
 pub const LEVELS: [f32; 2] = [0.01, 8.0];
 /// Interval at which every state is repeated for receivers that missed a change, seconds.
@@ -77,12 +76,14 @@ keyed! {
         off: f32 = 0.4 => number(0.0, 8.0, ""),
         /// How long the level must be kept before it goes on.
         hold_s: f32 = 0.2 => seconds(),
+        /// Longest time in which the expression may rise from half of the lower level to the upper one; 0 = any.
+        rise_s: f32 = 0.0 => seconds(),
         /// Shortest time from going off to going on again.
         pause_s: f32 = 0.3 => seconds(),
         /// Whose expression counts: that of the person in single-person outputs, anybody's, or each person's separately.
         person: Person = Person::default() =>
             choice(&[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]),
-        /// Whether it goes on at its level while the person speaks; if false, only at twice that level.
+        /// Whether it goes on while the person speaks or laughs.
         speaking: bool = false => Bool(),
         /// Largest sideways angle between the face and the line of sight.
         turned_deg: f32 = 30.0 => number(1.0, 90.0, "degrees"),
@@ -116,21 +117,22 @@ fn is_topic_part(name: &str) -> bool {
     is_name(name) && !name.contains(['!', '+', '"', '\\'])
 }
 
-/// Gestures with built-in settings: name, sums, on, off, hold time in seconds, largest sideways angle in degrees. Reasons for the
-/// values: the gaze stays on its target when the head turns; a mouth seen from the side looks pursed; many real smiles bare the
-/// teeth and hardly move the corners; in speech the jaw moves.
+/// Gestures with built-in settings: name, sums, on, off, rise and hold time in seconds, largest sideways angle in degrees. Reasons for
+/// the values: the gaze stays on its target when the head turns; a mouth seen from the side looks pursed; many real smiles raise the
+/// upper lip (AU10) and hardly move the corners, but a wrinkled nose (AU9) raises it too, and pursed lips (AU18) move the corners; in
+/// speech the jaw moves; a drowsy person's eyes close slowly; the lids follow eyes that look down.
 #[rustfmt::skip]
-pub const PRESETS: [(&str, &str, f32, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R + AU10L + AU10R - AU26", 0.25, 0.15, 0.5, 40.0),
-    ("brows", "AU1L + AU1R + AU2L + AU2R", 1.3, 0.9, 0.15, 40.0),
-    ("mouth_open", "AU26", 0.32, 0.2, 0.7, 40.0),
-    ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.2, 30.0),
-    ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.2, 30.0),
-    ("blink_long", "AU43L & AU43R", 0.25, 0.15, 0.5, 40.0),
-    ("look_left", "AU61", 0.7, 0.45, 0.9, 12.0),
-    ("look_right", "AU62", 0.7, 0.45, 0.9, 12.0),
-    ("look_up", "AU63", 0.55, 0.33, 0.4, 12.0),
-    ("kiss", "AU18", 0.6, 0.4, 0.2, 30.0),
+pub const PRESETS: [(&str, &str, f32, f32, f32, f32, f32); 10] = [
+    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", 0.13, 0.08, 0.0, 0.5, 40.0),
+    ("brows", "AU1L + AU1R + AU2L + AU2R", 1.3, 0.9, 0.0, 0.15, 40.0),
+    ("mouth_open", "AU26", 0.32, 0.2, 0.0, 0.7, 40.0),
+    ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.0, 0.2, 30.0),
+    ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.0, 0.2, 30.0),
+    ("blink_long", "AU43L & AU43R", 0.4, 0.25, 0.25, 0.5, 40.0),
+    ("look_left", "AU61", 0.7, 0.45, 0.0, 0.9, 12.0),
+    ("look_right", "AU62", 0.7, 0.45, 0.0, 0.9, 12.0),
+    ("look_up", "AU63", 0.55, 0.33, 0.0, 0.4, 12.0),
+    ("kiss", "AU18", 0.6, 0.4, 0.0, 0.2, 30.0),
 ];
 /// Largest angle up or down at which a face makes gestures, degrees.
 const PITCH_MAX_DEG: f32 = 30.0;
@@ -142,10 +144,11 @@ impl Gesture {
             name: name.into(),
             ..Self::default()
         };
-        if let Some((_, sum, on, off, hold_s, turned_deg)) = PRESETS.iter().find(|p| p.0 == name) {
-            gesture.of = (*sum).into();
-            (gesture.on, gesture.off) = (*on, *off);
-            (gesture.hold_s, gesture.turned_deg) = (*hold_s, *turned_deg);
+        let preset = PRESETS.iter().find(|preset| preset.0 == name);
+        if let Some(&(_, sum, on, off, rise_s, hold_s, turned_deg)) = preset {
+            gesture.of = sum.into();
+            (gesture.on, gesture.off, gesture.turned_deg) = (on, off, turned_deg);
+            (gesture.rise_s, gesture.hold_s) = (rise_s, hold_s);
         }
         gesture
     }
@@ -201,16 +204,27 @@ struct Activation {
     since: Option<Timestamp>,
     /// When it last went off.
     off_at: Option<Timestamp>,
+    /// Time at which the value was last below half of the lower level.
+    rested_at: Option<Timestamp>,
+    /// Whether the rise took longer than `rise_s`, as of the last frame below the upper level.
+    is_slow: bool,
 }
 
 impl Activation {
     fn observe(&mut self, gesture: &Gesture, sum: f32, may_start: bool, at: Timestamp) {
+        if sum < 0.5 * gesture.off {
+            self.rested_at = Some(at);
+        }
         if self.is_on {
             if sum < gesture.off {
-                *self = Self::default();
-                self.off_at = Some(at);
+                (self.is_on, self.since, self.off_at) = (false, None, Some(at));
             }
-        } else if sum >= gesture.on && may_start {
+        } else if sum < gesture.on {
+            let rises_s = self.rested_at.map(|rested| at.seconds_since(rested) as f32);
+            let is_long = rises_s.is_some_and(|rises_s| rises_s > gesture.rise_s);
+            self.is_slow = gesture.rise_s > 0.0 && is_long;
+            self.since = None;
+        } else if may_start && !self.is_slow {
             let since = *self.since.get_or_insert(at);
             let rested = |off| at.seconds_since(off) as f32 >= gesture.pause_s;
             self.is_on =
@@ -224,8 +238,8 @@ impl Activation {
 /// Speech detector of one person.
 #[derive(Clone, Copy, Default)]
 struct Speech {
-    /// Extreme of the mouth's opening since the last reversal.
-    extreme: f32,
+    /// Extreme of the mouth's opening since the last reversal; `None` before the first frame.
+    extreme: Option<f32>,
     /// Whether the mouth opens since then.
     is_opening: bool,
     /// Times of the last reversals, newest first.
@@ -235,18 +249,18 @@ struct Speech {
 impl Speech {
     /// Takes the mouth's opening; returns whether the person speaks.
     fn update(&mut self, opening: f32, at: Timestamp) -> bool {
+        let extreme = self.extreme.unwrap_or(opening);
         let direction = if self.is_opening { 1.0 } else { -1.0 };
-        let back = direction * (self.extreme - opening);
+        let back = direction * (extreme - opening);
         // Noise grows with the opening.
-        let least = REVERSAL.max(SHARE * opening.max(self.extreme));
+        let least = REVERSAL.max(SHARE * opening.max(extreme));
         if back > least {
             self.is_opening = !self.is_opening;
             self.turns.rotate_right(1);
             self.turns[0] = Some(at);
         }
-        if !(0.0..=least).contains(&back) {
-            self.extreme = opening;
-        }
+        let is_between = (0.0..=least).contains(&back);
+        self.extreme = Some(if is_between { extreme } else { opening });
         let within =
             |turn: usize, s| self.turns[turn].is_some_and(|turn| at.seconds_since(turn) < s);
         within(REVERSALS - 1, SPEECH_S) && within(0, QUIET_S)
@@ -345,7 +359,7 @@ impl Gestures {
             let counts = is_tracked && is_theirs && is_facing;
             // Below any level.
             let sum = if counts { least } else { f32::MIN };
-            let may_start = gesture.speaking || !is_speaking || sum >= SPEAKING_FACTOR * gesture.on;
+            let may_start = gesture.speaking || !is_speaking;
             watched.activations[slot].observe(gesture, sum, may_start, report.at);
         }
     }
@@ -579,19 +593,13 @@ mod tests {
     }
 
     #[test]
-    fn who_speaks_does_not_smile_unless_broadly_or_the_gesture_says_so() {
+    fn who_speaks_does_not_smile_unless_the_gesture_says_so() {
         let speaking = Gesture {
             name: "speaking".into(),
             speaking: true,
             ..smile(Person::Shown)
         };
-        // 1.8 is acted, twice the level.
-        let broad = Gesture {
-            name: "broad".into(),
-            on: 0.9,
-            ..smile(Person::Shown)
-        };
-        let mut gestures = Gestures::new(&[smile(Person::Shown), speaking, broad], &UNITS);
+        let mut gestures = Gestures::new(&[smile(Person::Shown), speaking], &UNITS);
         let mut on = Vec::new();
         for frame in 0..300_u64 {
             let s = frame as f32 / 30.0;
@@ -608,9 +616,33 @@ mod tests {
             on.extend(switches.map(|(name, _, _)| (name, s)));
         }
         let names: Vec<&str> = on.iter().map(|(name, _)| name.as_str()).collect();
-        assert_eq!(names, ["speaking", "broad", "smile"]);
-        let soon = on[..2].iter().all(|(_, s)| (3.2..3.4).contains(s));
-        assert!(soon && (6.4..7.0).contains(&on[2].1), "{on:?}");
+        assert_eq!(names, ["speaking", "smile"]);
+        assert!(
+            (3.2..3.4).contains(&on[0].1) && (6.4..7.0).contains(&on[1].1),
+            "{on:?}"
+        );
+    }
+
+    #[test]
+    fn eyes_that_fall_shut_slowly_do_not_switch_unless_the_gesture_says_so() {
+        let any = Gesture {
+            name: "any".into(),
+            rise_s: 0.0,
+            ..Gesture::named("blink_long")
+        };
+        let closed = |closing_s: f32| {
+            let all = [Gesture::named("blink_long"), any.clone()];
+            let mut gestures = Gestures::new(&all, &["AU43L", "AU43R"]);
+            let mut on = Vec::new();
+            for frame in 0..150_u64 {
+                let shut = ((frame as f32 / 30.0 - 1.0) / closing_s).clamp(0.0, 1.0);
+                gestures.observe(&mut [user(0, frame * 1000 / 30, &[shut, shut])]);
+                on.extend(switches(&mut gestures).into_iter().map(|(name, ..)| name));
+            }
+            on
+        };
+        assert_eq!(closed(0.5), ["blink_long", "any"]);
+        assert_eq!(closed(2.0), ["any"]);
     }
 
     #[test]

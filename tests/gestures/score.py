@@ -3,13 +3,16 @@
 score.py CONFIG own TABLES [NAME=WORDS ...]     TABLES: personN.csv, personN-acted.csv of tests/it/plays_gestures.rs
 score.py CONFIG world SESSIONS TABLES           SESSIONS: personN-1200 of the second world, TABLES: personN.csv
 score.py CONFIG faces BEGIN TABLES              sessions are BEGINpNN-K, with their truth.csv, TABLES: pNN-K.csv
+score.py CONFIG life TABLES                     TABLES: NAME.csv and NAME-truth.csv of any scene of the simulated worlds
 
 CONFIG is what `mien print-config` prints with the gestures that were played.
 caught   acts at full, long enough for the hold time and by somebody who is not new to the box, during which the gesture goes on
 delay    from the frame whose acted sum reaches the upper level to the gesture's going on, without its hold time
-false    goings on of any gesture while nothing is acted but speech, blinks, glances, turns or rest
+false    activations of any gesture while no gesture is acted, only speech, blinks, glances, turns, rest and what else is done in everyday
+         life; in `life`, activations of a gesture that nobody in the picture acted at 0.2 or more for 80 % of its hold time
 """
 import csv
+import math
 import os
 import sys
 import tomllib
@@ -25,6 +28,8 @@ MADE_OF = {
     "mouth_open": ["jawOpen"], "wink_left": ["eyeBlink_L"], "wink_right": ["eyeBlink_R"],
     "blink_long": ["eyeBlink_L", "eyeBlink_R"], "look_left": ["eyeLookOut_L", "eyeLookIn_R"],
     "look_right": ["eyeLookOut_R", "eyeLookIn_L"], "look_up": ["eyeLookUp_L", "eyeLookUp_R"], "kiss": ["mouthPucker"]}
+# In `life`, a gesture was made if the mean weight of its expressions reached this value.
+MADE = 0.2
 # What speech, blinks and glances consist of in the second world.
 CALM = ("eyeBlink", "eyeLook", "jawOpen", "mouthClose", "mouthFunnel", "mouthPucker", "mouthStretch", "mouthLowerDown", "mouthUpperUp",
         "mouthRollLower")
@@ -65,6 +70,35 @@ def spans(flags):
             out.append((start, i))
             start = None
     return out
+
+
+def interval(events):
+    """The exact 95 % interval of a Poisson mean, by bisection."""
+    def below(mean, most):
+        term = total = math.exp(-mean)
+        for k in range(1, most + 1):
+            term *= mean / k
+            total += term
+        return total
+
+    def solve(chance, least):
+        low, high = 0.0, 10.0 + 3.0 * events
+        for _ in range(60):
+            mean = (low + high) / 2
+            low, high = (mean, high) if chance(mean) > least else (low, mean)
+        return low
+
+    fewer = events - 1
+    return (solve(lambda mean: below(mean, fewer), 0.975) if events else 0.0), solve(lambda mean: below(mean, events), 0.025)
+
+
+def rates(hours, false, of=""):
+    """A row for each gesture and one for all: events, and an hour's rate with its 95 % interval."""
+    print(f"{hours:.2f} hours{of}")
+    for name in [*false, "all"]:
+        count = sum(false.values()) if name == "all" else false[name]
+        low, high = interval(count)
+        print(f"{name:11} {count:4}  {count / hours:6.2f} an hour ({low / hours:.2f} to {high / hours:.2f})")
 
 
 class Tally:
@@ -113,8 +147,9 @@ class Tally:
                         self.crossed[n, what] = self.crossed.get((n, what), 0) + 1
 
     def table(self):
-        print(f"{'gesture':11} {'acts':>5} {'caught':>8} {'delay ms':>9}  missed by person")
-        for n in self.gestures:
+        if any(self.acts.values()):
+            print(f"{'gesture':11} {'acts':>5} {'caught':>8} {'delay ms':>9}  missed by person")
+        for n in filter(self.acts.get, self.gestures):
             d = self.delays[n]
             late = f"{1000 * sum(d) / len(d):9.0f}" if d else f"{'':9}"
             caught = f"{100 * self.caught[n] / self.acts[n]:6.1f} %" if self.acts[n] else f"{'':8}"
@@ -126,6 +161,9 @@ class Tally:
         hours = sum(self.calm_s.values()) / 3600
         events = sum(len(f) for f in self.false.values())
         print(f"false: {events} in {60 * hours:.1f} min" + (f", {events / hours:.1f} an hour" if hours else ""))
+        if not acts:
+            count = {n: sum(n == name for found in self.false.values() for name, _ in found) for n in self.gestures}
+            rates(hours, count)
         for kind, seconds in self.calm_s.items():
             found = self.false.get(kind, [])
             count = {}
@@ -171,6 +209,40 @@ def world(gestures, sessions, tables):
     tally.table()
 
 
+def acted_heights(rows, gestures):
+    """By gesture and frame, how much of it the person who shows most acts; winks only with the other eye open."""
+    frames = max(int(r["frame"]) for r in rows) + 1
+    heights = {n: [0.0] * frames for n in gestures}
+    for row in rows:
+        if row["person"] != "-1":
+            for n in gestures:
+                height = sum(float(row[e]) for e in MADE_OF[n]) / len(MADE_OF[n])
+                other = {"wink_left": "eyeBlink_R", "wink_right": "eyeBlink_L"}.get(n)
+                if other and float(row[other]) > 0.3:
+                    height = 0.0
+                heights[n][int(row["frame"])] = max(heights[n][int(row["frame"])], height)
+    return heights
+
+
+def life(gestures, tables):
+    false, seconds = {n: 0 for n in gestures}, 0.0
+    for name in sorted(f[:-4] for f in os.listdir(tables) if f.endswith(".csv") and not f.endswith("-truth.csv")):
+        rows = read(f"{tables}/{name}-truth.csv")
+        heights = acted_heights(rows, gestures)
+        on, _ = switches(f"{tables}/{name}.csv", gestures)
+        seconds += len({r["frame"] for r in rows if r["person"] != "-1"}) / FPS
+        for n, g in gestures.items():
+            held = max(1, int(0.8 * g["hold_s"] * FPS))
+            for f in rises(on[n]):
+                near = heights[n][max(0, f - int((g["hold_s"] + AFTER_S) * FPS) - 15):f + 1]
+                if not any(b - a >= held for a, b in spans(h >= MADE for h in near)):
+                    false[n] += 1
+                    row = max((r for r in rows if int(r["frame"]) == f), key=lambda r: r["person"], default={})
+                    acts = sorted(((float(v or 0), e) for e, v in list(row.items())[-55:]), reverse=True)[:4]
+                    print(f"  {name} frame {f}: {n}; " + ", ".join(f"{e} {v:.2f}" for v, e in acts if v > 0.1))
+    rates(seconds / 3600, false)
+
+
 def faces(gestures, sessions, tables):
     shown = {n: [0, 0, {}] for n in STILLS}
     neutral = {"of these": [0, 0, {}], "of all": [0, 0, {}]}
@@ -206,7 +278,7 @@ def main():
     config, what, *folders = sys.argv[1:]
     with open(config, "rb") as f:
         gestures = {g["name"]: g for g in tomllib.load(f)["gesture"]}
-    {"own": own, "world": world, "faces": faces}[what](gestures, *folders)
+    {"own": own, "world": world, "faces": faces, "life": life}[what](gestures, *folders)
 
 
 if __name__ == "__main__":

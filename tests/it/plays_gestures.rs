@@ -1,19 +1,22 @@
-//! People of the simulator act every default gesture at full, then speak, blink, look about, turn and rest: the tables that
-//! `tests/gestures/run` judges. Also checks that gaze is read correctly.
+//! People of the simulator act every default gesture at full, then speak, blink, look about, turn and rest, or play everyday life: the
+//! tables that `tests/gestures/run` and `tests/gestures/hours` judge. Also checks that gaze is read correctly.
 
 use std::io::Write;
+use std::path::Path;
 
 use mien_appliance::pipeline::{Pipeline, Settings};
-use mien_baking::heads::textured_heads;
+use mien_baking::heads::{PersonHead, textured_heads};
 use mien_outputs::csv::Csv;
 use mien_outputs::gesture::{Gesture, Gestures, PRESETS};
 use mien_outputs::{Output, Report};
 use mien_sensors::Frame;
 use mien_simulator::virtual_head::{Light, Scene, Simulator};
+use mien_stages::base::capacity::{HEIGHT, WIDTH};
 use mien_stages::base::geometry::{Rigid, Rotation, rotation_from_yaw_pitch_roll};
 use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::FaceModel;
 use mien_workbench::people_split::Split;
+use rayon::prelude::*;
 
 use crate::common;
 use crate::common::data::Set;
@@ -26,6 +29,22 @@ const FULL_S: f32 = 1.2;
 /// Time of each of what must fire nothing.
 const CALM_S: f32 = 45.0;
 const CALM: [&str; 5] = ["speak", "blink", "look", "turn", "rest"];
+/// Activities of a person who makes no deliberate gesture, repeated in this order: name and duration in seconds. Laughing, yawning and
+/// dozing contain the expressions of gestures, but unintentionally.
+const LIFE: [(&str, f32); 12] = [
+    ("rest", 40.0),
+    ("speak", 90.0),
+    ("look", 30.0),
+    ("chew", 40.0),
+    ("laugh", 4.0),
+    ("turn", 30.0),
+    ("speak", 60.0),
+    ("yawn", 5.0),
+    ("rest", 40.0),
+    ("blink", 20.0),
+    ("doze", 7.0),
+    ("speak", 60.0),
+];
 /// Nothing is acted at first.
 const START_S: f32 = 6.0;
 
@@ -84,6 +103,21 @@ fn acted(t: f32) -> Option<(&'static str, f32)> {
         .map(|calm| (*calm, 1.0))
 }
 
+/// Activity at a time of everyday life, and its strength, 0…1.
+fn lived(t: f32) -> (&'static str, f32) {
+    let mut within = (t - START_S).max(0.0) % LIFE.iter().map(|(_, s)| s).sum::<f32>();
+    for (what, s) in LIFE {
+        if within < s {
+            return (
+                what,
+                smooth(0.0, 0.4 * s, within) * (1.0 - smooth(0.8 * s, s, within)),
+            );
+        }
+        within -= s;
+    }
+    ("rest", 0.0)
+}
+
 /// Pose and expressions of a person at a time.
 fn play(seed: u64, t: f32, what: &str, height: f32, mut set: impl FnMut(&str, f32)) -> Rigid {
     made_of(what).iter().for_each(|name| set(name, height));
@@ -124,9 +158,41 @@ fn play(seed: u64, t: f32, what: &str, height: f32, mut set: impl FnMut(&str, f3
             set(&format!("eyeLookDown{side}"), -up);
         }
     }
+    let wave = |hz: f32| 0.5 - 0.5 * (t * hz * core::f32::consts::TAU).cos();
+    let parts: &[(&str, f32)] = match what {
+        // Lips stay closed.
+        "chew" => {
+            let open = 0.3 * wave(1.4) * noise(seed, 8, 0.5, t);
+            &[
+                ("jawOpen", open),
+                ("mouthClose", open),
+                ("mouthPress_L", 0.3),
+                ("mouthPress_R", 0.3),
+            ]
+        }
+        "laugh" => &[
+            ("jawOpen", height * (0.15 + 0.3 * wave(4.5))),
+            ("mouthSmile_L", 0.9 * height),
+            ("mouthSmile_R", 0.9 * height),
+            ("cheekSquint_L", 0.6 * height),
+            ("cheekSquint_R", 0.6 * height),
+            ("eyeSquint_L", 0.5 * height),
+            ("eyeSquint_R", 0.5 * height),
+        ],
+        "yawn" => &[
+            ("jawOpen", 0.9 * height),
+            ("browInnerUp_L", 0.3 * height),
+            ("browInnerUp_R", 0.3 * height),
+            ("eyeBlink_L", 0.6 * height),
+            ("eyeBlink_R", 0.6 * height),
+        ],
+        "doze" => &[("eyeBlink_L", 0.95 * height), ("eyeBlink_R", 0.95 * height)],
+        _ => &[],
+    };
+    parts.iter().for_each(|(name, weight)| set(name, *weight));
     // Eyes blink always but when they act: every three seconds, or every one.
-    let eyes =
-        ["wink_left", "wink_right", "blink_long"].contains(&what) || what.starts_with("look_");
+    let eyes = ["wink_left", "wink_right", "blink_long", "doze"].contains(&what)
+        || what.starts_with("look_");
     let every = if what == "blink" { 1.1 } else { 3.1 };
     if !eyes {
         let blink = t % every - 0.3;
@@ -219,64 +285,78 @@ fn people_act_gestures() {
     let out = std::env::var("MIEN_GESTURES").expect("a folder for the tables");
     let tunes = std::env::var("SPLIT").is_ok_and(|split| split == "dev");
     let split = if tunes { Split::Dev } else { Split::Test };
-    let model = FaceModel::shipped();
-    let heads =
-        textured_heads(data.path(), |person| Split::from_index(person) == split, 6).unwrap();
-    let all: Vec<Gesture> = PRESETS
-        .iter()
-        .map(|preset| Gesture::named(preset.0))
-        .collect();
-    let names: Vec<&str> = PRESETS.iter().map(|preset| preset.0).collect();
-    let mut frame = Frame::default();
-    for (number, mut head) in heads.into_iter().enumerate() {
-        let seed = 77 + number as u64;
-        // Irises in a photograph are partly hidden by its lids.
-        mien_baking::heads::eyes::paint(&mut head.asset, seed);
-        let expressions: Vec<String> = head
-            .asset
-            .expressions
-            .iter()
-            .map(|e| e.name.clone())
-            .collect();
-        let light = Light {
-            ambient: 0.55 + 0.05 * number as f32,
-            ..Light::default()
+    // With MINUTES, all people play everyday life, MINUTES in total; otherwise six people act every gesture.
+    let minutes = std::env::var("MINUTES").map(|text| text.parse::<f32>().expect("minutes"));
+    let people = if minutes.is_ok() { usize::MAX } else { 6 };
+    let keep = |person| Split::from_index(person) == split;
+    let heads = textured_heads(data.path(), keep, people).unwrap();
+    let lives_s = minutes
+        .ok()
+        .map(|minutes| 60.0 * minutes / heads.len() as f32);
+    let heads = heads.into_par_iter().enumerate();
+    heads.for_each(|(number, head)| act(head, number, lives_s, Path::new(&out)));
+}
+
+/// Writes one person's tables of gestures and acted expressions; in everyday life (`lives_s`: duration in seconds) also an image of each
+/// activation.
+fn act(mut head: PersonHead, number: usize, lives_s: Option<f32>, out: &Path) {
+    let seed = 77 + number as u64;
+    // Irises in a photograph are partly hidden by its lids.
+    mien_baking::heads::eyes::paint(&mut head.asset, seed);
+    let expressions = head.asset.expressions.iter().map(|e| e.name.clone());
+    let expressions: Vec<String> = expressions.collect();
+    let light = Light {
+        ambient: 0.55 + 0.05 * (number % 6) as f32,
+        ..Light::default()
+    };
+    let mut simulator = Simulator::new(head.asset, Scene::Still, seed).with_light(light, 0.9);
+    let (settings, model) = (Settings::default(), FaceModel::shipped());
+    let mut pipeline = Pipeline::new(&settings, simulator.camera(), &model).unwrap();
+    let names = PRESETS.map(|preset| preset.0);
+    let mut gestures = Gestures::new(&names.map(Gesture::named), &pipeline.unit_names());
+    let person = number + 1;
+    let file = |end: &str| {
+        let file = std::fs::File::create(out.join(format!("person{person}{end}")));
+        std::io::BufWriter::new(file.unwrap())
+    };
+    let (measures, units) = (Pipeline::measure_names(), pipeline.unit_names());
+    let mut csv = Csv::new(file(".csv"), &measures, &units, &names).unwrap();
+    let mut truth = file("-acted.csv");
+    writeln!(truth, "frame,acted,height").unwrap();
+    let (mut frame, mut on) = (Frame::default(), 0);
+    for index in 0_u64.. {
+        let t = index as f32 / 30.0;
+        let now = match lives_s {
+            Some(seconds) => (t < seconds).then(|| lived(t + 61.0 * number as f32)),
+            None => acted(t),
         };
-        let mut simulator = Simulator::new(head.asset, Scene::Still, seed).with_light(light, 0.9);
-        let mut pipeline = Pipeline::new(&Settings::default(), simulator.camera(), &model).unwrap();
-        let mut gestures = Gestures::new(&all, &pipeline.unit_names());
-        let file =
-            |end: &str| std::fs::File::create(format!("{out}/person{}{end}", number + 1)).unwrap();
-        let table = std::io::BufWriter::new(file(".csv"));
-        let mut csv = Csv::new(
-            table,
-            &Pipeline::measure_names(),
-            &pipeline.unit_names(),
-            &names,
-        )
-        .unwrap();
-        let mut truth = std::io::BufWriter::new(file("-acted.csv"));
-        writeln!(truth, "frame,acted,height").unwrap();
-        for index in 0_u64.. {
-            let t = index as f32 / 30.0;
-            let Some((what, height)) = acted(t) else {
-                break;
-            };
-            let mut weights = vec![0.0_f32; expressions.len()];
-            let pose = play(seed, t, what, height, |name, weight| {
-                if let Some(at) = expressions.iter().position(|expression| expression == name) {
-                    weights[at] = weights[at].max(weight);
-                }
-            });
-            let at = Timestamp::from_us(index * 100_000 / 3);
-            simulator.draw_pose(&pose, &weights, at, &mut frame);
-            (frame.index, frame.at) = (index, at);
-            pipeline.follow(&frame);
-            let mut reports = pipeline.reports();
-            gestures.observe(&mut reports);
-            let shown: Option<&Report<'_>> = reports.iter().find(|report| !report.other_is_shown);
-            csv.send(shown.expect("somebody or nobody")).unwrap();
-            writeln!(truth, "{index},{what},{height:.3}").unwrap();
+        let Some((what, height)) = now else {
+            break;
+        };
+        let mut weights = vec![0.0_f32; expressions.len()];
+        let pose = play(seed, t, what, height, |name, weight| {
+            if let Some(at) = expressions.iter().position(|expression| expression == name) {
+                weights[at] = weights[at].max(weight);
+            }
+        });
+        let at = Timestamp::from_us(index * 100_000 / 3);
+        simulator.draw_pose(&pose, &weights, at, &mut frame);
+        (frame.index, frame.at) = (index, at);
+        pipeline.follow(&frame);
+        let mut reports = pipeline.reports();
+        gestures.observe(&mut reports);
+        let shown: Option<&Report<'_>> = reports.iter().find(|report| !report.other_is_shown);
+        let shown = shown.expect("somebody or nobody");
+        csv.send(shown).unwrap();
+        writeln!(truth, "{index},{what},{height:.3}").unwrap();
+        let new = shown.gestures & !std::mem::replace(&mut on, shown.gestures);
+        for (bit, name) in names.iter().enumerate() {
+            if lives_s.is_some() && new >> bit & 1 == 1 {
+                let picture = format!("person{person}-{index}-{name}-{what}.png");
+                let size = (WIDTH as u32, HEIGHT as u32);
+                let grey = image::GrayImage::from_raw(size.0, size.1, frame.luma.to_vec());
+                grey.unwrap().save(out.join(picture)).unwrap();
+            }
         }
     }
 }

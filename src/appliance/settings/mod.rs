@@ -313,7 +313,7 @@ mod tests {
         assert_eq!((frown.on, frown.off), (1.0, 0.5));
         reads_back(settings);
         assert!(refused("[gesture]\nname = \"smile\"\n").contains("a section [[gesture]]"));
-        let above = "expected off of the gesture smile to be below its on, 0.25, found 1.5";
+        let above = "expected off of the gesture smile to be below its on, 0.13, found 1.5";
         for (words, part) in [
             (
                 "of = \"AU26\"",

@@ -385,7 +385,7 @@ mod tests {
             given,
             json!({
                 "name": "stage-left", "slots": 4, "sends": "OSC to 10.0.0.2:9130",
-                "gestures": [{"name": "smile", "sums": [[[1, 1.0], [0, -1.0]]], "on": 0.25, "off": 0.15}],
+                "gestures": [{"name": "smile", "sums": [[[1, 1.0], [0, -1.0]]], "on": 0.13, "off": 0.08}],
                 "regions": [
                     ["Brows", [[2, "AU1R", "Inner brow up right", "AU1R, inner brow raiser: the inner end of the brow rises (the subject's right)", ["brow_R", "eye_R"]]]],
                     ["Mouth", [[1, "AU12L", "Smile left", "AU12L, lip corner puller: the corner of the mouth moves up and out (the subject's left)", ["mouth"]]]],
