@@ -81,8 +81,9 @@ impl Service {
     pub fn reload(&self, folder: &Path, config: &str) {
         std::fs::write(folder.join("mien.toml"), config).unwrap();
         self.signal("-HUP");
-        assert_eq!(self.next_but(&["WATCHDOG=", "STATUS="]), "RELOADING=1");
-        assert_eq!(self.next_but(&["WATCHDOG=", "STATUS="]), "READY=1");
+        // On a busy machine the socket's queue may be full, and `RELOADING=1` is lost.
+        let skipped = ["WATCHDOG=", "STATUS=", "RELOADING="];
+        assert_eq!(self.next_but(&skipped), "READY=1");
     }
 
     /// Stops it; how it ended.
