@@ -27,7 +27,7 @@ const SETTLED_FRAMES: u64 = 8;
 /// Cosine of the angle between face and line of sight, 70° to 20°, in which a head counts as turned away but still has a depth
 /// image of its face.
 const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
-/// Time unseen after which a head may be another person's, seconds.
+/// Time unseen after which a head may be another person's, seconds; a slow camera's frames may be further apart.
 const AWAY_GAP_S: f64 = 0.1;
 /// Confidence reported for a face tracked by depth alone.
 const AWAY_CONFIDENCE: f32 = 0.25;
@@ -357,7 +357,8 @@ impl Follower {
     fn turned_away(&self, pose: &SensorFromFace, context: &FrameContext) -> Option<Landmarks> {
         let last = self.person.landmarks.as_ref()?;
         let unseen_s = context.frame.at.seconds_since(self.person.last_seen);
-        let known = self.person.face_frames >= KNOWN_FRAMES && unseen_s < AWAY_GAP_S;
+        let longest_s = self.pose.longest_gap_s(AWAY_GAP_S);
+        let known = self.person.face_frames >= KNOWN_FRAMES && unseen_s < longest_s;
         let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
         if !known || !AWAY_FACING.contains(&facing) {
             return None;

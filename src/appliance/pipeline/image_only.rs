@@ -325,6 +325,29 @@ mod tests {
         assert!(sizes.iter().all(|size| (size / mean - 1.0).abs() < 0.05));
     }
 
+    #[test]
+    fn a_camera_of_three_frames_a_second_is_followed_with_and_without_depth() {
+        for has_depth in [true, false] {
+            let mut sensor = Simulated::new(Some("acted")).expect("a scene");
+            let (camera, model) = (sensor.camera().clone(), FaceModel::shipped());
+            let mut pipeline =
+                Pipeline::new(&Settings::default(), &camera, &model).expect("a pipeline");
+            let mut frame = Frame::default();
+            for number in 0..300 {
+                sensor.next_frame(&mut frame);
+                if number % 10 != 0 {
+                    continue;
+                }
+                if !has_depth {
+                    without_depth(&mut frame);
+                }
+                pipeline.follow(&frame);
+                let has_face = pipeline.report().landmarks.is_some();
+                assert!(has_face || number < 40, "{has_depth}: frame {number}");
+            }
+        }
+    }
+
     /// Largest step of a pose relative to the truth from one frame to the next, radians and metres.
     fn largest_step(seen: &[Seen]) -> [f32; 2] {
         let off = |(pose, truth): &Seen| truth.inverse() * pose.expect("a face");

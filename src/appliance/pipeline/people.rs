@@ -158,7 +158,10 @@ impl People {
         search: &mut FaceSearch,
     ) {
         let frame = context.frame;
+        let since_s = frame.at.seconds_since(self.at);
         (self.frame, self.at) = (frame.index, frame.at);
+        let poses = self.followers.iter_mut().map(|user| &mut user.pose);
+        poses.for_each(|pose| pose.begin_frame(since_s));
         self.frame_count += 1;
         self.left = [false; USERS];
         self.memory

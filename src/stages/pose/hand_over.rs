@@ -4,7 +4,6 @@
 //! back, the reported distance starts at its last value, and the difference decays exponentially. Units: metres, seconds. Memory: a few
 //! numbers per person.
 
-use super::trail::COAST_S;
 use crate::base::frames::SensorFromFace;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -23,18 +22,20 @@ pub(super) struct HandOver {
 }
 
 impl HandOver {
-    /// The pose to report for a measured one; `by_image`: whether it was measured without depth.
+    /// The pose to report for a measured one; `by_image`: whether it was measured without depth. The difference is forgotten after
+    /// `longest_gap_s` seconds without a pose.
     pub(super) fn reported(
         &mut self,
         mut pose: SensorFromFace,
         by_image: bool,
         at: Timestamp,
+        longest_gap_s: f64,
     ) -> SensorFromFace {
         let distance = pose.translation.vector.norm();
         let last = self
             .last
             .map(|(way, distance, before)| (way, distance, at.seconds_since(before)));
-        self.difference = match last.filter(|(.., gap)| (0.0..COAST_S).contains(gap)) {
+        self.difference = match last.filter(|(.., gap)| (0.0..longest_gap_s).contains(gap)) {
             Some((way, before, _)) if way != by_image => (before / distance).ln(),
             Some((.., gap)) => self.difference * (-gap as f32 / FADES_S).exp(),
             None => 0.0,
@@ -60,7 +61,10 @@ mod tests {
             let place = Vector::new(0.0, 0.6, 0.8) * measured;
             let pose = SensorFromFace::from_parts(place, Rotation::identity());
             let at = Timestamp::from_us(frame * 100_000);
-            let seen = hand_over.reported(pose, by_image, at).translation.vector;
+            let seen = hand_over
+                .reported(pose, by_image, at, 0.2)
+                .translation
+                .vector;
             assert!((seen.normalize() - Vector::new(0.0, 0.6, 0.8)).norm() < 1e-6);
             seen.norm()
         };

@@ -40,7 +40,7 @@ use paper_tracker::PaperTracker;
 use plane_tracker::PlaneTracker;
 pub use settings::{HeadPose, Method, Settings, WINDOW_FRAMES};
 use signature::{Difference, Signature};
-use trail::{COAST_S, Information, Tracker, Trail};
+use trail::{Information, Tracker, Trail};
 
 /// The standard head is unusable; it has this many points.
 #[derive(Debug, thiserror::Error)]
@@ -169,6 +169,17 @@ impl PoseTracker {
         self.trail.last = last;
     }
 
+    /// Prepares for a frame, which comes `since_s` seconds after the one before.
+    pub fn begin_frame(&mut self, since_s: f64) {
+        self.trail.frame_s = since_s;
+    }
+
+    /// Longest time without the head after which it still counts as the same: `usual_s`, or of a slow camera the time from one
+    /// frame to the next, seconds.
+    pub fn longest_gap_s(&self, usual_s: f64) -> f64 {
+        self.trail.longest_gap_s(usual_s)
+    }
+
     /// Predicted pose and size (relative to the standard head) of a tracked head, to gather its cloud for [`Self::follow`].
     /// `middle`: centre of its segmented cloud in this frame, sensor frame, metres. `None` with the paper's method.
     pub fn expected(
@@ -201,7 +212,7 @@ impl PoseTracker {
             let gap = at.seconds_since(before);
             if !(0.0..FORGET_S).contains(&gap) {
                 self.restart();
-            } else if gap > COAST_S {
+            } else if gap > self.trail.coast_s() {
                 self.break_continuity();
             }
         }
@@ -254,7 +265,8 @@ impl PoseTracker {
         }
         let seen = fused.unwrap_or(pose.sensor_from_head) * head_from_face;
         let at = self.trail.last.map_or(Timestamp::default(), |(_, at)| at);
-        self.hand_over.reported(seen, false, at)
+        self.hand_over
+            .reported(seen, false, at, self.trail.coast_s())
     }
 
     /// Predicted pose of a tracked face, for a frame whose depth does not show the head. `None` if it was last tracked too long ago.
@@ -280,7 +292,8 @@ impl PoseTracker {
         };
         let smoothed = self.trail.store(found, Information::zeros(), at);
         let seen = self.sensor_from_face(&smoothed.sensor_from_head);
-        self.hand_over.reported(seen, true, at)
+        self.hand_over
+            .reported(seen, true, at, self.trail.coast_s())
     }
 
     fn correct(&mut self, head_from_face: &HeadFromFace) {

@@ -8,7 +8,7 @@ use super::plane::{self, AlignOptions, Coverage, PlaneFit};
 use super::settings::{HeadPose, Settings};
 use super::shape::HeadShape;
 use super::start;
-use super::trail::{COAST_S, Found, STEP_M, Tracker, Trail};
+use super::trail::{Found, STEP_M, Tracker, Trail};
 use crate::base::frames::{HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
 use crate::base::prelude::*;
@@ -274,7 +274,7 @@ impl PlaneTracker {
         searches: &mut u32,
     ) -> Option<Found> {
         let scale_sigma = self.scale_sigma();
-        if !(0.0..=COAST_S).contains(&at.seconds_since(self.searched)) {
+        if !(0.0..=trail.coast_s()).contains(&at.seconds_since(self.searched)) {
             self.clear_search();
         }
         // The last search's candidates first, if its pose was rejected (not lost): they cost little.

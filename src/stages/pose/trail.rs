@@ -23,8 +23,12 @@ use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;
 
-/// Longest time since the last pose for a prediction, seconds.
-pub(super) const COAST_S: f64 = 0.2;
+/// Longest time since the last pose for a prediction, and of the extrapolation of its speed, seconds.
+const COAST_S: f64 = 0.2;
+/// Longest gap of a slow camera, frames: one frame, which may come late.
+const GAP_FRAMES: f64 = 1.5;
+/// Longest frame time that counts, seconds: after a longer one the head may be anywhere.
+const FRAME_MAX_S: f64 = 0.6;
 /// Largest motion of a head between two frames, metres.
 pub(super) const STEP_M: f32 = 0.1;
 
@@ -48,6 +52,8 @@ pub(super) struct Trail {
     unfiltered: PoseFilter,
     /// Information of the last pose's alignment.
     information: Information,
+    /// Time from the frame before to this one, seconds.
+    pub(super) frame_s: f64,
 }
 
 impl Trail {
@@ -61,6 +67,16 @@ impl Trail {
             filter,
             ..Self::default()
         }
+    }
+
+    /// Longest time since the last pose for a prediction, seconds.
+    pub(super) fn coast_s(&self) -> f64 {
+        self.longest_gap_s(COAST_S)
+    }
+
+    /// `usual_s`, or of a slow camera the time of [`GAP_FRAMES`], seconds.
+    pub(super) fn longest_gap_s(&self, usual_s: f64) -> f64 {
+        usual_s.max(GAP_FRAMES * self.frame_s.min(FRAME_MAX_S))
     }
 
     /// Stores a measured pose and returns it smoothed.
@@ -123,11 +139,11 @@ impl Trail {
     }
 
     /// Pose predicted for time `at` at constant velocity, or, without a speed, shifted by the cloud's motion `moved` (metres). `None` if
-    /// the last pose is older than [`COAST_S`].
+    /// the last pose is older than [`Self::coast_s`].
     pub(super) fn predicted(&self, at: Timestamp, moved: &Vector) -> Option<HeadFromSensor> {
         let (last, last_at) = self.last?;
         let since = at.seconds_since(last_at);
-        if since > COAST_S {
+        if since > self.coast_s() {
             return None;
         }
         let Some((earlier, earlier_at)) = self.earlier else {
@@ -139,7 +155,7 @@ impl Trail {
             return Some(last.inverse());
         }
         // Rotate about the head's origin, not the camera's. 0.9: damping of the speed.
-        let ratio = (since / dt).min(2.0) as f32 * 0.9;
+        let ratio = (since.min(COAST_S) / dt).min(2.0) as f32 * 0.9;
         let turn = (last.rotation * earlier.rotation.inverse()).scaled_axis() * ratio;
         let shift = (last.translation.vector - earlier.translation.vector) * ratio;
         let sensor_from_head = SensorFromHead::from_parts(
