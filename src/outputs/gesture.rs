@@ -2,18 +2,19 @@
 //!
 //! A gesture evaluates a sum of units, or the smallest of several sums. It goes on when the value has been at the upper level for
 //! the hold time, and off below the lower level. It does not go on while the head is turned away, before the face is tracked, before
-//! the pause is over, during speech or laughter that moves the mouth, or if the value took longer than `rise_s` to rise (eyes of a drowsy
-//! person). Every on is followed by an off, also when the head turns away, the face is lost, the person leaves, the source stops, the
+//! the pause is over, during speech or laughter that moves the mouth, or if the value took longer than `rise_s` to rise: yawns, laughter
+//! and the lids of a drowsy person come more slowly than what is made on purpose. Every on is followed by an off, also when the head turns away, the face is lost, the person leaves, the source stops, the
 //! configuration changes or the run ends.
 //!
 //! Speech and laughter are detected from the mouth's opening: at least [`REVERSALS`] reversals within [`SPEECH_S`], each of at least
 //! [`REVERSAL`] and at least a [`SHARE`] of the opening, the last one less than [`QUIET_S`] ago.
 //!
-//! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
+//! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 1.5 kB for each gesture.
 
 use super::every::Every;
 use super::report::{Report, unit_range};
 use super::view::{is_name, is_unit};
+use heapless::HistoryBuf;
 use mien_stages::base::capacity::{GESTURES, USERS};
 use mien_stages::base::geometry::{Vector, face_normal};
 use mien_stages::base::prelude::*;
@@ -35,6 +36,12 @@ const SPEECH_S: f64 = 1.2;
 const QUIET_S: f64 = 0.4;
 /// Least and greatest upper level.
 pub const LEVELS: [f32; 2] = [0.01, 8.0];
+/// Frames over which a rise is measured: two seconds at 30 Hz.
+const PAST: usize = 64;
+/// Shares of the whole rise between which its time counts.
+const RISE: [f32; 2] = [0.3, 0.8];
+/// A rise is over when the value has been above the second share for this long, seconds.
+const SETTLED_S: f32 = 0.2;
 /// Interval at which every state is repeated for receivers that missed a change, seconds.
 const REPEAT_S: f64 = 2.0;
 
@@ -76,7 +83,7 @@ keyed! {
         off: f32 = 0.4 => number(0.0, 8.0, ""),
         /// How long the level must be kept before it goes on.
         hold_s: f32 = 0.2 => seconds(),
-        /// Longest time in which the expression may rise from half of the lower level to the upper one; 0 = any.
+        /// Longest time in which the expression may rise from 30 % to 80 % of its height; 0 = any.
         rise_s: f32 = 0.0 => seconds(),
         /// Shortest time from going off to going on again.
         pause_s: f32 = 0.3 => seconds(),
@@ -120,12 +127,12 @@ fn is_topic_part(name: &str) -> bool {
 /// Gestures with built-in settings: name, sums, on, off, rise and hold time in seconds, largest sideways angle in degrees. Reasons for
 /// the values: the gaze stays on its target when the head turns; a mouth seen from the side looks pursed; many real smiles raise the
 /// upper lip (AU10) and hardly move the corners, but a wrinkled nose (AU9) raises it too, and pursed lips (AU18) move the corners; in
-/// speech the jaw moves; a drowsy person's eyes close slowly; the lids follow eyes that look down.
+/// speech the jaw moves; yawns, laughter and drowsy lids rise slowly; the lids follow eyes that look down.
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", 0.13, 0.08, 0.0, 0.5, 40.0),
+    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", 0.13, 0.08, 0.4, 0.5, 40.0),
     ("brows", "AU1L + AU1R + AU2L + AU2R", 1.3, 0.9, 0.0, 0.15, 40.0),
-    ("mouth_open", "AU26", 0.32, 0.2, 0.0, 0.7, 40.0),
+    ("mouth_open", "AU26", 0.32, 0.2, 0.4, 0.7, 40.0),
     ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.0, 0.2, 30.0),
     ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.0, 0.2, 30.0),
     ("blink_long", "AU43L & AU43R", 0.4, 0.25, 0.25, 0.5, 40.0),
@@ -196,42 +203,77 @@ impl core::fmt::Display for Switch<'_> {
     }
 }
 
+/// Times of the last frames.
+type Times = HistoryBuf<Timestamp, PAST>;
+
 /// One person's state of one gesture.
-#[derive(Clone, Copy, Default)]
+#[derive(Default)]
 struct Activation {
     is_on: bool,
     /// Start of the time at the upper level.
     since: Option<Timestamp>,
     /// When it last went off.
     off_at: Option<Timestamp>,
-    /// Time at which the value was last below half of the lower level.
-    rested_at: Option<Timestamp>,
-    /// Whether the rise took longer than `rise_s`, as of the last frame below the upper level.
+    /// Values of the last frames.
+    past: HistoryBuf<f32, PAST>,
+    /// Whether the value rose too slowly since it was last below the upper level.
     is_slow: bool,
 }
 
 impl Activation {
-    fn observe(&mut self, gesture: &Gesture, sum: f32, may_start: bool, at: Timestamp) {
-        if sum < 0.5 * gesture.off {
-            self.rested_at = Some(at);
-        }
+    /// Takes the value of a frame, the last one of `times`.
+    fn observe(&mut self, gesture: &Gesture, sum: f32, may_start: bool, times: &Times) {
+        let Some(&at) = times.recent() else { return };
+        self.past.write(sum.max(0.0));
         if self.is_on {
             if sum < gesture.off {
                 (self.is_on, self.since, self.off_at) = (false, None, Some(at));
             }
         } else if sum < gesture.on {
-            let rises_s = self.rested_at.map(|rested| at.seconds_since(rested) as f32);
-            let is_long = rises_s.is_some_and(|rises_s| rises_s > gesture.rise_s);
-            self.is_slow = gesture.rise_s > 0.0 && is_long;
-            self.since = None;
+            (self.since, self.is_slow) = (None, false);
         } else if may_start && !self.is_slow {
             let since = *self.since.get_or_insert(at);
             let rested = |off| at.seconds_since(off) as f32 >= gesture.pause_s;
-            self.is_on =
-                at.seconds_since(since) as f32 >= gesture.hold_s && self.off_at.is_none_or(rested);
+            if at.seconds_since(since) as f32 >= gesture.hold_s && self.off_at.is_none_or(rested) {
+                let rise_s = (gesture.rise_s > 0.0).then(|| self.rise_s(times, since));
+                match rise_s {
+                    None => self.is_on = true,
+                    // It still rises.
+                    Some(None) => {}
+                    Some(Some(rise_s)) => {
+                        self.is_slow = rise_s > gesture.rise_s;
+                        self.is_on = !self.is_slow;
+                    }
+                }
+            }
         } else {
             self.since = None;
         }
+    }
+
+    /// Time of the rise to the height since `since`, between the shares [`RISE`] of it, seconds; `None` before it is over.
+    fn rise_s(&self, times: &Times, since: Timestamp) -> Option<f32> {
+        let past = || {
+            let skipped = times.len() - self.past.len();
+            let times = times.oldest_ordered().skip(skipped);
+            times.copied().zip(self.past.oldest_ordered().copied())
+        };
+        let base = past().map(|(_, sum)| sum).fold(f32::MAX, f32::min);
+        let high = past().filter(|(at, _)| *at >= since);
+        let top = high.map(|(_, sum)| sum).fold(base, f32::max);
+        let [low, high] = RISE.map(|share| base + share * (top - base));
+        let mut left = past().next()?.0;
+        let mut reached = None;
+        for (at, sum) in past() {
+            if sum < low {
+                (left, reached) = (at, None);
+            } else if sum >= high {
+                reached = reached.or(Some(at));
+            }
+        }
+        let reached = reached?;
+        let is_over = times.recent()?.seconds_since(reached) as f32 >= SETTLED_S;
+        is_over.then(|| reached.seconds_since(left) as f32)
     }
 }
 
@@ -283,6 +325,7 @@ pub struct Gestures {
     /// Indices of the weights that open the mouth.
     mouth: Vec<usize>,
     speech: [Speech; USERS],
+    times: [Times; USERS],
     /// Schedules the repetition of all states.
     repetition: Every,
     at: Timestamp,
@@ -304,6 +347,7 @@ impl Gestures {
             all: all.iter().take(limit).map(watched).collect(),
             mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
             speech: Default::default(),
+            times: Default::default(),
             repetition: Every::default(),
             at: Timestamp::default(),
         }
@@ -333,6 +377,7 @@ impl Gestures {
             }
         }
         for slot in (0..USERS).filter(|&slot| !is_reported[slot]) {
+            self.times[slot].clear();
             for watched in &mut self.all {
                 watched.activations[slot] = Activation::default();
             }
@@ -350,6 +395,7 @@ impl Gestures {
             let (face, sight) = (angles(&face), angles(&sight));
             [0, 1].map(|k| (face[k] - sight[k]).abs().to_degrees())
         });
+        self.times[slot].write(report.at);
         for watched in &mut self.all {
             let gesture = &watched.gesture;
             let is_theirs = gesture.person != Person::Shown || !report.other_is_shown;
@@ -360,7 +406,7 @@ impl Gestures {
             // Below any level.
             let sum = if counts { least } else { f32::MIN };
             let may_start = gesture.speaking || !is_speaking;
-            watched.activations[slot].observe(gesture, sum, may_start, report.at);
+            watched.activations[slot].observe(gesture, sum, may_start, &self.times[slot]);
         }
     }
 
@@ -401,6 +447,7 @@ impl Gestures {
         for watched in &mut self.all {
             watched.activations = Default::default();
         }
+        self.times = Default::default();
         self.speech = Default::default();
     }
 
@@ -624,25 +671,30 @@ mod tests {
     }
 
     #[test]
-    fn eyes_that_fall_shut_slowly_do_not_switch_unless_the_gesture_says_so() {
-        let any = Gesture {
-            name: "any".into(),
-            rise_s: 0.0,
-            ..Gesture::named("blink_long")
-        };
-        let closed = |closing_s: f32| {
-            let all = [Gesture::named("blink_long"), any.clone()];
-            let mut gestures = Gestures::new(&all, &["AU43L", "AU43R"]);
-            let mut on = Vec::new();
-            for frame in 0..150_u64 {
-                let shut = ((frame as f32 / 30.0 - 1.0) / closing_s).clamp(0.0, 1.0);
-                gestures.observe(&mut [user(0, frame * 1000 / 30, &[shut, shut])]);
-                on.extend(switches(&mut gestures).into_iter().map(|(name, ..)| name));
-            }
-            on
-        };
-        assert_eq!(closed(0.5), ["blink_long", "any"]);
-        assert_eq!(closed(2.0), ["any"]);
+    fn eyes_that_fall_shut_a_yawn_and_a_laugh_do_not_switch_unless_the_gesture_says_so() {
+        for (name, units) in [
+            ("blink_long", ["AU43L", "AU43R"]),
+            ("mouth_open", ["AU26", "AU6L"]),
+            ("smile", ["AU12L", "AU12R"]),
+        ] {
+            let any = Gesture {
+                name: "any".into(),
+                rise_s: 0.0,
+                ..Gesture::named(name)
+            };
+            let made_within = |seconds: f32| {
+                let mut gestures = Gestures::new(&[Gesture::named(name), any.clone()], &units);
+                let mut on = Vec::new();
+                for frame in 0..150_u64 {
+                    let height = ((frame as f32 / 30.0 - 1.0) / seconds).clamp(0.0, 1.0);
+                    gestures.observe(&mut [user(0, frame * 1000 / 30, &[height, height])]);
+                    on.extend(switches(&mut gestures).into_iter().map(|(name, ..)| name));
+                }
+                on
+            };
+            assert_eq!(made_within(0.4), [name, "any"]);
+            assert_eq!(made_within(1.6), ["any"], "{name}");
+        }
     }
 
     #[test]
