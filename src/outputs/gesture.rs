@@ -130,12 +130,12 @@ fn is_topic_part(name: &str) -> bool {
 /// speech the jaw moves; yawns, laughter and drowsy lids rise slowly; the lids follow eyes that look down.
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", 0.13, 0.08, 0.4, 0.5, 40.0),
+    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", 0.13, 0.08, 0.35, 0.5, 40.0),
     ("brows", "AU1L + AU1R + AU2L + AU2R", 1.3, 0.9, 0.0, 0.15, 40.0),
-    ("mouth_open", "AU26", 0.32, 0.2, 0.4, 0.7, 40.0),
+    ("mouth_open", "AU26", 0.32, 0.2, 0.35, 0.7, 40.0),
     ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.0, 0.2, 30.0),
     ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.0, 0.2, 30.0),
-    ("blink_long", "AU43L & AU43R", 0.4, 0.25, 0.25, 0.5, 40.0),
+    ("blink_long", "AU43L & AU43R", 0.4, 0.25, 0.15, 0.5, 40.0),
     ("look_left", "AU61", 0.7, 0.45, 0.0, 0.9, 12.0),
     ("look_right", "AU62", 0.7, 0.45, 0.0, 0.9, 12.0),
     ("look_up", "AU63", 0.55, 0.33, 0.0, 0.4, 12.0),
@@ -262,16 +262,17 @@ impl Activation {
         let high = past().filter(|(at, _)| *at >= since);
         let top = high.map(|(_, sum)| sum).fold(base, f32::max);
         let [low, high] = RISE.map(|share| base + share * (top - base));
-        let mut left = past().next()?.0;
-        let mut reached = None;
+        // Where it was last below the lower share, the rise begins in the frame after: one step from frame to frame takes no time.
+        let (mut left, mut reached) = (None, None);
         for (at, sum) in past() {
             if sum < low {
-                (left, reached) = (at, None);
-            } else if sum >= high {
-                reached = reached.or(Some(at));
+                (left, reached) = (None, None);
+            } else {
+                left = left.or(Some(at));
+                reached = reached.or(Some(at).filter(|_| sum >= high));
             }
         }
-        let reached = reached?;
+        let (left, reached) = left.zip(reached)?;
         let is_over = times.recent()?.seconds_since(reached) as f32 >= SETTLED_S;
         is_over.then(|| reached.seconds_since(left) as f32)
     }
@@ -692,7 +693,7 @@ mod tests {
                 }
                 on
             };
-            assert_eq!(made_within(0.4), [name, "any"]);
+            assert_eq!(made_within(0.25), [name, "any"]);
             assert_eq!(made_within(1.6), ["any"], "{name}");
         }
     }
