@@ -2,7 +2,7 @@
 //!
 //! A gesture evaluates a sum of units, or the smallest of several sums. It goes on when the value has been at the upper level for
 //! the hold time, and off below the lower level. It does not go on while the head is turned away, before the face is tracked, before
-//! the pause is over, during speech or laughter that moves the mouth, or if the value took longer than `rise_s` to rise: yawns, laughter
+//! the pause is over, during speech or laughter that moves the mouth, or if less than half of it came within `rise_s`: yawns, laughter
 //! and the lids of a drowsy person come more slowly than what is made on purpose. Every on is followed by an off, also when the head turns away, the face is lost, the person leaves, the source stops, the
 //! configuration changes or the run ends.
 //!
@@ -38,9 +38,13 @@ const QUIET_S: f64 = 0.4;
 pub const LEVELS: [f32; 2] = [0.01, 8.0];
 /// Frames over which a rise is measured: two seconds at 30 Hz.
 const PAST: usize = 64;
-/// Shares of the whole rise between which its time counts.
-const RISE: [f32; 2] = [0.3, 0.8];
-/// A rise is over when the value has been above the second share for this long, seconds.
+/// Share of the present value that must come within `rise_s`.
+const SUDDEN: f32 = 0.45;
+/// Share of the present value from which on the rise counts.
+const BEGUN: f32 = 0.3;
+/// A rise is over when the value was at least this share of the present one [`SETTLED_S`] ago.
+const SETTLED: f32 = 0.8;
+/// Seconds.
 const SETTLED_S: f32 = 0.2;
 /// Interval at which every state is repeated for receivers that missed a change, seconds.
 const REPEAT_S: f64 = 2.0;
@@ -83,7 +87,7 @@ keyed! {
         off: f32 = 0.4 => number(0.0, 8.0, ""),
         /// How long the level must be kept before it goes on.
         hold_s: f32 = 0.2 => seconds(),
-        /// Longest time in which the expression may rise from 30 % to 80 % of its height; 0 = any.
+        /// Time within which half of the expression must come; 0 = any.
         rise_s: f32 = 0.0 => seconds(),
         /// Shortest time from going off to going on again.
         pause_s: f32 = 0.3 => seconds(),
@@ -130,9 +134,9 @@ fn is_topic_part(name: &str) -> bool {
 /// speech the jaw moves; yawns, laughter and drowsy lids rise slowly; the lids follow eyes that look down.
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", 0.13, 0.08, 0.35, 0.5, 40.0),
+    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", 0.13, 0.08, 0.25, 0.5, 40.0),
     ("brows", "AU1L + AU1R + AU2L + AU2R", 1.3, 0.9, 0.0, 0.15, 40.0),
-    ("mouth_open", "AU26", 0.32, 0.2, 0.35, 0.7, 40.0),
+    ("mouth_open", "AU26", 0.32, 0.2, 0.25, 0.7, 40.0),
     ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.0, 0.2, 30.0),
     ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.0, 0.2, 30.0),
     ("blink_long", "AU43L & AU43R", 0.4, 0.25, 0.15, 0.5, 40.0),
@@ -235,15 +239,12 @@ impl Activation {
             let since = *self.since.get_or_insert(at);
             let rested = |off| at.seconds_since(off) as f32 >= gesture.pause_s;
             if at.seconds_since(since) as f32 >= gesture.hold_s && self.off_at.is_none_or(rested) {
-                let rise_s = (gesture.rise_s > 0.0).then(|| self.rise_s(times, since));
-                match rise_s {
-                    None => self.is_on = true,
-                    // It still rises.
-                    Some(None) => {}
-                    Some(Some(rise_s)) => {
-                        self.is_slow = rise_s > gesture.rise_s;
-                        self.is_on = !self.is_slow;
-                    }
+                let came_fast = match gesture.rise_s {
+                    0.0 => Some(true),
+                    rise_s => self.came_fast(times, rise_s),
+                };
+                if let Some(came_fast) = came_fast {
+                    (self.is_on, self.is_slow) = (came_fast, !came_fast);
                 }
             }
         } else {
@@ -251,30 +252,29 @@ impl Activation {
         }
     }
 
-    /// Time of the rise to the height since `since`, between the shares [`RISE`] of it, seconds; `None` before it is over.
-    fn rise_s(&self, times: &Times, since: Timestamp) -> Option<f32> {
-        let past = || {
-            let skipped = times.len() - self.past.len();
-            let times = times.oldest_ordered().skip(skipped);
-            times.copied().zip(self.past.oldest_ordered().copied())
-        };
-        let base = past().map(|(_, sum)| sum).fold(f32::MAX, f32::min);
-        let high = past().filter(|(at, _)| *at >= since);
-        let top = high.map(|(_, sum)| sum).fold(base, f32::max);
-        let [low, high] = RISE.map(|share| base + share * (top - base));
-        // Where it was last below the lower share, the rise begins in the frame after: one step from frame to frame takes no time.
-        let (mut left, mut reached) = (None, None);
-        for (at, sum) in past() {
-            if sum < low {
-                (left, reached) = (None, None);
-            } else {
-                left = left.or(Some(at));
-                reached = reached.or(Some(at).filter(|_| sum >= high));
-            }
+    /// Whether the share [`SUDDEN`] of the present value came within `rise_s` (or from one frame to the next), since it was last below
+    /// the share [`BEGUN`]. `None` while it still rises.
+    fn came_fast(&self, times: &Times, rise_s: f32) -> Option<bool> {
+        let (at, now) = (times.recent()?, *self.past.recent()?);
+        // Times may go back further than this gesture's values.
+        let times = times.oldest_ordered().skip(times.len() - self.past.len());
+        let past = times.zip(self.past.oldest_ordered().copied());
+        let earlier = past
+            .clone()
+            .filter(|(then, _)| at.seconds_since(**then) as f32 >= SETTLED_S);
+        if earlier.last()?.1 < SETTLED * now {
+            return None;
         }
-        let (left, reached) = left.zip(reached)?;
-        let is_over = times.recent()?.seconds_since(reached) as f32 >= SETTLED_S;
-        is_over.then(|| reached.seconds_since(left) as f32)
+        let base = past.clone().fold(now, |base, (_, sum)| base.min(sum));
+        let below = |(_, sum): (_, f32)| sum < base + BEGUN * (now - base);
+        let begun = past.clone().enumerate().filter(|(_, one)| below(*one));
+        let rise = past.clone().skip(begun.last().map_or(0, |(k, _)| k));
+        Some(rise.clone().enumerate().any(|(k, (later, high))| {
+            rise.clone().take(k).enumerate().any(|(j, (earlier, low))| {
+                let is_near = j + 1 == k || later.seconds_since(*earlier) as f32 <= rise_s;
+                is_near && high.min(now) - low >= SUDDEN * (now - base)
+            })
+        }))
     }
 }
 
