@@ -142,7 +142,7 @@ pub const PRESETS: [(&str, &str, f32, f32, f32, f32, f32); 10] = [
     ("blink_long", "AU43L & AU43R", 0.4, 0.25, 0.15, 0.5, 40.0),
     ("look_left", "AU61", 0.7, 0.45, 0.0, 0.9, 12.0),
     ("look_right", "AU62", 0.7, 0.45, 0.0, 0.9, 12.0),
-    ("look_up", "AU63", 0.55, 0.33, 0.0, 0.4, 12.0),
+    ("look_up", "AU63", 0.6, 0.36, 0.0, 0.4, 12.0),
     ("kiss", "AU18", 0.6, 0.4, 0.0, 0.2, 30.0),
 ];
 /// Largest angle up or down at which a face makes gestures, degrees.
