@@ -2,7 +2,7 @@
 //!
 //! A gesture evaluates a sum of units, or the smallest of several sums. It goes on when the value has been at the upper level for
 //! the hold time, and off below the lower level. It does not go on while the head is turned away, before the face is tracked, before
-//! the pause is over, during speech or laughter that moves the mouth, or if less than half of it came within `rise_s`: yawns, laughter
+//! the pause is over, while the head turns, during speech or laughter that moves the mouth, or if less than half of it came within `rise_s`: yawns, laughter
 //! and the lids of a drowsy person come more slowly than what is made on purpose. Every on is followed by an off, also when the head turns away, the face is lost, the person leaves, the source stops, the
 //! configuration changes or the run ends.
 //!
@@ -46,6 +46,9 @@ const BEGUN: f32 = 0.3;
 const SETTLED: f32 = 0.8;
 /// Seconds.
 const SETTLED_S: f32 = 0.2;
+/// Turn of the head, degrees within [`TURN_S`] seconds, during which nothing goes on.
+const TURN_DEG: f32 = 8.0;
+const TURN_S: f32 = 0.3;
 /// Interval at which every state is repeated for receivers that missed a change, seconds.
 const REPEAT_S: f64 = 2.0;
 
@@ -327,6 +330,8 @@ pub struct Gestures {
     mouth: Vec<usize>,
     speech: [Speech; USERS],
     times: [Times; USERS],
+    /// Angles sideways and up between face and line of sight at these times, degrees.
+    angles: [HistoryBuf<[f32; 2], PAST>; USERS],
     /// Schedules the repetition of all states.
     repetition: Every,
     at: Timestamp,
@@ -349,6 +354,7 @@ impl Gestures {
             mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
             speech: Default::default(),
             times: Default::default(),
+            angles: Default::default(),
             repetition: Every::default(),
             at: Timestamp::default(),
         }
@@ -379,6 +385,7 @@ impl Gestures {
         }
         for slot in (0..USERS).filter(|&slot| !is_reported[slot]) {
             self.times[slot].clear();
+            self.angles[slot].clear();
             for watched in &mut self.all {
                 watched.activations[slot] = Activation::default();
             }
@@ -390,13 +397,16 @@ impl Gestures {
         let is_tracked = report.state == TrackingState::Tracking;
         let opening = self.mouth.iter().map(weight).sum();
         let is_speaking = is_tracked && self.speech[slot].update(opening, report.at);
-        let [sideways, up] = report.sensor_from_face.map_or([0.0; 2], |pose| {
+        let angles = report.sensor_from_face.map_or([0.0; 2], |pose| {
             let (face, sight) = (-face_normal(pose), pose.translation.vector);
             let angles = |v: &Vector| [v.x.atan2(v.z), v.y.atan2(v.x.hypot(v.z))];
             let (face, sight) = (angles(&face), angles(&sight));
-            [0, 1].map(|k| (face[k] - sight[k]).abs().to_degrees())
+            [0, 1].map(|k| (face[k] - sight[k]).to_degrees())
         });
+        self.angles[slot].write(angles);
         self.times[slot].write(report.at);
+        let is_turning = self.turned_deg(slot) > TURN_DEG;
+        let [sideways, up] = angles.map(f32::abs);
         for watched in &mut self.all {
             let gesture = &watched.gesture;
             let is_theirs = gesture.person != Person::Shown || !report.other_is_shown;
@@ -406,9 +416,22 @@ impl Gestures {
             let counts = is_tracked && is_theirs && is_facing;
             // Below any level.
             let sum = if counts { least } else { f32::MIN };
-            let may_start = gesture.speaking || !is_speaking;
+            let may_start = !is_turning && (gesture.speaking || !is_speaking);
             watched.activations[slot].observe(gesture, sum, may_start, &self.times[slot]);
         }
+    }
+
+    /// Range of the angles of a user's face within the last [`TURN_S`], the larger of both directions, degrees.
+    fn turned_deg(&self, slot: usize) -> f32 {
+        let (times, angles) = (&self.times[slot], &self.angles[slot]);
+        let Some(at) = times.recent() else { return 0.0 };
+        let all = times.oldest_ordered().zip(angles.oldest_ordered());
+        let last = all.filter(|(then, _)| at.seconds_since(**then) as f32 <= TURN_S);
+        let range = |axis: usize| {
+            let angles = last.clone().map(|(_, angles)| angles[axis]);
+            angles.clone().fold(f32::MIN, f32::max) - angles.fold(f32::MAX, f32::min)
+        };
+        range(0).max(range(1))
     }
 
     /// Calls `each` with every change since the last call, and every `REPEAT_S` with all states.
@@ -449,6 +472,7 @@ impl Gestures {
             watched.activations = Default::default();
         }
         self.times = Default::default();
+        self.angles = Default::default();
         self.speech = Default::default();
     }
 
@@ -696,6 +720,27 @@ mod tests {
             assert_eq!(made_within(0.25), [name, "any"]);
             assert_eq!(made_within(1.6), ["any"], "{name}");
         }
+    }
+
+    #[test]
+    fn a_head_that_turns_does_not_switch_until_it_rests() {
+        let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
+        let mut on = Vec::new();
+        for frame in 0..90_u64 {
+            // 40° a second from one second to the next, smiling.
+            let s = frame as f32 / 30.0;
+            let yaw = (40.0 * (s - 1.0).clamp(0.0, 1.0) - 20.0).to_radians();
+            let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
+            let pose = Rigid::from_parts(Vector::new(0.0, 0.0, 0.8).into(), turn);
+            let smiles = if s < 1.1 { 0.0 } else { 0.9 };
+            let weights = [smiles, smiles, 0.0, 0.0];
+            gestures.observe(&mut [Report {
+                sensor_from_face: Some(&pose),
+                ..user(0, frame * 1000 / 30, &weights)
+            }]);
+            on.extend(switches(&mut gestures).into_iter().map(|_| s));
+        }
+        assert!(on.len() == 1 && (2.2..2.6).contains(&on[0]), "{on:?}");
     }
 
     #[test]
