@@ -46,7 +46,8 @@ const BEGUN: f32 = 0.3;
 const SETTLED: f32 = 0.8;
 /// Seconds.
 const SETTLED_S: f32 = 0.2;
-/// Turn of the head, degrees within [`TURN_S`] seconds, during which nothing goes on.
+/// Turn of the head to the side, degrees within [`TURN_S`] seconds, during which nothing goes on. Up and down do not count: a mouth
+/// that opens moves the measured angle.
 const TURN_DEG: f32 = 8.0;
 const TURN_S: f32 = 0.3;
 /// Interval at which every state is repeated for receivers that missed a change, seconds.
@@ -330,8 +331,8 @@ pub struct Gestures {
     mouth: Vec<usize>,
     speech: [Speech; USERS],
     times: [Times; USERS],
-    /// Angles sideways and up between face and line of sight at these times, degrees.
-    angles: [HistoryBuf<[f32; 2], PAST>; USERS],
+    /// Angle sideways between face and line of sight at these times, degrees.
+    angles: [HistoryBuf<f32, PAST>; USERS],
     /// Schedules the repetition of all states.
     repetition: Every,
     at: Timestamp,
@@ -403,7 +404,7 @@ impl Gestures {
             let (face, sight) = (angles(&face), angles(&sight));
             [0, 1].map(|k| (face[k] - sight[k]).to_degrees())
         });
-        self.angles[slot].write(angles);
+        self.angles[slot].write(angles[0]);
         self.times[slot].write(report.at);
         let is_turning = self.turned_deg(slot) > TURN_DEG;
         let [sideways, up] = angles.map(f32::abs);
@@ -421,17 +422,14 @@ impl Gestures {
         }
     }
 
-    /// Range of the angles of a user's face within the last [`TURN_S`], the larger of both directions, degrees.
+    /// Range of the angle of a user's face within the last [`TURN_S`], degrees.
     fn turned_deg(&self, slot: usize) -> f32 {
         let (times, angles) = (&self.times[slot], &self.angles[slot]);
         let Some(at) = times.recent() else { return 0.0 };
         let all = times.oldest_ordered().zip(angles.oldest_ordered());
         let last = all.filter(|(then, _)| at.seconds_since(**then) as f32 <= TURN_S);
-        let range = |axis: usize| {
-            let angles = last.clone().map(|(_, angles)| angles[axis]);
-            angles.clone().fold(f32::MIN, f32::max) - angles.fold(f32::MAX, f32::min)
-        };
-        range(0).max(range(1))
+        let angles = last.map(|(_, angle)| *angle);
+        angles.clone().fold(f32::MIN, f32::max) - angles.fold(f32::MAX, f32::min)
     }
 
     /// Calls `each` with every change since the last call, and every `REPEAT_S` with all states.
