@@ -325,7 +325,7 @@ impl Connection<'_> {
         self.announced = (self.announced + 1).min(entities.len() + 2);
         let packet_id = self.next_packet_id();
         self.in_flight = Some((change, packet_id, now));
-        self.publish(true, Some(packet_id));
+        self.publish(change.is_none_or(Change::is_retained), Some(packet_id));
     }
 
     /// Sends unread weights; returns whether there were any.
@@ -357,7 +357,7 @@ impl Connection<'_> {
         {
             self.messages.write(change, self.draft);
             let packet_id = self.next_packet_id();
-            self.publish(true, Some(packet_id));
+            self.publish(change.is_retained(), Some(packet_id));
         }
         self.draft.presence("offline");
         let packet_id = self.next_packet_id();

@@ -24,6 +24,14 @@ pub(super) enum Change {
     State(usize, UserState),
 }
 
+impl Change {
+    /// Whether the broker keeps the message for clients that connect later. It must not keep that a gesture is on: after a box was
+    /// killed, Home Assistant would start the gesture's automations at each restart.
+    pub(super) fn is_retained(self) -> bool {
+        !matches!(self, Self::Gesture(_, true))
+    }
+}
+
 /// State of a user, number of its changes, and time of the last report, µs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct UserState {

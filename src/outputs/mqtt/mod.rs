@@ -6,7 +6,7 @@
 //! | `presence` | `online`, `offline` (also published by the broker, as the last will) | on connecting and leaving; retained |
 //! | `faces` | number of people | on change; retained |
 //! | `<slot>/state` | `{"state":"tracking","present":true,"changes":7,"time_us":400000}` | on change; retained |
-//! | `gesture/<name>` | `ON`, `OFF`: whether at least one person makes it | on change; retained |
+//! | `gesture/<name>` | `ON`, `OFF`: whether at least one person makes it | on change; only `OFF` is retained |
 //! | `health` | `{"sensor":true,"rate_hz":30.0,"latency_ms":9.1,"faces":1,"frames":900,"uptime_s":30.1,"dropped":0}` | every `health_s`; retained |
 //! | `<slot>/weights` | `{"time_us":400000,"AU26":0.2500,…}` | at `rate_hz` while somebody is there |
 //! | `cmd/forget`, `cmd/neutral` | slot | received, if commands are enabled |
@@ -75,8 +75,8 @@ mod tests {
     use super::*;
     use crate::{Output, Report, TrackingState};
 
-    /// Accepts one client and acknowledges its messages until it leaves; returns their topics and payloads.
-    fn broker(listener: &TcpListener) -> Vec<(String, String)> {
+    /// Accepts one client and acknowledges its messages until it leaves; returns their topics, their payloads and whether they are retained.
+    fn broker(listener: &TcpListener) -> Vec<(String, String, bool)> {
         let (mut client, _) = listener.accept().unwrap();
         let (mut bytes, mut all) = (Vec::new(), Vec::new());
         let mut room = [0; 4096];
@@ -99,11 +99,11 @@ mod tests {
                     topic,
                     payload,
                     packet_id,
-                    ..
+                    retained,
                 } = packet
                 {
                     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
-                    all.push((text(topic), text(payload)));
+                    all.push((text(topic), text(payload), retained));
                     if let Some(packet_id) = packet_id {
                         packet::acknowledge(packet_id, &mut out);
                     }
@@ -144,11 +144,15 @@ mod tests {
         let passed = start.elapsed().as_secs_f32();
         let published = broker.join().unwrap();
         let payloads = |topic: &str| -> Vec<&str> {
-            let found = published.iter().filter(|(known, _)| known == topic);
-            found.map(|(_, payload)| payload.as_str()).collect()
+            let found = published.iter().filter(|(known, ..)| known == topic);
+            found.map(|(_, payload, _)| payload.as_str()).collect()
         };
         assert_eq!(payloads("mien/hall/gesture/smile"), ["OFF", "ON", "OFF"]);
         assert_eq!(payloads("mien/hall/gesture/kiss"), ["OFF"]);
+        let is_on = |payload: &str| payload == "ON";
+        assert!(published.iter().all(|(_, payload, retained)| {
+            payload.starts_with("{\"time_us\"") || *retained != is_on(payload)
+        }));
         let faces = payloads("mien/hall/faces");
         assert_eq!((faces.first(), faces.last()), (Some(&"1"), Some(&"0")));
         // As often as asked for, of one person.
