@@ -27,6 +27,8 @@ use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 const PERIOD: Duration = Duration::from_secs(1);
 /// Frames whose latency is kept.
 const LATENCIES: usize = 1024;
+/// Hours whose activations are counted one by one: a day.
+const HOURS: usize = 24;
 /// Capacity for the kinds of outputs, including the CSV.
 const OUTPUTS: usize = 12;
 /// Initial capacity of a file's text, bytes.
@@ -46,6 +48,7 @@ defaults! {
         lost: u64 = 0,
         /// Number of activations of each gesture, summed over all people.
         activations: [u64; GESTURES] = [0; GESTURES],
+        day: Day = Day::default(),
         /// Whether the sensor delivers frames.
         sensor: bool = false,
         latencies: Latencies = Latencies::default(),
@@ -94,11 +97,13 @@ impl Status {
         (self.start, self.frames, self.lost) = (before.start, before.frames, before.lost);
         (self.time_us, self.sensor) = (before.time_us, before.sensor);
         (self.latencies, self.users) = (before.latencies, before.users);
-        let counts = before.gestures.iter().zip(before.activations);
-        for (name, count) in counts {
+        self.day.hour = before.day.hour;
+        for (k, name) in before.gestures.iter().enumerate().take(GESTURES) {
             let place = self.gestures.iter().position(|own| own == name);
-            if let Some(own) = place.and_then(|place| self.activations.get_mut(place)) {
-                *own = count;
+            if let Some(place) = place.filter(|&place| place < GESTURES) {
+                self.activations[place] = before.activations[k];
+                let hours = self.day.counts.iter_mut().zip(&before.day.counts);
+                hours.for_each(|(own, before)| own[place] = before[k]);
             }
         }
         // One sum per name over all reloads.
@@ -138,8 +143,11 @@ impl Status {
         self.lost += u64::from(report.state == TrackingState::Lost && !was_lost);
         if ENABLED {
             let new = report.gestures & !before.map_or(0, |user| user.gestures);
-            for (bit, count) in self.activations.iter_mut().enumerate() {
+            let this_hour = self.day.enter(self.start.elapsed().as_secs() / 3600);
+            let counts = self.activations.iter_mut().zip(this_hour);
+            for (bit, (count, in_hour)) in counts.enumerate() {
                 *count += u64::from(new >> bit & 1);
+                *in_hour += new >> bit & 1;
             }
         }
         self.users[slot] = (report.state != TrackingState::Absent).then(|| User {
@@ -199,12 +207,17 @@ impl Status {
         )?;
         writeln!(text, "  \"tracking_lost\": {},", self.lost)?;
         if ENABLED && !self.gestures.is_empty() {
-            text.push_str("  \"activations\": {");
-            for (k, (name, count)) in self.gestures.iter().zip(self.activations).enumerate() {
-                let comma = if k > 0 { ", " } else { "" };
-                write!(text, "{comma}{}: {count}", Quoted(name))?;
+            for (key, counts) in [
+                ("activations", self.activations),
+                ("activations_24h", self.day.sums()),
+            ] {
+                write!(text, "  \"{key}\": {{")?;
+                for (k, (name, count)) in self.gestures.iter().zip(counts).enumerate() {
+                    let comma = if k > 0 { ", " } else { "" };
+                    write!(text, "{comma}{}: {count}", Quoted(name))?;
+                }
+                text.push_str("},\n");
             }
-            text.push_str("},\n");
         }
         write!(text, "  \"outputs\": [")?;
         for (i, tally) in outputs.enumerate() {
@@ -345,6 +358,30 @@ fn value_of_output(metric: &str, tally: &Tally) -> u64 {
         "mien_output_errors_total" => tally.dropped,
         "mien_output_refused_total" => tally.commands[1],
         _ => tally.connected.into(),
+    }
+}
+
+defaults! {
+    /// Ring of the activations of each gesture in each of the last hours, which begin with the program's start.
+    struct Day {
+        counts: [[u32; GESTURES]; HOURS] = [[0; GESTURES]; HOURS],
+        /// Number of the present hour.
+        hour: u64 = 0,
+    }
+}
+
+impl Day {
+    /// Drops what is a day old at this hour; returns the counts of the hour.
+    fn enter(&mut self, hour: u64) -> &mut [u32; GESTURES] {
+        while self.hour < hour {
+            self.hour += 1;
+            self.counts[self.hour as usize % HOURS] = [0; GESTURES];
+        }
+        &mut self.counts[self.hour as usize % HOURS]
+    }
+
+    fn sums(&self) -> [u64; GESTURES] {
+        core::array::from_fn(|k| self.counts.iter().map(|counts| u64::from(counts[k])).sum())
     }
 }
 
@@ -602,6 +639,18 @@ mod tests {
         after.prometheus(std::iter::empty(), &mut metrics).unwrap();
         let sample = "\nmien_gesture_activations_total{gesture=\"smile\"} 2\n";
         assert!(metrics.contains(sample), "{metrics}");
+        // The day's count loses them after 24 hours.
+        let mut of_day = |hour| {
+            after.day.enter(hour);
+            json.clear();
+            after.json(std::iter::empty(), &mut json).unwrap();
+            json.contains("\"activations_24h\": {\"brows\": 1, \"smile\": 2}")
+        };
+        assert_eq!([0, 23, 24].map(&mut of_day), [true, true, false]);
+        assert!(
+            json.contains("\"activations_24h\": {\"brows\": 0, \"smile\": 0}")
+                && json.contains(counts)
+        );
     }
 
     #[test]
