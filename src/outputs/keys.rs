@@ -14,7 +14,7 @@ use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::gesture::{Press, Switch};
+use super::gesture::{Gesture, Press, Switch};
 use super::key_codes::KEYS;
 use super::limits::BackOff;
 use super::{Output, OutputError, Report, Tally};
@@ -64,13 +64,12 @@ pub struct Keys {
 impl Keys {
     /// Opens the device at `path`; if that fails, retries with later frames.
     pub fn new(path: &str) -> Self {
-        let name = Path::new(path).file_name().unwrap_or_default();
         let mut keys = Self {
             path: path.to_owned(),
             device: None,
             retry_at: Instant::now(),
             back_off: BackOff::new(PAUSES),
-            is_gadget: name.to_string_lossy().starts_with("hidg"),
+            is_gadget: is_gadget(path),
             held: [0; KEYS.len()],
             tapped: [false; KEYS.len()],
             is_down: [false; KEYS.len()],
@@ -191,6 +190,23 @@ impl Drop for Keys {
     }
 }
 
+/// Checks that the device at `path` has the gestures' keys.
+///
+/// # Errors
+/// The first key that it lacks.
+pub fn check(path: &str, gestures: &[Gesture]) -> Result<(), OutputError> {
+    let lacks = |key: &&str| is_gadget(path) && KEYS.iter().any(|one| one.0 == *key && one.2 == 0);
+    let mut keys = gestures.iter().map(|gesture| gesture.key.as_str());
+    let missing = keys.find(lacks).map(str::to_owned);
+    missing.map_or(Ok(()), |key| Err(OutputError::NotOverUsb(key)))
+}
+
+/// Whether the path is that of a USB HID gadget.
+fn is_gadget(path: &str) -> bool {
+    let name = Path::new(path).file_name().unwrap_or_default();
+    name.to_string_lossy().starts_with("hidg")
+}
+
 /// Opens a device for non-blocking writes; makes a keyboard of `uinput`.
 fn open_device(path: &str, is_gadget: bool) -> io::Result<File> {
     let mut mode = OpenOptions::new();
@@ -238,7 +254,7 @@ fn create_uinput(device: &mut File) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gesture::{Gesture, Gestures, Person};
+    use crate::gesture::{Gestures, Person};
     use mien_stages::base::time::Timestamp;
     use mien_stages::users::TrackingState;
 
@@ -293,6 +309,21 @@ mod tests {
         // Usage 0x2C is the space bar.
         let reports = [[0; 8], [0, 0, 0x2C, 0, 0, 0, 0, 0], [0; 8]].concat();
         assert_eq!(written("hidg0"), reports);
+    }
+
+    #[test]
+    fn keys_that_a_gadget_lacks_are_refused() {
+        let gesture = |key: &str| Gesture {
+            key: key.into(),
+            ..Gesture::named("smile")
+        };
+        let all = ["", "enter", "mouse_left"].map(gesture);
+        assert!(check("/dev/uinput", &all).is_ok() && check("/dev/hidg0", &all[..2]).is_ok());
+        let problem = check("/dev/hidg0", &all).unwrap_err().to_string();
+        assert!(
+            problem.contains("no key \"mouse_left\"; choose another"),
+            "{problem}"
+        );
     }
 
     #[test]

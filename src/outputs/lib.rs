@@ -224,6 +224,12 @@ pub enum OutputError {
         "[{0}] is enabled, but this mien was built without it; build with --features wires, or install the package"
     )]
     NotBuilt(&'static str),
+    /// A gesture's key does not exist on a keyboard over USB.
+    #[cfg(feature = "wires")]
+    #[error(
+        "a keyboard over USB has no key {0:?}; choose another, or remove device from [keys] to press keys of this computer"
+    )]
+    NotOverUsb(String),
     /// The device that presses keys cannot be used.
     #[cfg(feature = "wires")]
     #[error(

@@ -153,7 +153,8 @@ outputs! { s units
         crate::mqtt::check(&s.mqtt);
     keys: KeysSettings = "Keys that gestures press."
         "keys" in "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
-        crate::keys::Keys::new(&s.keys.device);
+        crate::keys::Keys::new(&s.keys.device),
+        crate::keys::check(&s.keys.device, &s.gestures);
 }
 
 impl Settings {
