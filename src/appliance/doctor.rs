@@ -140,7 +140,7 @@ fn keys(lines: &mut Lines, path: &str) {
     let absent = if path.ends_with("uinput") {
         "run `modprobe uinput` as root, and write uinput into /etc/modules-load.d/uinput.conf to load it at every boot; `mien run` waits for it"
     } else {
-        "set up the USB gadget; `mien run` waits for it"
+        "set up the USB gadget, for example with docs/examples/usb_keyboard; `mien run` waits for it"
     };
     let forbidden = "for the service, install mien-keys.conf as described in docs/gestures.md; otherwise add a udev rule that lets the user write to it";
     device(lines, "keys", path, [absent, forbidden]);
