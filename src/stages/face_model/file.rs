@@ -18,7 +18,7 @@ use crate::base::geometry::{Point, Vector};
 
 use super::error::ModelError;
 use super::model::{CascadeStage, ConfidenceModel, FaceModel, LEVELS_PER_BYTE, ShapeModel};
-use super::reader::{Reader, short};
+use super::reader::Reader;
 use super::refinement::Refinement;
 use super::sizes::{
     FACE_INPUTS, FEATURES, LANDMARK_INPUTS, MAX_MODES, MAX_STAGES, VIEW_PARAMETERS,
@@ -225,7 +225,7 @@ fn put_stages(stages: &[CascadeStage]) -> Vec<u8> {
         out.extend_from_slice(&stage.levels);
         put_floats(&mut out, [&stage.cell_px]);
         for value in stage.scales.iter().chain(&stage.prior) {
-            out.extend_from_slice(&short(*value).to_le_bytes()[2..]);
+            out.extend_from_slice(&value.0.to_le_bytes());
         }
         put_floats(&mut out, &stage.bias);
     }
@@ -323,6 +323,7 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::face_model::Short;
 
     fn example() -> FaceModel {
         let mut random = fastrand::Rng::with_seed(7);
@@ -347,8 +348,11 @@ mod tests {
             cell_px: 5.5,
             mean: bytes(FEATURES).into(),
             levels: bytes(rows * FEATURES / LEVELS_PER_BYTE).into(),
-            scales: floats(rows * LANDMARKS).into_iter().map(short).collect(),
-            prior: floats(rows * rows).into_iter().map(short).collect(),
+            scales: floats(rows * LANDMARKS)
+                .into_iter()
+                .map(Short::from)
+                .collect(),
+            prior: floats(rows * rows).into_iter().map(Short::from).collect(),
             bias: floats(rows),
         };
         let mut model = FaceModel {

@@ -23,6 +23,6 @@ mod template;
 pub use error::ModelError;
 pub use file::SHIPPED;
 pub use model::*;
-pub use reader::short;
+pub use reader::Short;
 pub use sizes::*;
 pub use template::FaceTemplate;

@@ -8,6 +8,7 @@ use crate::base::geometry::{Point, Vector};
 use crate::base::prelude::*;
 use crate::base::vectors::with_avx2;
 
+use super::reader::Short;
 use super::refinement::Refinement;
 use super::sizes::{FACE_INPUTS, PATCH};
 
@@ -70,10 +71,10 @@ pub struct CascadeStage {
     /// Update matrix: one row of [`super::sizes::FEATURES`] weights per updated parameter, two bits each; see [`weight_at`].
     pub levels: Cow<'static, [u8]>,
     /// Unit of the weights, per row and landmark.
-    pub scales: Vec<f32>,
+    pub scales: Vec<Short>,
     /// Square matrix (as many columns as rows) on the inputs besides the image: displacement of the view from the start, then the
     /// shape coefficients.
-    pub prior: Vec<f32>,
+    pub prior: Vec<Short>,
     /// Update at the mean features.
     pub bias: Vec<f32>,
 }

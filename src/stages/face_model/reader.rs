@@ -65,16 +65,16 @@ impl<'a> Reader<'a> {
     }
 
     /// The same, of 16 bits: see [`short`].
-    pub(crate) fn shorts(&mut self, count: usize) -> Result<Vec<f32>, ModelError> {
+    pub(crate) fn shorts(&mut self, count: usize) -> Result<Vec<Short>, ModelError> {
         let bytes = self.take(count.saturating_mul(2))?.as_chunks().0.iter();
-        let halves = bytes.map(|bytes| u32::from(u16::from_le_bytes(*bytes)));
-        let values: Vec<f32> = halves.map(|half| f32::from_bits(half << 16)).collect();
-        let bad = values
-            .iter()
-            .find(|value| value.is_nan() || value.abs() > LARGEST);
+        let values: Vec<Short> = bytes
+            .map(|bytes| Short(u16::from_le_bytes(*bytes)))
+            .collect();
+        let mut floats = values.iter().map(|value| f32::from(*value));
+        let bad = floats.find(|value| value.is_nan() || value.abs() > LARGEST);
         match bad {
             None => Ok(values),
-            Some(bad) => Err(self.malformed("finite numbers within a million", f64::from(*bad))),
+            Some(bad) => Err(self.malformed("finite numbers within a million", f64::from(bad))),
         }
     }
 
@@ -134,9 +134,22 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The nearest number that the upper 16 bits of a float state (bfloat16), to half a per cent.
-pub fn short(value: f32) -> f32 {
-    f32::from_bits((value.to_bits() + 0x8000) & 0xffff_0000)
+/// A number stated by the upper 16 bits of a float (bfloat16).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Short(pub(crate) u16);
+
+impl From<f32> for Short {
+    /// The nearest one, to half a per cent.
+    fn from(value: f32) -> Self {
+        Self(((value.to_bits() + 0x8000) >> 16) as u16)
+    }
+}
+
+impl From<Short> for f32 {
+    #[inline(always)]
+    fn from(short: Short) -> Self {
+        Self::from_bits(u32::from(short.0) << 16)
+    }
 }
 
 /// Groups values into vectors.

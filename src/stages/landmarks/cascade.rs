@@ -15,7 +15,7 @@ use crate::base::defaults;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::base::vectors::{NO_FRACTION, two_bit_dots, with_avx2};
+use crate::base::vectors::{NO_FRACTION, arrange_for_dots, two_bit_dots, with_avx2};
 use crate::face_model::{
     CascadeStage, ConfidenceModel, FACE_INPUTS, FEATURES, LANDMARK_INPUTS, MAX_MODES,
     MAX_PARAMETERS, MEAN_STEPS, PATCH, PATCH_BYTES, ShapeModel, VIEW_PARAMETERS,
@@ -54,7 +54,7 @@ defaults! {
     pub struct Solver {
         features: Vec<f32> = vec![0.0; FEATURES],
         /// Features minus their mean, quantised to 1 / [`STEPS`].
-        quantised: Vec<i16> = vec![0; FEATURES],
+        quantised: Vec<[i16; PATCH]> = vec![[0; PATCH]; LANDMARKS],
         head: [Point; LANDMARKS] = [Point::origin(); LANDMARKS],
         /// Landmarks whose patches do not count, because something hides them.
         pub hidden: [bool; LANDMARKS] = [false; LANDMARKS],
@@ -134,6 +134,7 @@ impl Solver {
     fn update(&mut self, stage: &CascadeStage, columns: &[f32], step: &mut [f32; MAX_PARAMETERS]) {
         for ((quantised, f), mean) in self
             .quantised
+            .as_flattened_mut()
             .iter_mut()
             .zip(&self.features)
             .zip(&*stage.mean)
@@ -141,19 +142,19 @@ impl Solver {
             *quantised = rounded(f * STEPS - f32::from(*mean) * (STEPS / MEAN_STEPS));
         }
         // A hidden patch is an average one.
-        let patches = self.quantised.as_chunks_mut::<PATCH>().0;
-        for (patch, _) in patches
+        for (patch, _) in self
+            .quantised
             .iter_mut()
             .zip(self.hidden)
             .filter(|(_, hidden)| *hidden)
         {
             patch.fill(0);
         }
-        let features = self.quantised.as_chunks::<PATCH>().0;
         let mut sums = [0; LANDMARKS];
-        for (sum, patch) in sums.iter_mut().zip(features) {
+        for (sum, patch) in sums.iter_mut().zip(&self.quantised) {
             *sum = patch.iter().map(|f| i32::from(*f)).sum();
         }
+        arrange_for_dots(&mut self.quantised);
         let patches = stage.levels.as_chunks::<PATCH_BYTES>().0;
         let rows = patches
             .chunks_exact(LANDMARKS)
@@ -162,15 +163,19 @@ impl Solver {
         for ((step, bias), ((levels, scales), prior)) in step.iter_mut().zip(&stage.bias).zip(rows)
         {
             let mut dots = [0; LANDMARKS];
-            two_bit_dots(levels, features, &mut dots);
+            two_bit_dots(levels, &self.quantised, &mut dots);
             // The products are computed before they are added, so that this loop vectorises. A weight is 2 × level - 3.
             let mut products = [0.0; LANDMARKS];
             let terms = dots.iter().zip(&sums).zip(scales);
             for (product, ((dot, f_sum), scale)) in products.iter_mut().zip(terms) {
-                *product = scale * (2 * dot - 3 * f_sum) as f32;
+                *product = f32::from(*scale) * (2 * dot - 3 * f_sum) as f32;
             }
             let sum: f32 = products.iter().sum();
-            let known: f32 = prior.iter().zip(columns).map(|(p, c)| p * c).sum();
+            let known: f32 = prior
+                .iter()
+                .zip(columns)
+                .map(|(p, c)| f32::from(*p) * c)
+                .sum();
             *step = bias + sum / STEPS + known;
         }
     }
@@ -207,20 +212,26 @@ impl Solver {
 
 /// The linear discriminant of each landmark's patch.
 pub fn discriminants(model: &ConfidenceModel, features: &[f32]) -> [f32; LANDMARKS] {
+    let mut found = [0.0; LANDMARKS];
     let patches = features.as_chunks::<PATCH>().0.iter();
     let means = model.mean.as_chunks::<PATCH>().0;
     let weights = model.weights.as_chunks::<PATCH>().0;
-    let mut patches = patches.zip(means).zip(weights).zip(&model.scales);
-    core::array::from_fn(|_| {
-        let Some((((features, means), weights), scale)) = patches.next() else {
-            return 0.0;
-        };
-        let terms = features.iter().zip(means).zip(weights);
-        let sum: f32 = terms
-            .map(|((f, mean), w)| (f - f32::from(*mean) / MEAN_STEPS) * f32::from(*w))
-            .sum();
-        scale * sum
-    })
+    let patches = patches.zip(means).zip(weights).zip(&model.scales);
+    with_avx2(
+        #[inline(always)]
+        || {
+            for (found, (((features, means), weights), scale)) in found.iter_mut().zip(patches) {
+                // The products are computed before they are added, so that this loop vectorises.
+                let mut products = [0.0; PATCH];
+                let terms = features.iter().zip(means).zip(weights);
+                for (product, ((f, mean), w)) in products.iter_mut().zip(terms) {
+                    *product = (f - f32::from(*mean) / MEAN_STEPS) * f32::from(*w);
+                }
+                *found = scale * products.iter().sum::<f32>();
+            }
+        },
+    );
+    found
 }
 
 /// Inputs of each landmark's confidence: its discriminant, the mean of its neighbours' in the numbering (on the same contour, so
@@ -270,7 +281,7 @@ fn rounded(x: f32) -> i16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::face_model::{LEVELS_PER_BYTE, weight_at};
+    use crate::face_model::{LEVELS_PER_BYTE, Short, weight_at};
 
     #[test]
     fn rounds_to_the_nearest_integer() {
@@ -353,30 +364,31 @@ mod tests {
             mean: vec![51; FEATURES].into(),
             // Of every four weights, one is -3, -1, 1 and 3.
             levels: vec![0b11_10_01_00; rows * FEATURES / LEVELS_PER_BYTE].into(),
-            scales: vec![0.0; rows * LANDMARKS],
-            prior: vec![0.0, 0.5, 0.0, 0.0],
+            scales: vec![0.0.into(); rows * LANDMARKS],
+            prior: [0.0, 0.5, 0.0, 0.0].map(Short::from).into(),
             bias: vec![0.1, 0.2],
         };
-        stage.scales[LANDMARKS + patch] = 0.01;
+        stage.scales[LANDMARKS + patch] = (1.0 / 128.0).into();
         let mut solver = Solver::default();
         solver.features.fill(0.2);
         solver.features[patch * PATCH + PATCH_BYTES * 3 + 7] = 0.95;
         let (mut columns, mut step) = ([0.0; MAX_PARAMETERS], [0.0; MAX_PARAMETERS]);
         columns[1] = 3.0;
         solver.update(&stage, &columns, &mut step);
-        // 0.1 + 0.5 · 3, and 0.2 + 3 · 0.01 · (0.95 - 51 / 255).
-        assert!((step[0] - 1.6).abs() < 1e-5 && (step[1] - 0.2225).abs() < 1e-5);
+        // 0.1 + 0.5 · 3, and 0.2 + 3 / 128 · (0.95 - 51 / 255).
+        assert!((step[0] - 1.6).abs() < 1e-5 && (step[1] - 0.217_578).abs() < 1e-5);
     }
 
     #[test]
     fn a_dot_product_is_the_sum_of_the_products() {
         let mut random = fastrand::Rng::with_seed(1);
         let levels: [u8; PATCH_BYTES] = core::array::from_fn(|_| random.u8(..));
-        let features: [i16; PATCH] = core::array::from_fn(|_| random.i16(-16_384..=16_384));
-        let twice = |k: usize| i64::from(weight_at(&levels, k) + 3) * i64::from(features[k]);
+        let mut features = [[(); PATCH].map(|()| random.i16(-16_384..=16_384))];
+        let twice = |k: usize| i64::from(weight_at(&levels, k) + 3) * i64::from(features[0][k]);
         let sum: i64 = (0..PATCH).map(twice).sum();
         let mut dots = [0];
-        two_bit_dots(&[levels], &[features], &mut dots);
+        arrange_for_dots(&mut features);
+        two_bit_dots(&[levels], &features, &mut dots);
         assert_eq!(2 * i64::from(dots[0]), sum);
     }
 }

@@ -13,7 +13,7 @@ use super::samples::{MapBuffer, Sample};
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::{
     CascadeStage, FEATURES, FaceModel, LEVELS_PER_BYTE, MAX_MODES, MAX_PARAMETERS, MEAN_STEPS,
-    PATCH, PATCH_BYTES, ShapeModel, VIEW_PARAMETERS, short, weight_at,
+    PATCH, PATCH_BYTES, ShapeModel, VIEW_PARAMETERS, weight_at,
 };
 use mien_stages::landmarks::cascade::{FaceFit, Solver, prior_columns, updated};
 use mien_stages::landmarks::view::View;
@@ -63,12 +63,12 @@ pub fn rounded(
         let (row, landmark) = (patch / LANDMARKS, patch % LANDMARKS);
         let patch = weights.view((row, landmark * PATCH), (1, PATCH));
         let scale = LEVEL * patch.norm() / (PATCH as f32).sqrt();
-        stage.scales.push(short(scale));
+        stage.scales.push(scale.into());
     }
     // With fewer samples than features the scatter is singular: patches are rounded independently.
     let samples: usize = blocks.iter().map(DMatrix::ncols).sum();
     let group = if samples < FEATURES { PATCH } else { FEATURES };
-    let scales = &stage.scales;
+    let scales: Vec<f32> = stage.scales.iter().map(|scale| f32::from(*scale)).collect();
     let level = |row: usize, k: usize, weight: f32| {
         let scale = scales[row * LANDMARKS + k / PATCH].max(1e-30);
         (2.0 * (weight / (2.0 * scale)).floor() + 1.0).clamp(-3.0, 3.0)
@@ -109,7 +109,7 @@ fn rounded_weights(stage: &CascadeStage) -> DMatrix<f32> {
     let patches = stage.levels.as_chunks::<PATCH_BYTES>().0;
     DMatrix::from_fn(stage.bias.len(), FEATURES, |row, k| {
         let patch = row * LANDMARKS + k / PATCH;
-        stage.scales[patch] * weight_at(&patches[patch], k % PATCH) as f32
+        f32::from(stage.scales[patch]) * weight_at(&patches[patch], k % PATCH) as f32
     })
 }
 
@@ -155,7 +155,7 @@ pub fn learn_stage(
         for k in 0..parameters {
             let w = map.weights[(row, FEATURES + k)];
             stage.bias[row] -= w * map.mean[FEATURES + k];
-            stage.prior.push(short(w * PRIOR_SCALE));
+            stage.prior.push((w * PRIOR_SCALE).into());
         }
     }
     let mean = &map.mean.as_slice()[..FEATURES];
@@ -258,13 +258,13 @@ mod tests {
         let mean = vec![0.3; FEATURES];
         let start = CascadeStage {
             bias: vec![0.5, -1.0],
-            prior: vec![0.0; 4],
+            prior: vec![0.0.into(); 4],
             ..CascadeStage::default()
         };
         let stage = rounded(start, weights.clone(), &mean, &blocks, &mean);
         let found = rounded_weights(&stage);
         let plain = weights.map_with_location(|row, k, weight| {
-            let scale = stage.scales[row * LANDMARKS + k / PATCH];
+            let scale = f32::from(stage.scales[row * LANDMARKS + k / PATCH]);
             scale * (2.0 * (weight / (2.0 * scale)).floor() + 1.0).clamp(-3.0, 3.0)
         });
         let off = |other: &DMatrix<f32>| ((&weights - other) * &blocks[0]).norm();

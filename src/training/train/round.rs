@@ -13,8 +13,8 @@ use super::ridge::centred;
 use super::schedule::training_starts;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::{
-    CascadeStage, ConfidenceModel, FACE_INPUTS, FEATURES, FaceModel, LANDMARK_INPUTS, PATCH, file,
-    short,
+    CascadeStage, ConfidenceModel, FACE_INPUTS, FEATURES, FaceModel, LANDMARK_INPUTS, PATCH, Short,
+    file,
 };
 use mien_workbench::atomic_write::write_out;
 use mien_workbench::fault::Fault;
@@ -66,7 +66,11 @@ fn stages(bytes: &[u8]) -> Result<Vec<Stage>, Fault> {
         });
         let stage = CascadeStage {
             cell_px,
-            prior: bytes.floats(rows * rows)?.into_iter().map(short).collect(),
+            prior: bytes
+                .floats(rows * rows)?
+                .into_iter()
+                .map(Short::from)
+                .collect(),
             bias: bytes.floats(rows)?,
             ..CascadeStage::default()
         };
