@@ -13,7 +13,7 @@ use core::hint::black_box;
 use core::ops::Range;
 use core::sync::atomic::{Ordering, compiler_fence};
 
-use super::window::{Region, WINDOW};
+use super::window::{LumaImage, Placement, Region, RowSampler, WINDOW};
 use crate::base::capacity::LANDMARKS;
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
@@ -65,6 +65,21 @@ defaults! {
 impl OrientationMaps {
     /// Computes the maps of a region of a window of [`WINDOW`]² grey values; patches beyond the region repeat its border.
     pub fn compute(&mut self, window: &[f32], region: &Region) {
+        self.compute_rows(region, rows_of(window));
+    }
+
+    /// Computes the maps of a region of a window of an image, without storing the window.
+    pub fn sample(&mut self, placement: &Placement, image: LumaImage, region: &Region) {
+        let mut sampler = RowSampler::new(placement, image);
+        self.compute_rows(
+            region,
+            #[inline(always)]
+            |row, line| sampler.sample(row, &region.columns, line),
+        );
+    }
+
+    #[inline(always)]
+    fn compute_rows(&mut self, region: &Region, load: impl FnMut(usize, &mut [f32; WINDOW])) {
         self.region = region.clone();
         let cells = Region {
             rows: region.rows.start / 2..region.rows.end / 2,
@@ -72,17 +87,26 @@ impl OrientationMaps {
         };
         let total = with_avx2(
             #[inline(always)]
-            || self.fill(window, region, &cells),
+            || self.fill(region, &cells, load),
         );
         // A typical cell holds four mean gradients, spread over about three orientations.
         let cell = 4.0 * total / (region.rows.len() * region.columns.len()) as f32;
         self.floor = (FLATNESS * cell * (PATCH_CELLS as f32)).max(1e-3);
     }
 
-    /// Fills both maps line by line, so that the second blur finds its input in the cache; returns the sum of the gradients' magnitudes.
+    /// Fills both maps line by line, so that each step finds its input in the cache; returns the sum of the gradients' magnitudes.
+    /// `load` writes the grey values of a row of pixels.
     #[inline(always)]
-    fn fill(&mut self, window: &[f32], region: &Region, cells: &Region) -> f32 {
-        let mut gradients = Gradients::default();
+    fn fill(
+        &mut self,
+        region: &Region,
+        cells: &Region,
+        mut load: impl FnMut(usize, &mut [f32; WINDOW]),
+    ) -> f32 {
+        // The last rows of pixels, the row number modulo 4.
+        let mut grey = [[0.0; WINDOW]; 4];
+        let mut gradients = <[Gradients; 2]>::default();
+        let mut totals = [0.0; ORIENTATIONS];
         let mut line = [[0.0; ORIENTATIONS]; LINE];
         let [fine, coarse, fine_across, coarse_across] = [
             &mut self.fine,
@@ -92,15 +116,24 @@ impl OrientationMaps {
         ]
         .map(|cells| cells.as_chunks_mut::<LINE>().0);
         let Region { rows, columns } = cells;
-        for pixels in region.rows.start..region.rows.end + 2 * (FINE.len() + COARSE.len() - 2) {
-            if pixels < region.rows.end {
-                spread(window, region, pixels, &mut gradients, &mut line);
-            }
-            if pixels.is_multiple_of(2) {
-                continue;
-            }
-            let row = pixels / 2;
+        let pixels = &region.rows;
+        load(pixels.start, &mut grey[pixels.start % 4]);
+        for row in rows.start..rows.end + FINE.len() + COARSE.len() - 2 {
             if row < rows.end {
+                let upper = 2 * row;
+                for next in upper + 1..(upper + 3).min(pixels.end) {
+                    load(next, &mut grey[next % 4]);
+                }
+                for (pixel_row, gradients) in (upper..).zip(&mut gradients) {
+                    // The first and the last row have no neighbours on one side, and no gradients.
+                    if pixel_row == pixels.start || pixel_row + 1 == pixels.end {
+                        *gradients = Gradients::default();
+                        continue;
+                    }
+                    let around = [3, 4, 5].map(|ahead| &grey[(pixel_row + ahead) % 4]);
+                    gradients.compute(around, &region.columns, &mut totals);
+                }
+                spread(&gradients, &region.columns, &mut line);
                 let slot = row % (2 * FINE.len());
                 blur_across(&mut line, &FINE, columns, &mut fine_across[slot]);
             }
@@ -115,7 +148,7 @@ impl OrientationMaps {
                 blur_down(coarse_across, &COARSE, cells, row, &mut coarse[row]);
             }
         }
-        gradients.totals.iter().sum()
+        totals.iter().sum()
     }
 
     /// Patches around all landmarks (window pixels), with cells `cell_px` apart: [`FEATURES`] values, landmark by landmark.
@@ -168,72 +201,90 @@ impl OrientationMaps {
     }
 }
 
+/// Reads the rows of a whole window.
+#[inline(always)]
+fn rows_of(window: &[f32]) -> impl FnMut(usize, &mut [f32; WINDOW]) {
+    let rows = window.as_chunks::<WINDOW>().0;
+    #[inline(always)]
+    |row, line| *line = rows[row]
+}
+
 defaults! {
-    /// Gradients of a row of pixels, and the sums of the magnitudes of all rows so far.
+    /// Gradients of a row of pixels.
     struct Gradients {
         gx: [f32; WINDOW] = [0.0; WINDOW],
         gy: [f32; WINDOW] = [0.0; WINDOW],
         magnitude: [f32; WINDOW] = [0.0; WINDOW],
         inverse: [f32; WINDOW] = [0.0; WINDOW],
-        totals: [f32; ORIENTATIONS] = [0.0; ORIENTATIONS],
     }
 }
 
-/// Spreads the gradients of a row of pixels in a region over orientations and adds them to a line of cells. A line of cells has two rows
-/// of pixels; the upper one clears it first.
-#[inline(always)]
-fn spread(
-    window: &[f32],
-    region: &Region,
-    row: usize,
-    gradients: &mut Gradients,
-    cells: &mut [[f32; ORIENTATIONS]; LINE],
-) {
-    let pixels = window.as_chunks::<WINDOW>().0;
-    // Hidden from constant folding: special cases of ones and zeros cost more than they save.
-    let (across, down) = black_box((ACROSS, DOWN));
-    let Gradients {
-        gx,
-        gy,
-        magnitude,
-        inverse,
-        totals,
-    } = gradients;
-    let columns = region.columns.start..region.columns.end.min(WINDOW);
-    let within = columns.start / 2..columns.end / 2;
-    let cells = &mut cells[BORDER..][within.clone()];
-    if row.is_multiple_of(2) {
-        cells.fill([0.0; ORIENTATIONS]);
-    }
-    if row == region.rows.start || row + 1 == region.rows.end {
-        return;
-    }
-    let (line, above, below) = (&pixels[row], &pixels[row - 1], &pixels[row + 1]);
-    for column in columns.start + 1..columns.end - 1 {
-        let x = line[column + 1] - line[column - 1];
-        let y = below[column] - above[column];
-        let squared = x * x + y * y;
-        magnitude[column] = squared.sqrt();
-        // Inverse cube, because magnitude × cosine⁴ is projection⁴ / magnitude³. The constant avoids 0 / 0.
-        inverse[column] = 1.0 / (squared * magnitude[column] + 1e-12);
-        (gx[column], gy[column]) = (x, y);
-    }
-    for part in magnitude.as_chunks::<ORIENTATIONS>().0 {
-        for k in 0..ORIENTATIONS {
-            totals[k] += part[k];
+impl Gradients {
+    /// From a row of pixels and those above and below, between the first and the last of `columns`; adds the magnitudes to `totals`.
+    #[inline(always)]
+    fn compute(
+        &mut self,
+        [above, line, below]: [&[f32; WINDOW]; 3],
+        columns: &Range<usize>,
+        totals: &mut [f32; ORIENTATIONS],
+    ) {
+        for column in columns.start + 1..columns.end.min(WINDOW) - 1 {
+            let x = line[column + 1] - line[column - 1];
+            let y = below[column] - above[column];
+            let squared = x * x + y * y;
+            self.magnitude[column] = squared.sqrt();
+            // Inverse cube, because magnitude × cosine⁴ is projection⁴ / magnitude³. The constant avoids 0 / 0.
+            self.inverse[column] = 1.0 / (squared * self.magnitude[column] + 1e-12);
+            (self.gx[column], self.gy[column]) = (x, y);
+        }
+        for part in self.magnitude.as_chunks::<ORIENTATIONS>().0 {
+            for k in 0..ORIENTATIONS {
+                totals[k] += part[k];
+            }
         }
     }
-    let [gx, gy, inverse] =
-        [&*gx, &*gy, &*inverse].map(|values| &values.as_chunks::<2>().0[within.clone()]);
-    for (((cell, gx), gy), inverse) in cells.iter_mut().zip(gx).zip(gy).zip(inverse) {
+}
+
+/// Spreads the gradients of the two rows of pixels in a line of cells over orientations.
+#[inline(always)]
+fn spread(
+    gradients: &[Gradients; 2],
+    columns: &Range<usize>,
+    cells: &mut [[f32; ORIENTATIONS]; LINE],
+) {
+    // Hidden from constant folding: special cases of ones and zeros cost more than they save.
+    let (across, down) = black_box((ACROSS, DOWN));
+    let within = columns.start / 2..columns.end / 2;
+    let cells = &mut cells[BORDER..][within.clone()];
+    let [upper, lower] = gradients.each_ref().map(|row| {
+        let [gx, gy, inverse] = [&row.gx, &row.gy, &row.inverse]
+            .map(|values| &values.as_chunks::<2>().0[within.clone()]);
+        gx.iter().zip(gy).zip(inverse)
+    });
+    for (cell, (upper, lower)) in cells.iter_mut().zip(upper.zip(lower)) {
         // Makes the compiler vectorise over orientations, not cells, which is slower.
         compiler_fence(Ordering::Release);
-        for pixel in 0..2 {
-            for k in 0..ORIENTATIONS {
-                let along = gx[pixel] * across[k] + gy[pixel] * down[k];
-                let squared = along.max(0.0) * along.max(0.0);
-                cell[k] += squared * squared * inverse[pixel];
-            }
+        let mut sums = [0.0; ORIENTATIONS];
+        // Not in a loop, which would not be unrolled.
+        add_gradients(&mut sums, upper, &across, &down);
+        add_gradients(&mut sums, lower, &across, &down);
+        *cell = sums;
+    }
+}
+
+/// Adds two pixels, given as x and y of their gradients and the inverse cubes of the magnitudes.
+#[inline(always)]
+fn add_gradients(
+    sums: &mut [f32; ORIENTATIONS],
+    ((gx, gy), inverse): ((&[f32; 2], &[f32; 2]), &[f32; 2]),
+    across: &[f32; ORIENTATIONS],
+    down: &[f32; ORIENTATIONS],
+) {
+    for pixel in 0..2 {
+        for k in 0..ORIENTATIONS {
+            let along = gx[pixel] * across[k] + gy[pixel] * down[k];
+            let squared = along.max(0.0) * along.max(0.0);
+            sums[k] += squared * squared * inverse[pixel];
         }
     }
 }
@@ -379,7 +430,7 @@ mod tests {
     fn the_gradients_of_a_slope_add_up_over_all_but_the_border() {
         let slope = |i: usize| 0.3 * (i % WINDOW) as f32 + 0.4 * (i / WINDOW) as f32;
         let window: Vec<f32> = (0..WINDOW * WINDOW).map(slope).collect();
-        let total = OrientationMaps::default().fill(&window, &Region::WHOLE, &CELLS);
+        let total = OrientationMaps::default().fill(&Region::WHOLE, &CELLS, rows_of(&window));
         // Differences over two pixels.
         let expected = (WINDOW - 2).pow(2) as f32 * 2.0 * 0.5;
         assert!((total / expected - 1.0).abs() < 1e-3, "{total} {expected}");
@@ -421,10 +472,10 @@ mod tests {
     fn wider_vectors_change_nothing() {
         let window = edge(0.4, 0.7);
         let (mut narrow, mut broad) = <(OrientationMaps, OrientationMaps)>::default();
-        let total = narrow.fill(&window, &Region::WHOLE, &CELLS);
+        let total = narrow.fill(&Region::WHOLE, &CELLS, rows_of(&window));
         let same = with_avx2(
             #[inline(always)]
-            || broad.fill(&window, &Region::WHOLE, &CELLS),
+            || broad.fill(&Region::WHOLE, &CELLS, rows_of(&window)),
         );
         assert_eq!(total.to_bits(), same.to_bits());
         assert!(narrow.fine == broad.fine && narrow.coarse == broad.coarse);

@@ -22,7 +22,7 @@ use super::relief;
 use super::steady::ShapeFilter;
 use super::view::View;
 use super::visibility::{EYES, Evidence, MOUTH as MOUTH_REGION, NOSE, PROBE_FRAMES, Visibility};
-use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_image};
+use super::window::{PIXELS_PER_METRE, Placement, Region, sensor_image};
 use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::defaults;
 use crate::base::frames::{Head, Motion, SensorFromFace, SensorFromHead};
@@ -74,7 +74,6 @@ const SEARCH_ROUNDS: usize = 4;
 defaults! {
     /// Scratch of a fit, without state between fits; large, so all people fitted on one thread share it.
     pub struct Scratch {
-        window: Vec<f32> = vec![0.0; WINDOW * WINDOW],
         maps: OrientationMaps = OrientationMaps::default(),
         solver: Solver = Solver::default(),
     }
@@ -357,19 +356,15 @@ impl LandmarkFitter {
         depth: &View,
         hides_eyes: bool,
     ) -> Fitted {
-        let Scratch {
-            window,
-            maps,
-            solver,
-        } = scratch;
+        let Scratch { maps, solver } = scratch;
         let start = FaceFit {
             view: *depth,
             shape: [0.0; MAX_MODES],
         };
         solver.project(&self.shape, &start);
         let region = Region::around(&solver.window, REACH_PX);
-        placement.resample(&sensor_image(luma), &region, window);
-        maps.compute(window, &region);
+        let image = sensor_image(luma);
+        maps.sample(placement, image, &region);
         let mut near = solver.run(&self.cold, &self.shape, maps, &start, depth);
         if hides_eyes {
             near = solver.run(&self.cold, &self.shape, maps, &near, depth);
@@ -377,7 +372,11 @@ impl LandmarkFitter {
         // The last stages use finer patches and all modes.
         let fit = solver.run(&self.warm, &self.shape, maps, &near, depth);
         let confidence = solver.confidence(&self.confidence, &self.shape, maps, &fit);
-        let evidence = Evidence::new(&confidence.discriminants, window, &solver.window);
+        let grey = |pixel| {
+            let [x, y] = placement.image_pixel(pixel);
+            image.bilinear(x, y)
+        };
+        let evidence = Evidence::new(&confidence.discriminants, grey, &solver.window);
         (fit, confidence, evidence)
     }
 

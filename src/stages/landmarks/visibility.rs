@@ -104,21 +104,21 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// The median discriminant of each region's landmarks; an eye as dark as no lid is hidden. `window`: grey values around the face;
-    /// `points`: the landmarks in it, window pixels.
+    /// The median discriminant of each region's landmarks; an eye as dark as no lid is hidden. `grey`: the grey value of a window pixel;
+    /// `points`: the landmarks, window pixels.
     pub fn new(
         discriminants: &[f32; LANDMARKS],
-        window: &[f32],
+        grey: impl Fn([f32; 2]) -> f32,
         points: &[[f32; 2]; LANDMARKS],
     ) -> Self {
         let discriminant =
             |landmarks: Range<usize>| median(discriminants[landmarks].iter().copied());
         let mut regions: [f32; REGIONS] =
             core::array::from_fn(|k| discriminant(VISIBLE_REGIONS[k].1.clone()));
-        let pixel = |v: f32| v.round().clamp(0.0, (WINDOW - 1) as f32) as usize;
+        let pixel = |v: f32| v.round().clamp(0.0, (WINDOW - 1) as f32);
         let grey = |landmarks: Range<usize>| {
             let points = points[landmarks].iter();
-            median(points.map(|&[x, y]| window[pixel(y) * WINDOW + pixel(x)]))
+            median(points.map(|point| grey(point.map(pixel))))
         };
         let bridge = grey(BRIDGE);
         for eye in EYES {
@@ -432,15 +432,15 @@ mod tests {
         }
         // The landmarks are in a row of the window.
         let points = core::array::from_fn(|k| [k as f32, 3.0]);
-        let mut window = vec![100.0; WINDOW * WINDOW];
-        let found = Evidence::new(&discriminants, &window, &points);
+        let light = |_: [f32; 2]| 100.0;
+        let found = Evidence::new(&discriminants, light, &points);
         assert_eq!(found.regions[EYES[0]], 2.0);
         assert_eq!(found.regions[EYES[1]], 0.0);
         discriminants[6..9].fill(-3.0);
-        assert_eq!(Evidence::new(&discriminants, &window, &points).chin, -3.0);
+        assert_eq!(Evidence::new(&discriminants, light, &points).chin, -3.0);
         // Dark glass before the left eye.
-        window[3 * WINDOW + 42..][..6].fill(10.0);
-        let found = Evidence::new(&discriminants, &window, &points).regions;
+        let glass = |[x, _]: [f32; 2]| if x > 41.5 && x < 47.5 { 10.0 } else { 100.0 };
+        let found = Evidence::new(&discriminants, glass, &points).regions;
         assert_eq!([found[EYES[0]], found[EYES[1]]], [BOUNDS[0], 0.0]);
     }
 

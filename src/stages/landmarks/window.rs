@@ -234,56 +234,103 @@ impl Placement {
 
     /// Resamples a region of the window ([`WINDOW`]² grey values, row by row); the image's border is repeated.
     pub fn resample(&self, image: &LumaImage, region: &Region, window: &mut [f32]) {
+        let mut sampler = RowSampler::new(self, *image);
         with_avx2(
             #[inline(always)]
-            || self.resample_rows(image, region, window),
+            || {
+                for row in region.rows.clone() {
+                    let line = &mut window.as_chunks_mut::<WINDOW>().0[row];
+                    sampler.sample(row, &region.columns, line);
+                }
+            },
         );
     }
+}
 
+/// Pixels in a vector. Rows are computed in whole vectors.
+const BLOCK: usize = 8;
+
+/// Resamples a window row by row. Positions, loads and weights have their own loops over a row: only the loads are not vectorised.
+pub struct RowSampler<'a> {
+    map: Matrix3<f32>,
+    image: LumaImage<'a>,
+    /// Index of the upper left pixel of each square of four.
+    at: [u32; WINDOW],
+    /// Its upper and lower pixels, two of a byte each.
+    pairs: [[u16; WINDOW]; 2],
+    /// Shares of the right and of the lower pixels.
+    shares: [[f32; WINDOW]; 2],
+}
+
+impl<'a> RowSampler<'a> {
+    /// For a window of an image.
+    pub fn new(placement: &Placement, image: LumaImage<'a>) -> Self {
+        Self {
+            map: placement.image_from_window,
+            image,
+            at: [0; WINDOW],
+            pairs: [[0; WINDOW]; 2],
+            shares: [[0.0; WINDOW]; 2],
+        }
+    }
+
+    /// Fills `columns` of a row, and up to seven pixels on either side; the image's border is repeated.
     #[inline(always)]
-    fn resample_rows(&self, image: &LumaImage, region: &Region, window: &mut [f32]) {
-        let map = &self.image_from_window;
-        let (luma, width) = (image.luma, image.width as u32 as usize);
-        let most = [image.width, image.height].map(|size| (size - 1) as f32 - 1e-2);
+    pub fn sample(&mut self, row: usize, columns: &Range<usize>, line: &mut [f32; WINDOW]) {
+        let (map, luma) = (self.map, self.image.luma);
+        let width = self.image.width as u32 as usize;
+        let most = [self.image.width, self.image.height].map(|size| (size - 1) as f32 - 1e-2);
         // Of equal length: one bounds check for all four values of a square.
         let (upper, lower) = (&luma[..luma.len() - width], &luma[width..]);
-        // Positions, loads and weights in separate loops: only the loads are not vectorised.
-        let (mut at, mut pairs) = ([0u32; WINDOW], [[0u16; WINDOW]; 2]);
-        let (mut fx, mut fy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
-        let columns = region.columns.start..region.columns.end.min(WINDOW);
-        for row in region.rows.clone() {
-            let line = &mut window.as_chunks_mut::<WINDOW>().0[row];
-            let down = row as f32 - ORIGIN[1];
-            // Homogeneous coordinates of the row's first pixel, linear along the row.
-            let first = map.column(0) * -ORIGIN[0] + map.column(1) * down + map.column(2);
-            for column in columns.clone() {
-                // Through i32: its conversion to f32 vectorises, that of usize does not.
-                let along = column as u32 as i32 as f32;
-                let inverse = 1.0 / (first.z + map.m31 * along);
-                let x = ((first.x + map.m11 * along) * inverse)
-                    .max(0.0)
-                    .min(most[0]);
-                let y = ((first.y + map.m21 * along) * inverse)
-                    .max(0.0)
-                    .min(most[1]);
-                let ((left, part), (top, rest)) = (split(x), split(y));
-                (fx[column], fy[column]) = (part, rest);
-                at[column] = top * width as u32 + left;
-            }
-            for column in columns.clone() {
-                let at = at[column] as usize;
-                for (pairs, line) in pairs.iter_mut().zip([upper, lower]) {
+        let down = row as f32 - ORIGIN[1];
+        // Homogeneous coordinates of the row's first pixel, linear along the row.
+        let first = map.column(0) * -ORIGIN[0] + map.column(1) * down + map.column(2);
+        let blocks = columns.start / BLOCK..columns.end.div_ceil(BLOCK).min(WINDOW / BLOCK);
+        let whole = blocks.start * BLOCK..blocks.end * BLOCK;
+        let [shares_x, shares_y] = &mut self.shares;
+        let [pairs_above, pairs_below] = &mut self.pairs;
+        let places = self.at[whole.clone()].iter_mut();
+        let shares_x = &mut shares_x[whole.clone()];
+        let shares_y = &mut shares_y[whole.clone()];
+        // The column as i32: its conversion to f32 vectorises, that of usize does not.
+        for (column, ((at, fx), fy)) in
+            (whole.start as i32..).zip(places.zip(&mut *shares_x).zip(&mut *shares_y))
+        {
+            let along = column as f32;
+            let inverse = 1.0 / (first.z + map.m31 * along);
+            let x = ((first.x + map.m11 * along) * inverse)
+                .max(0.0)
+                .min(most[0]);
+            let y = ((first.y + map.m21 * along) * inverse)
+                .max(0.0)
+                .min(most[1]);
+            let ((left, part), (top, rest)) = (split(x), split(y));
+            (*fx, *fy) = (part, rest);
+            *at = top * width as u32 + left;
+        }
+        let places = self.at.as_chunks::<BLOCK>().0[blocks.clone()].iter();
+        let above = &mut pairs_above.as_chunks_mut::<BLOCK>().0[blocks.clone()];
+        let below = &mut pairs_below.as_chunks_mut::<BLOCK>().0[blocks];
+        for ((places, above), below) in places.zip(above).zip(below) {
+            for k in 0..BLOCK {
+                let at = places[k] as usize;
+                let pair = |line: &[u8]| {
                     let next = line[at + 1];
-                    pairs[column] = u16::from_le_bytes([line[at], next]);
-                }
+                    u16::from_le_bytes([line[at], next])
+                };
+                (above[k], below[k]) = (pair(upper), pair(lower));
             }
-            for column in columns.clone() {
-                let [[a, b], [c, d]] = [pairs[0][column], pairs[1][column]]
-                    .map(|pair| [f32::from(pair & 0xff), f32::from(pair >> 8)]);
-                let top = a + (b - a) * fx[column];
-                let bottom = c + (d - c) * fx[column];
-                line[column] = top + (bottom - top) * fy[column];
-            }
+        }
+        let pairs = pairs_above[whole.clone()]
+            .iter()
+            .zip(&pairs_below[whole.clone()]);
+        let shares = shares_x.iter().zip(&*shares_y);
+        for ((value, (above, below)), (fx, fy)) in line[whole].iter_mut().zip(pairs).zip(shares) {
+            let [[a, b], [c, d]] =
+                [above, below].map(|pair| [f32::from(pair & 0xff), f32::from(pair >> 8)]);
+            let top = a + (b - a) * fx;
+            let bottom = c + (d - c) * fx;
+            *value = top + (bottom - top) * fy;
         }
     }
 }
