@@ -12,8 +12,10 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::icp::{MIN_PAIRS, Target};
+use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::{Point, Vector};
 use crate::base::prelude::*;
+use crate::base::vectors::{NO_FRACTION, with_avx2};
 
 /// Side of a grid cell, metres.
 const CELL_M: f32 = 0.004;
@@ -82,6 +84,45 @@ impl Surface {
     pub(crate) fn target(&self, vertex: impl Fn(usize) -> Point) -> Option<Target> {
         let points: Vec<Point> = self.0.iter().map(|point| point.position(&vertex)).collect();
         Target::new(&points)
+    }
+}
+
+#[inline(always)]
+fn cross(a: &Vector, b: &Vector) -> Vector {
+    Vector::new(
+        a.y * b.z - a.z * b.y,
+        a.z * b.x - a.x * b.z,
+        a.x * b.y - a.y * b.x,
+    )
+}
+
+/// Points that [`Anchor::locate`] handles at a time.
+pub(crate) const BATCH: usize = 64;
+
+/// Points of a live cloud in the head frame, metres, by coordinate, so that they are moved several at a time.
+pub(crate) struct Batch {
+    x: [f32; BATCH],
+    y: [f32; BATCH],
+    z: [f32; BATCH],
+    /// Distance from the camera, metres.
+    pub(crate) distance: [f32; BATCH],
+    /// Index of the grid's cell; beyond its end outside the grid.
+    pub(crate) cell: [u32; BATCH],
+}
+
+impl Batch {
+    pub(crate) const EMPTY: Self = Self {
+        x: [0.0; BATCH],
+        y: [0.0; BATCH],
+        z: [0.0; BATCH],
+        distance: [0.0; BATCH],
+        cell: [u32::MAX; BATCH],
+    };
+
+    /// A point, head frame, metres.
+    #[inline(always)]
+    pub(crate) fn point(&self, k: usize) -> Point {
+        Point::new(self.x[k], self.y[k], self.z[k])
     }
 }
 
@@ -208,19 +249,55 @@ impl Anchor {
         self.part[point] > 0
     }
 
-    /// Index of the point nearest to `q` (head frame, metres) within the grid's resolution; `None` beyond [`MARGIN_M`].
+    /// Moves up to [`BATCH`] points (sensor frame, metres), every `stride`-th of `points`, by `pose` and finds their grid cells on a head
+    /// `1 / inverse_scale` times the standard size.
+    // Not inlined: its callers would contain it several times.
+    #[inline(never)]
+    pub(crate) fn locate(
+        &self,
+        points: &[Point],
+        stride: usize,
+        (pose, inverse_scale): (&HeadFromSensor, f32),
+        batch: &mut Batch,
+    ) {
+        let (turn, shift) = (pose.rotation.coords, pose.translation.vector);
+        let (low, size) = (self.low.coords, self.size.map(|cells| cells as u32));
+        with_avx2(
+            #[inline(always)]
+            || {
+                for k in 0..points.len().div_ceil(stride).min(BATCH) {
+                    let p = &points[k * stride];
+                    (batch.x[k], batch.y[k], batch.z[k]) = (p.x, p.y, p.z);
+                }
+                for k in 0..BATCH {
+                    let p = Vector::new(batch.x[k], batch.y[k], batch.z[k]);
+                    // Rotation by a quaternion, written out so that it vectorises.
+                    let across = cross(&turn.xyz(), &p) * 2.0;
+                    let turned = across * turn.w + cross(&turn.xyz(), &across) + p;
+                    let q = turned + shift;
+                    (batch.x[k], batch.y[k], batch.z[k]) = (q.x, q.y, q.z);
+                    let seen = q - shift;
+                    let squares = seen.x * seen.x + seen.y * seen.y + seen.z * seen.z;
+                    batch.distance[k] = squares.sqrt();
+                    let (mut at, mut is_inside) = (0_u32, true);
+                    for axis in [2, 1, 0] {
+                        let x = q[axis] * inverse_scale;
+                        let cell = (x - low[axis]) * (1.0 / CELL_M) + 0.5;
+                        is_inside &= (cell >= 0.0) & (cell < size[axis] as i32 as f32);
+                        let whole = (cell.floor() + NO_FRACTION).to_bits();
+                        at = at.wrapping_mul(size[axis]);
+                        at = at.wrapping_add(whole.wrapping_sub(NO_FRACTION.to_bits()));
+                    }
+                    batch.cell[k] = if is_inside { at } else { u32::MAX };
+                }
+            },
+        );
+    }
+
+    /// The point nearest to a grid cell's centre; `None` if none is within [`MARGIN_M`].
     #[inline(always)]
-    pub(crate) fn nearest(&self, q: &Point) -> Option<usize> {
-        let mut cell = [0usize; 3];
-        for k in 0..3 {
-            let c = (q[k] - self.low[k]) * (1.0 / CELL_M) + 0.5;
-            if !(c >= 0.0 && c < self.size[k] as f32) {
-                return None;
-            }
-            cell[k] = c as usize;
-        }
-        let at = (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0];
-        let found = self.grid[at];
+    pub(crate) fn nearest(&self, cell: u32) -> Option<usize> {
+        let found = *self.grid.get(cell as usize)?;
         (found != NO_POINT).then_some(usize::from(found))
     }
 }
@@ -456,12 +533,18 @@ pub(crate) mod tests {
     fn the_grid_finds_what_the_tree_finds() {
         let head = half_egg();
         let anchor = Anchor::new(&head).unwrap();
+        let nearest = |q: Point| {
+            let mut batch = Batch::EMPTY;
+            let here = HeadFromSensor::identity();
+            anchor.locate(&[Point::origin(), q], 1, (&here, 1.0), &mut batch);
+            anchor.nearest(batch.cell[1])
+        };
         let mut rng = fastrand::Rng::with_seed(1);
         for _ in 0..2000 {
             let q = head[rng.usize(..head.len())].0
                 + Vector::new(rng.f32() - 0.5, rng.f32() - 0.5, rng.f32() - 0.5) * 0.03;
             let (_, best2) = anchor.target.nearest(&q);
-            let found = anchor.nearest(&q).expect("within the margin");
+            let found = nearest(q).expect("within the margin");
             let distance = (anchor.points[found] - q).norm();
             // Both ways through the cell's centre.
             assert!(
@@ -470,8 +553,9 @@ pub(crate) mod tests {
                 best2.sqrt()
             );
         }
-        assert!(anchor.nearest(&Point::new(1.0, 0.0, 0.0)).is_none());
-        assert!(anchor.nearest(&Point::new(f32::NAN, 0.0, 0.0)).is_none());
+        for outside in [1.0, -1.0, f32::NAN] {
+            assert!(nearest(Point::new(outside, 0.0, 0.0)).is_none());
+        }
     }
 
     #[test]

@@ -78,14 +78,12 @@ pub(crate) fn coverage(
 ) -> Coverage {
     hit.fill(false);
     let camera = Point::from(fit.head_from_sensor.translation.vector);
-    for p in cloud {
-        let q = fit.head_from_sensor * p;
-        if let Some((i, r)) = shape.pair(anchor, &q, 1.0 / fit.scale, &camera)
-            && r.abs() < COVERED_WITHIN_M
-        {
+    let place = (&fit.head_from_sensor, 1.0 / fit.scale);
+    shape.pairs(anchor, (cloud, 1), place, |_, _, pair| {
+        if let Some((i, _)) = pair.filter(|(_, r)| r.abs() < COVERED_WITHIN_M) {
             hit[i] = true;
         }
-    }
+    });
     let (mut facing, mut covered) = ([0.0; 2], [0.0; 2]);
     let points = anchor.points.iter().enumerate();
     for (i, p) in points.filter(|(_, p)| is_middle(p)) {
@@ -139,50 +137,55 @@ struct Sums {
 impl Sums {
     /// Adds the points of `cloud`. In place: the compiler would keep local sums in scalar registers instead of vectors.
     #[inline(always)]
-    fn add<'a>(
+    fn add(
         &mut self,
         anchor: &Anchor,
         shape: &HeadShape,
-        cloud: impl Iterator<Item = &'a Point>,
+        cloud: (&[Point], usize),
         (pose, inverse_scale): (&HeadFromSensor, f32),
         (cutoff, hair_weight): (f32, f32),
         middle2: f32,
     ) {
-        let camera = Point::from(pose.translation.vector);
-        for p in cloud {
-            self.points += 1;
-            let q = pose * p;
-            let Some((i, r)) = shape.pair(anchor, &q, inverse_scale, &camera) else {
-                continue;
-            };
-            let part = usize::from(anchor.part[i]);
-            let bare = part > 0;
-            self.paired[part] += 1;
-            let u = r / cutoff;
-            if u.abs() >= 1.0 {
-                continue;
-            }
-            let biweight = (1.0 - u * u) * (1.0 - u * u);
-            self.support += f64::from(biweight);
-            self.agreement[part] += f64::from(biweight);
-            self.agreeing += u32::from(bare);
-            // The sensor's error grows with the distance squared, so the weight falls with its fourth power.
-            let nearer = middle2 / (p.z * p.z);
-            let trust = anchor.trust[i] * if bare { 1.0 } else { hair_weight };
-            let w = f64::from(biweight * trust * nearer * nearer);
-            self.total += w;
-            let n = anchor.normals[i] * inverse_scale;
-            let turn = q.coords.cross(&n);
-            let growth = -n.dot(&q.coords);
-            let j = [turn.x, turn.y, turn.z, n.x, n.y, n.z, growth, r].map(f64::from);
-            for (a, row) in self.rows.iter_mut().enumerate() {
-                let wa = w * j[a];
-                // Whole vectors of four columns; those entirely below the diagonal are skipped, because nothing reads them.
-                for b in a / 4 * 4..8 {
-                    row[b] += wa * j[b];
+        let place = (pose, inverse_scale);
+        shape.pairs(
+            anchor,
+            cloud,
+            place,
+            #[inline(always)]
+            |p, q, pair| {
+                self.points += 1;
+                let Some((i, r)) = pair else {
+                    return;
+                };
+                let part = usize::from(anchor.part[i]);
+                let bare = part > 0;
+                self.paired[part] += 1;
+                let u = r / cutoff;
+                if u.abs() >= 1.0 {
+                    return;
                 }
-            }
-        }
+                let biweight = (1.0 - u * u) * (1.0 - u * u);
+                self.support += f64::from(biweight);
+                self.agreement[part] += f64::from(biweight);
+                self.agreeing += u32::from(bare);
+                // The sensor's error grows with the distance squared, so the weight falls with its fourth power.
+                let nearer = middle2 / (p.z * p.z);
+                let trust = anchor.trust[i] * if bare { 1.0 } else { hair_weight };
+                let w = f64::from(biweight * trust * nearer * nearer);
+                self.total += w;
+                let n = anchor.normals[i] * inverse_scale;
+                let turn = q.coords.cross(&n);
+                let growth = -n.dot(&q.coords);
+                let j = [turn.x, turn.y, turn.z, n.x, n.y, n.z, growth, r].map(f64::from);
+                for (a, row) in self.rows.iter_mut().enumerate() {
+                    let wa = w * j[a];
+                    // Whole vectors of four columns; those entirely below the diagonal are skipped, because nothing reads them.
+                    for b in a / 4 * 4..8 {
+                        row[b] += wa * j[b];
+                    }
+                }
+            },
+        );
     }
 }
 
@@ -203,13 +206,12 @@ pub(crate) fn align(
     let stride = options.stride.max(1);
     for (round, &cutoff) in options.cutoffs_m.iter().enumerate() {
         let inverse_scale = (-log_scale).exp() as f32;
-        let thinned = cloud.iter().step_by(stride);
         let mut sums = Sums::default();
         with_avx2(
             #[inline(always)]
             || {
                 let (place, weights) = ((&pose, inverse_scale), (cutoff, options.hair_weight));
-                sums.add(anchor, shape, thinned, place, weights, middle2);
+                sums.add(anchor, shape, (cloud, stride), place, weights, middle2);
             },
         );
         if sums.total < MIN_WEIGHT / stride as f64 {
@@ -308,7 +310,7 @@ mod tests {
         let (p, pose) = seen(anchor, z, off);
         let place = (&pose, 1.0);
         let mut sums = Sums::default();
-        let (cloud, middle2) = (core::iter::once(&p), middle * middle);
+        let (cloud, middle2) = ((&[p][..], 1), middle * middle);
         sums.add(anchor, &shape, cloud, place, (0.02, 0.5), middle2);
         sums
     }

@@ -16,7 +16,7 @@
 
 use nalgebra::SVector;
 
-use super::anchor::{Anchor, NEIGHBOURS};
+use super::anchor::{Anchor, BATCH, Batch, NEIGHBOURS};
 use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::Point;
 use crate::base::prelude::*;
@@ -114,24 +114,33 @@ impl HeadShape {
         (0.06 / (1.0 + self.frames * 0.1).sqrt()).max(0.004)
     }
 
-    /// Nearest anchor point of a live point `q` (head frame, metres), and its distance from the head along that normal, metres at the
-    /// standard size. `None` if none is near, on the rim, or facing away from `camera`.
+    /// Calls `each` for every `stride`-th point of a cloud: with the point (sensor frame, metres), where `pose` moves it (head frame,
+    /// metres), and its nearest anchor point with its distance from the head along that normal, metres at the standard size. That is
+    /// `None` if no anchor point is near, or the nearest is on the rim or faces away from the camera.
     #[inline(always)]
-    pub(crate) fn pair(
+    pub(crate) fn pairs(
         &self,
         anchor: &Anchor,
-        q: &Point,
-        inverse_scale: f32,
-        camera: &Point,
-    ) -> Option<(usize, f32)> {
-        let x = Point::from(q.coords * inverse_scale);
-        let i = anchor.nearest(&x)?;
-        let n = &anchor.normals[i];
-        let towards = q - camera;
-        if anchor.rim[i] || n.dot(&towards) > FACING * towards.norm() {
-            return None;
+        (cloud, stride): (&[Point], usize),
+        (pose, inverse_scale): (&HeadFromSensor, f32),
+        mut each: impl FnMut(&Point, &Point, Option<(usize, f32)>),
+    ) {
+        let camera = Point::from(pose.translation.vector);
+        let mut batch = Batch::EMPTY;
+        for points in cloud.chunks(BATCH * stride) {
+            anchor.locate(points, stride, (pose, inverse_scale), &mut batch);
+            for (k, p) in points.iter().step_by(stride).enumerate() {
+                let q = batch.point(k);
+                let pair = anchor.nearest(batch.cell[k]).and_then(|i| {
+                    let n = &anchor.normals[i];
+                    let towards = n.dot(&(q - camera));
+                    let is_seen = !anchor.rim[i] && towards <= FACING * batch.distance[k];
+                    let x = Point::from(q.coords * inverse_scale);
+                    is_seen.then(|| (i, n.dot(&(x - anchor.points[i])) - self.offset[i]))
+                });
+                each(p, &q, pair);
+            }
         }
-        Some((i, n.dot(&(x - anchor.points[i])) - self.offset[i]))
     }
 
     /// Learns from an aligned cloud (sensor frame, metres): adds its distances to the running means. Without a `scale` from the
@@ -150,16 +159,15 @@ impl HeadShape {
             self.change_scale((f64::from(scale).ln() - self.log_scale) / self.frames);
         }
         self.sums.fill((0.0, 0.0));
-        let camera = Point::from(head_from_sensor.translation.vector);
-        for p in cloud {
-            let q = head_from_sensor * p;
-            if let Some((i, r)) = self.pair(anchor, &q, inverse_scale, &camera)
-                && r.abs() < MAX_RESIDUAL_M
-            {
-                self.sums[i].0 += r;
-                self.sums[i].1 += 1.0;
+        let mut sums = core::mem::take(&mut self.sums);
+        let place = (head_from_sensor, inverse_scale);
+        self.pairs(anchor, (cloud, 1), place, |_, _, pair| {
+            if let Some((i, r)) = pair.filter(|(_, r)| r.abs() < MAX_RESIDUAL_M) {
+                sums[i].0 += r;
+                sums[i].1 += 1.0;
             }
-        }
+        });
+        self.sums = sums;
         for i in 0..self.offset.len() {
             let (sum, count) = self.sums[i];
             if count > 0.0 {
