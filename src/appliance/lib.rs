@@ -4,6 +4,7 @@ pub mod bench;
 pub mod cli;
 pub mod devices;
 pub mod doctor;
+mod levels;
 pub mod log;
 pub mod memory;
 mod pipe;

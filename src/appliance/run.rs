@@ -6,6 +6,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use crate::cli::Run;
+use crate::levels::LevelsFile;
 use crate::memory;
 use crate::pipe::{Pipe, Rows};
 use crate::pipeline::Pipeline;
@@ -17,9 +18,9 @@ use crate::source::{self, Pacer, Source, SourceError};
 use crate::status::Status;
 use crate::terminal::Live;
 use mien_outputs::csv::Csv;
-use mien_outputs::gesture::Gestures;
+use mien_outputs::gesture::{ENABLED, Gestures};
 use mien_outputs::table;
-use mien_outputs::{Command, Output, OutputError, Report, Tally};
+use mien_outputs::{Output, OutputError, Report, Tally};
 use mien_sensors::Frame;
 use mien_sensors::sensor::Sensor;
 use mien_sensors::turned::upright;
@@ -56,6 +57,7 @@ struct Session<'r> {
     gestures: Gestures,
     status: Status,
     people: Option<People>,
+    levels: Option<LevelsFile>,
     live: Option<Live>,
     manager: ServiceManager,
     frame: Frame,
@@ -96,8 +98,11 @@ impl<'r> Session<'r> {
                 "nothing is sent, because no output is enabled and --csv is not given; enable an output in the configuration (see `mien print-config`)"
             );
         }
-        let (gestures, status) = gestures_and_status(&settings, &name, &pipeline);
-        let people = people_file(&settings, &*source);
+        let (mut gestures, status) = gestures_and_status(&settings, &name, &pipeline);
+        let (people, levels) = kept_files(&settings, &*source);
+        if let Some(levels) = &levels {
+            levels.load(&mut gestures);
+        }
         if let Some(people) = &people {
             pipeline.recall(people.load());
         }
@@ -117,6 +122,7 @@ impl<'r> Session<'r> {
             gestures,
             status,
             people,
+            levels,
             live,
             manager,
             frame: Frame::default(),
@@ -185,15 +191,20 @@ impl<'r> Session<'r> {
         }
         self.release();
         self.settings = new;
-        let (gestures, status) = gestures_and_status(&self.settings, &self.name, &self.pipeline);
+        let (mut gestures, status) =
+            gestures_and_status(&self.settings, &self.name, &self.pipeline);
         let before = std::mem::replace(&mut self.status, status);
         // The table goes on; the replaced outputs close and free their ports.
         let table = usize::from(self.run.csv.is_some());
         let replaced = self.outputs.split_off(table);
         self.outputs.extend(opened);
         self.status.continue_from(before, tallies(&replaced));
+        self.save_levels();
+        (self.people, self.levels) = kept_files(&self.settings, &*self.source);
+        if let Some(levels) = &self.levels {
+            levels.load(&mut gestures);
+        }
         self.gestures = gestures;
-        self.people = people_file(&self.settings, &*self.source);
         Ok(true)
     }
 
@@ -296,6 +307,12 @@ impl<'r> Session<'r> {
         }
     }
 
+    fn save_levels(&mut self) {
+        if let Some(levels) = &mut self.levels {
+            levels.save(&mut self.gestures);
+        }
+    }
+
     /// Releases all switches that gestures hold.
     fn release(&mut self) {
         self.gestures.release();
@@ -307,12 +324,12 @@ impl<'r> Session<'r> {
         for output in &mut self.outputs {
             while let Some(command) = output.next_command() {
                 self.pipeline.execute(command);
-                if let Command::Level(gesture, hundredths) = command {
-                    let level = f32::from(hundredths) / 100.0;
-                    self.gestures.set_level(gesture, level);
-                }
+                self.gestures.execute(command);
                 tracing::info!("receiver asked to {command}");
             }
+        }
+        if let Some(levels) = self.levels.as_mut().filter(|levels| levels.is_due()) {
+            levels.save(&mut self.gestures);
         }
         self.status.write(tallies(&self.outputs));
         let now = Instant::now();
@@ -326,6 +343,7 @@ impl<'r> Session<'r> {
         if let Some(people) = &mut self.people {
             people.save(self.pipeline.people(now), now);
         }
+        self.save_levels();
         // What happened since the last second counts too.
         self.status.write_now(tallies(&self.outputs));
         if let Some(live) = self.live {
@@ -345,6 +363,7 @@ fn tallies(outputs: &[Box<dyn Output>]) -> impl Iterator<Item = Tally> + Clone {
 
 fn send_switches(gestures: &mut Gestures, outputs: &mut [Box<dyn Output>]) {
     gestures.for_each_switch(|switch| outputs.iter_mut().for_each(|output| output.switch(switch)));
+    gestures.for_each_set_up(|set_up| outputs.iter_mut().for_each(|output| output.set_up(set_up)));
 }
 
 /// Gestures and status of a configuration.
@@ -380,10 +399,13 @@ fn lock_memory(manager: &ServiceManager) {
     }
 }
 
-/// The file of saved people, if enabled; not for recordings, which must replay identically.
-fn people_file(settings: &Settings, source: &dyn Sensor) -> Option<People> {
+/// The files of saved people and of changed levels, if enabled; not for recordings, which must replay identically.
+fn kept_files(settings: &Settings, source: &dyn Sensor) -> (Option<People>, Option<LevelsFile>) {
     let saves = settings.state.persist && source.state().is_live;
-    saves.then(|| People::new(Path::new(&settings.state.path)))
+    let path = Path::new(&settings.state.path);
+    let has_gestures = ENABLED && !settings.outputs.gestures.is_empty();
+    let levels = (saves && has_gestures).then(|| LevelsFile::new(path));
+    (saves.then(|| People::new(path)), levels)
 }
 
 /// Opens the CSV and writes its header.

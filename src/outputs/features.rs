@@ -63,7 +63,7 @@ keyed! {
         rate_hz: f32 = 5.0 => number(0.0, 30.0, "Hz"),
         /// Interval between health messages.
         health_s: f32 = 10.0 => number(1.0, 3600.0, "s"),
-        /// Whether the commands forget, freeze and neutral are accepted.
+        /// Whether commands are accepted: forget, freeze, neutral, and level, hold, teach and undo of gestures.
         commands: bool = false => Bool(),
         /// Whether the box announces itself to Home Assistant (MQTT discovery).
         home_assistant: bool = false => Bool(),

@@ -9,9 +9,14 @@
 //! Speech and laughter are detected from the mouth's opening: at least [`REVERSALS`] reversals within [`SPEECH_S`], each of at least
 //! [`REVERSAL`] and at least a [`SHARE`] of the opening, the last one less than [`QUIET_S`] ago.
 //!
-//! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 1.5 kB for each gesture.
+//! [`teaching`] finds levels for a person. Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 1.5 kB for each gesture,
+//! and 20 kB.
 
+pub mod teaching;
+
+use super::Command;
 use super::every::Every;
+use super::osc::packet::Argument;
 use super::report::{Report, unit_range};
 use super::view::{is_name, is_unit};
 use heapless::HistoryBuf;
@@ -21,6 +26,7 @@ use mien_stages::base::prelude::*;
 use mien_stages::base::settings::keyed;
 use mien_stages::base::time::Timestamp;
 use mien_stages::users::TrackingState;
+use teaching::{Awaits, HIGH, HIGH_OF_GAZE, Lesson, Levels};
 
 /// Whether this build has gestures.
 pub const ENABLED: bool = cfg!(any(test, feature = "wires"));
@@ -50,6 +56,10 @@ const SETTLED_S: f32 = 0.2;
 /// that opens moves the measured angle.
 const TURN_DEG: f32 = 8.0;
 const TURN_S: f32 = 0.3;
+/// Greatest hold time, seconds.
+const HOLD_MAX_S: f32 = 60.0;
+/// Activations and tracked time are those of the last so many hours.
+const HOURS: usize = 24;
 /// Interval at which every state is repeated for receivers that missed a change, seconds.
 const REPEAT_S: f64 = 2.0;
 
@@ -87,6 +97,8 @@ keyed! {
         ),
         /// Level of that expression at which it goes on.
         on: f32 = 0.7 => number(LEVELS[0], LEVELS[1], ""),
+        /// Lowest level that setting it up with five repetitions may find, if on is higher: what speech, glances and other gestures reach.
+        on_min: f32 = 0.35 => number(0.0, LEVELS[1], ""),
         /// Level below which it goes off.
         off: f32 = 0.4 => number(0.0, 8.0, ""),
         /// How long the level must be kept before it goes on.
@@ -132,22 +144,23 @@ fn is_topic_part(name: &str) -> bool {
     is_name(name) && !name.contains(['!', '+', '"', '\\'])
 }
 
-/// Gestures with built-in settings: name, sums, on, off, rise and hold time in seconds, largest sideways angle in degrees. Reasons for
-/// the values: the gaze stays on its target when the head turns; a mouth seen from the side looks pursed; many real smiles raise the
-/// upper lip (AU10) and hardly move the corners, but a wrinkled nose (AU9) raises it too, and pursed lips (AU18) move the corners; in
-/// speech the jaw moves; yawns, laughter and drowsy lids rise slowly; the lids follow eyes that look down.
+/// Gestures with built-in settings: name, sums, on, least on, off, rise and hold time in seconds, largest sideways angle in degrees.
+/// Reasons for the values: the gaze stays on its target when the head turns; a mouth seen from the side looks pursed; many real smiles
+/// raise the upper lip (AU10) and hardly move the corners, but a wrinkled nose (AU9) raises it too, and pursed lips (AU18) move the
+/// corners; in speech the jaw moves; yawns, laughter and drowsy lids rise slowly; the lids follow eyes that look down. The least levels are
+/// just above what speech, glances and the other gestures reached for the hold time.
 #[rustfmt::skip]
-pub const PRESETS: [(&str, &str, f32, f32, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", 0.13, 0.08, 0.25, 0.5, 40.0),
-    ("brows", "AU1L + AU1R + AU2L + AU2R", 1.3, 0.9, 0.0, 0.15, 40.0),
-    ("mouth_open", "AU26", 0.32, 0.2, 0.25, 0.7, 40.0),
-    ("wink_left", "AU43L - AU43R", 0.7, 0.35, 0.0, 0.2, 30.0),
-    ("wink_right", "AU43R - AU43L", 0.7, 0.35, 0.0, 0.2, 30.0),
-    ("blink_long", "AU43L & AU43R", 0.4, 0.25, 0.15, 0.5, 40.0),
-    ("look_left", "AU61", 0.7, 0.45, 0.0, 0.9, 12.0),
-    ("look_right", "AU62", 0.7, 0.45, 0.0, 0.9, 12.0),
-    ("look_up", "AU63", 0.6, 0.36, 0.0, 0.4, 12.0),
-    ("kiss", "AU18", 0.6, 0.4, 0.0, 0.2, 30.0),
+pub const PRESETS: [(&str, &str, [f32; 6]); 10] = [
+    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", [0.13, 0.1, 0.08, 0.25, 0.5, 40.0]),
+    ("brows", "AU1L + AU1R + AU2L + AU2R", [1.3, 0.9, 0.9, 0.0, 0.15, 40.0]),
+    ("mouth_open", "AU26", [0.32, 0.28, 0.2, 0.25, 0.7, 40.0]),
+    ("wink_left", "AU43L - AU43R", [0.7, 0.32, 0.35, 0.0, 0.2, 30.0]),
+    ("wink_right", "AU43R - AU43L", [0.7, 0.32, 0.35, 0.0, 0.2, 30.0]),
+    ("blink_long", "AU43L & AU43R", [0.4, 0.3, 0.25, 0.15, 0.5, 40.0]),
+    ("look_left", "AU61", [0.7, 0.6, 0.45, 0.0, 0.9, 12.0]),
+    ("look_right", "AU62", [0.7, 0.6, 0.45, 0.0, 0.9, 12.0]),
+    ("look_up", "AU63", [0.6, 0.36, 0.36, 0.0, 0.4, 12.0]),
+    ("kiss", "AU18", [0.6, 0.3, 0.4, 0.0, 0.2, 30.0]),
 ];
 /// Largest angle up or down at which a face makes gestures, degrees.
 const PITCH_MAX_DEG: f32 = 30.0;
@@ -160,12 +173,33 @@ impl Gesture {
             ..Self::default()
         };
         let preset = PRESETS.iter().find(|preset| preset.0 == name);
-        if let Some(&(_, sum, on, off, rise_s, hold_s, turned_deg)) = preset {
+        if let Some(&(_, sum, [on, on_min, off, rise_s, hold_s, turned_deg])) = preset {
             gesture.of = sum.into();
             (gesture.on, gesture.off, gesture.turned_deg) = (on, off, turned_deg);
-            (gesture.rise_s, gesture.hold_s) = (rise_s, hold_s);
+            (gesture.rise_s, gesture.hold_s, gesture.on_min) = (rise_s, hold_s, on_min);
         }
         gesture
+    }
+
+    /// Its levels.
+    pub fn levels(&self) -> Levels {
+        Levels {
+            on: self.on,
+            off: self.off,
+            hold_s: self.hold_s,
+            rise_s: self.rise_s,
+        }
+    }
+
+    fn lesson(&self, configured: Levels) -> Lesson {
+        let mut units = Self::sums(&self.of).flatten().map(|(_, unit)| unit);
+        let high = units.find_map(|unit| match unit {
+            "AU61" | "AU62" => Some(HIGH_OF_GAZE[0]),
+            "AU63" | "AU64" => Some(HIGH_OF_GAZE[1]),
+            _ => None,
+        });
+        let high = high.unwrap_or(HIGH);
+        Lesson::new(configured, self.on_min, high)
     }
 
     /// Sign and unit of each term, for each sum; unit names are not checked.
@@ -209,6 +243,155 @@ impl core::fmt::Display for Switch<'_> {
         f.write_str(&self.gesture.name)?;
         self.user.map_or(Ok(()), |user| write!(f, "/{user}"))
     }
+}
+
+/// State of a set-up by five repetitions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SetUpState {
+    /// None since the start.
+    #[default]
+    None,
+    /// The person shall rest.
+    Rest,
+    /// The person shall make the expression.
+    Act,
+    /// New levels were found.
+    Found,
+    /// The present levels serve as well.
+    Kept,
+    /// No expression was seen for a minute.
+    Failed,
+    /// The expressions were too weak: speech and glances reach as far.
+    Weak,
+}
+
+impl SetUpState {
+    /// All states in the order of their numbers.
+    pub const ALL: [Self; 7] = {
+        use SetUpState::{Act, Failed, Found, Kept, None, Rest, Weak};
+        [None, Rest, Act, Found, Kept, Failed, Weak]
+    };
+
+    /// The name in JSON.
+    pub fn name(self) -> &'static str {
+        ["none", "rest", "act", "found", "kept", "failed", "weak"][self as usize]
+    }
+}
+
+/// Levels of a gesture, how it is being set up, and how often it went on.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SetUpFacts {
+    /// Index among the gestures.
+    pub index: usize,
+    /// State of the set-up.
+    pub state: SetUpState,
+    /// Repetitions seen.
+    pub seen: usize,
+    /// The present levels.
+    pub levels: Levels,
+    /// Whether there is a change that can be undone.
+    pub can_undo: bool,
+    /// Activations in the last 24 hours.
+    pub count: u32,
+    /// Time for which anybody was tracked in the last 24 hours, seconds.
+    pub tracked_s: u32,
+}
+
+/// Fields of a JSON object.
+impl core::fmt::Display for SetUpFacts {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Levels {
+            on, off, hold_s, ..
+        } = self.levels;
+        let Self {
+            index,
+            seen,
+            can_undo,
+            count,
+            tracked_s,
+            ..
+        } = self;
+        let state = self.state.name();
+        write!(
+            f,
+            "\"index\":{index},\"state\":\"{state}\",\"seen\":{seen},\"on\":{on:.3}"
+        )?;
+        write!(
+            f,
+            ",\"off\":{off:.3},\"hold_s\":{hold_s:.2},\"can_undo\":{can_undo}"
+        )?;
+        write!(f, ",\"count\":{count},\"tracked_s\":{tracked_s}")
+    }
+}
+
+impl SetUpFacts {
+    /// The arguments of the OSC message.
+    pub fn to_osc(&self) -> [Argument<'static>; 9] {
+        use Argument::{Bool, Float, Int};
+        let Levels {
+            on, off, hold_s, ..
+        } = self.levels;
+        let [state, seen] = [self.state as usize, self.seen].map(|n| Int(n as i32));
+        let [count, tracked_s] = [self.count, self.tracked_s].map(|n| Int(n as i32));
+        let [on, off, hold_s] = [on, off, hold_s].map(Float);
+        let index = Int(self.index as i32);
+        [
+            index,
+            state,
+            seen,
+            on,
+            off,
+            hold_s,
+            Bool(self.can_undo),
+            count,
+            tracked_s,
+        ]
+    }
+
+    /// From the arguments of an OSC message; `None` if they are not those of [`Self::to_osc`].
+    #[cfg(feature = "studio")]
+    pub fn from_osc(arguments: &[Argument<'_>]) -> Option<Self> {
+        use Argument::{Float, Int};
+        let &[
+            Int(index),
+            Int(state),
+            Int(seen),
+            Float(on),
+            Float(off),
+            Float(hold_s),
+            Int(can_undo),
+            Int(count),
+            Int(tracked_s),
+        ] = arguments
+        else {
+            return None;
+        };
+        let is_finite = on.is_finite() && off.is_finite() && hold_s.is_finite();
+        let [state, seen, index] = [state, seen, index].map(usize::try_from);
+        Some(Self {
+            index: index.ok().filter(|&index| index < GESTURES && is_finite)?,
+            state: *SetUpState::ALL.get(state.ok()?)?,
+            seen: seen.ok()?,
+            levels: Levels {
+                on,
+                off,
+                hold_s,
+                rise_s: 0.0,
+            },
+            can_undo: can_undo != 0,
+            count: count.try_into().ok()?,
+            tracked_s: tracked_s.try_into().ok()?,
+        })
+    }
+}
+
+/// Message to outputs: the facts of a gesture changed, or are repeated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SetUp<'a> {
+    /// Name of the gesture.
+    pub name: &'a str,
+    /// Its facts.
+    pub facts: SetUpFacts,
 }
 
 /// Times of the last frames.
@@ -322,6 +505,31 @@ struct Watched {
     activations: [Activation; USERS],
     /// State sent last: of each user, then of anybody.
     last_sent: [bool; USERS + 1],
+    /// Levels of the configuration, and those before the last change.
+    configured: Levels,
+    before: Option<Levels>,
+    /// Activations in each of the last hours.
+    counts: [u16; HOURS],
+    /// Facts as of now, and as sent last.
+    facts: [SetUpFacts; 2],
+}
+
+impl Watched {
+    fn can_undo(&self) -> bool {
+        self.before.is_some() || self.gesture.levels() != self.configured
+    }
+
+    fn set(&mut self, levels: Levels) {
+        (self.gesture.on, self.gesture.off) = (levels.on, levels.off);
+        (self.gesture.hold_s, self.gesture.rise_s) = (levels.hold_s, levels.rise_s);
+    }
+
+    /// The name and expression, and what was configured: a saved change is valid only with these.
+    fn write_identity(&self, text: &mut String) -> core::fmt::Result {
+        use core::fmt::Write as _;
+        let Gesture { name, of, .. } = &self.gesture;
+        write!(text, "configured {} {name} = {of}", self.configured)
+    }
 }
 
 /// Evaluates all gestures of all users.
@@ -335,7 +543,16 @@ pub struct Gestures {
     angles: [HistoryBuf<f32, PAST>; USERS],
     /// Schedules the repetition of all states.
     repetition: Every,
+    /// Schedules the repetition of all facts.
+    facts_repetition: Every,
     at: Timestamp,
+    /// The gesture that is being set up, and the slot of the person.
+    lesson: Option<(usize, Option<usize>, Lesson)>,
+    /// Seconds of the last hours in which anybody was tracked, and the number of the present hour.
+    tracked_s: [f32; HOURS],
+    hour: u64,
+    /// Whether levels were changed since [`Self::take_change`].
+    is_changed: bool,
 }
 
 impl Gestures {
@@ -345,9 +562,13 @@ impl Gestures {
         let index = |unit: &str| units.iter().position(|name| *name == unit);
         let watched = |gesture: &Gesture| Watched {
             sums: gesture.indexed(units),
+            configured: gesture.levels(),
             gesture: gesture.clone(),
             activations: Default::default(),
             last_sent: Default::default(),
+            before: None,
+            counts: Default::default(),
+            facts: Default::default(),
         };
         let limit = if ENABLED { GESTURES } else { 0 };
         Self {
@@ -357,7 +578,12 @@ impl Gestures {
             times: Default::default(),
             angles: Default::default(),
             repetition: Every::default(),
+            facts_repetition: Every::default(),
             at: Timestamp::default(),
+            lesson: None,
+            tracked_s: Default::default(),
+            hour: 0,
+            is_changed: false,
         }
     }
 
@@ -367,6 +593,8 @@ impl Gestures {
             return;
         }
         let mut is_reported = [false; USERS];
+        let first = reports.first().map_or(self.at, |report| report.at);
+        self.pass_time(first, reports.iter().any(|one| one.state.has_face()));
         for report in reports {
             // The source changed; earlier times are meaningless.
             if report.at < self.at {
@@ -391,6 +619,65 @@ impl Gestures {
                 watched.activations[slot] = Activation::default();
             }
         }
+        self.end_lesson();
+    }
+
+    fn gather_facts(&mut self) {
+        for (index, watched) in self.all.iter_mut().enumerate() {
+            let is_taught = self.lesson.as_mut().filter(|(of, ..)| *of == index);
+            let facts = &mut watched.facts[0];
+            if let Some((.., lesson)) = is_taught {
+                (facts.state, facts.seen) = match lesson.awaits(self.at) {
+                    Awaits::Acts(seen) => (SetUpState::Act, seen),
+                    _ => (SetUpState::Rest, facts.seen),
+                };
+            }
+            let counts = watched.counts.iter().copied().map(u32::from);
+            facts.count = counts.sum();
+            facts.tracked_s = self.tracked_s.iter().sum::<f32>() as u32;
+            (facts.index, facts.levels) = (index, watched.gesture.levels());
+            watched.facts[0].can_undo = watched.can_undo();
+        }
+    }
+
+    /// Counts the time since the last frame, if it was at most a second, and forgets what is older than a day.
+    fn pass_time(&mut self, at: Timestamp, is_tracked: bool) {
+        let hour = at.as_us() / 3_600_000_000;
+        let passed = hour.saturating_sub(self.hour).min(HOURS as u64);
+        for ago in 0..passed {
+            let old = ((hour - ago) % HOURS as u64) as usize;
+            self.tracked_s[old] = 0.0;
+            self.all.iter_mut().for_each(|one| one.counts[old] = 0);
+        }
+        self.hour = hour;
+        let s = at.seconds_since(self.at) as f32;
+        if is_tracked && (0.0..1.0).contains(&s) {
+            self.tracked_s[(hour % HOURS as u64) as usize] += s;
+        }
+    }
+
+    /// Ends a set-up that is complete or in vain.
+    fn end_lesson(&mut self) {
+        let Some((index, slot, mut lesson)) = self.lesson.take() else {
+            return;
+        };
+        let now = self.all[index].gesture.levels();
+        let state = match lesson.awaits(self.at) {
+            Awaits::Aborted => SetUpState::Failed,
+            Awaits::Nothing => match lesson.found(now) {
+                Ok(found) => {
+                    self.change(index, found);
+                    SetUpState::Found
+                }
+                Err(state) => state,
+            },
+            _ => {
+                self.lesson = Some((index, slot, lesson));
+                return;
+            }
+        };
+        let facts = &mut self.all[index].facts[0];
+        (facts.state, facts.seen) = (state, teaching::REPETITIONS);
     }
 
     fn follow(&mut self, slot: usize, report: &Report<'_>) {
@@ -408,7 +695,7 @@ impl Gestures {
         self.times[slot].write(report.at);
         let is_turning = self.turned_deg(slot) > TURN_DEG;
         let [sideways, up] = angles.map(f32::abs);
-        for watched in &mut self.all {
+        for (index, watched) in self.all.iter_mut().enumerate() {
             let gesture = &watched.gesture;
             let is_theirs = gesture.person != Person::Shown || !report.other_is_shown;
             let is_facing = sideways <= gesture.turned_deg && up <= PITCH_MAX_DEG;
@@ -418,6 +705,23 @@ impl Gestures {
             // Below any level.
             let sum = if counts { least } else { f32::MIN };
             let may_start = !is_turning && (gesture.speaking || !is_speaking);
+            let taught = self.lesson.as_mut().filter(|(of, ..)| *of == index);
+            if let Some((_, of, lesson)) = taught {
+                // While it is set up it switches nothing.
+                let past = core::mem::take(&mut watched.activations[slot].past);
+                watched.activations[slot] = Activation {
+                    past,
+                    ..Activation::default()
+                };
+                let state = &mut watched.activations[slot];
+                state.past.write(sum.max(0.0));
+                if counts && may_start && !report.other_is_shown {
+                    let is_theirs = *of.get_or_insert(slot) == slot;
+                    let came_fast = state.came_fast(&self.times[slot], watched.configured.rise_s);
+                    is_theirs.then(|| lesson.observe(sum, came_fast, report.at));
+                }
+                continue;
+            }
             watched.activations[slot].observe(gesture, sum, may_start, &self.times[slot]);
         }
     }
@@ -451,6 +755,10 @@ impl Gestures {
                     None => activations.iter().any(|one| one.is_on),
                 };
                 let is_new = core::mem::replace(last_sent, is_on) != is_on;
+                if is_new && is_on {
+                    let hour = (self.hour % HOURS as u64) as usize;
+                    watched.counts[hour] = watched.counts[hour].saturating_add(1);
+                }
                 if is_new || repeat {
                     each(&Switch {
                         index,
@@ -474,13 +782,137 @@ impl Gestures {
         self.speech = Default::default();
     }
 
-    /// Sets the upper level of a gesture, within [`LEVELS`], and scales the lower one, until the configuration is read again.
-    pub fn set_level(&mut self, index: usize, on: f32) {
-        if let Some(Watched { gesture, .. }) = self.all.get_mut(index).filter(|_| on > 0.0) {
-            let on = on.clamp(LEVELS[0], LEVELS[1]);
-            gesture.off *= on / gesture.on;
-            gesture.on = on;
+    /// Calls `each` with the facts that changed since the last call, and every `REPEAT_S` with all. Time that passes is no change.
+    pub fn for_each_set_up(&mut self, mut each: impl FnMut(&SetUp<'_>)) {
+        if !ENABLED {
+            return;
         }
+        self.gather_facts();
+        let repeat = self.facts_repetition.due(self.at, REPEAT_S);
+        for watched in &mut self.all {
+            let [mut facts, last] = watched.facts;
+            let (name, tracked_s) = (&watched.gesture.name, facts.tracked_s);
+            facts.tracked_s = last.tracked_s;
+            if repeat || facts != last {
+                facts.tracked_s = tracked_s;
+                watched.facts[1] = facts;
+                each(&SetUp { name, facts });
+            }
+        }
+    }
+
+    /// Executes a command that changes a gesture; others, and unknown gestures, are ignored.
+    pub fn execute(&mut self, command: Command) {
+        let (_, index, number) = command.parts();
+        if !ENABLED || index >= self.all.len() || !command.is_of_gesture() {
+            return;
+        }
+        let watched = &mut self.all[index];
+        let now = watched.gesture.levels();
+        let number = f32::from(number.unwrap_or_default()) / 100.0;
+        match command {
+            Command::Level(..) if number > 0.0 => {
+                let level = number.clamp(LEVELS[0], LEVELS[1]);
+                let (on, off) = (level, now.off * level / now.on);
+                self.change(index, Levels { on, off, ..now });
+            }
+            Command::Hold(..) => {
+                let hold_s = number.min(HOLD_MAX_S);
+                self.change(index, Levels { hold_s, ..now });
+            }
+            Command::Teach(_, true) => {
+                watched.facts[0].seen = 0;
+                let lesson = watched.gesture.lesson(watched.configured);
+                let stopped = self.lesson.replace((index, None, lesson));
+                self.stop_lesson(stopped.map(|(of, ..)| of).filter(|of| *of != index));
+            }
+            Command::Teach(_, false) => {
+                let stopped = self.lesson.take_if(|(of, ..)| *of == index);
+                self.stop_lesson(stopped.map(|(of, ..)| of));
+            }
+            Command::Undo(_) if watched.can_undo() => {
+                let levels = watched.before.take().unwrap_or(watched.configured);
+                watched.set(levels);
+                watched.facts[0].state = SetUpState::None;
+                self.is_changed = true;
+            }
+            _ => {}
+        }
+    }
+
+    fn stop_lesson(&mut self, index: Option<usize>) {
+        if let Some(index) = index {
+            self.all[index].facts[0].state = SetUpState::None;
+        }
+    }
+
+    fn change(&mut self, index: usize, levels: Levels) {
+        let watched = &mut self.all[index];
+        watched.before = Some(watched.gesture.levels());
+        watched.set(levels);
+        self.is_changed = true;
+    }
+
+    /// The present levels of a gesture.
+    ///
+    /// # Panics
+    /// If there is no gesture with this index.
+    pub fn levels(&self, index: usize) -> Levels {
+        self.all[index].gesture.levels()
+    }
+
+    /// Whether levels were changed since the last call.
+    pub fn take_change(&mut self) -> bool {
+        core::mem::take(&mut self.is_changed)
+    }
+
+    /// Writes the levels that differ from the configured ones, a line each.
+    ///
+    /// # Errors
+    /// If the writer fails.
+    pub fn write_levels(&self, text: &mut String) -> core::fmt::Result {
+        use core::fmt::Write as _;
+        for watched in &self.all {
+            let now = watched.gesture.levels();
+            if now != watched.configured {
+                write!(text, "{now} ")?;
+                watched.write_identity(text)?;
+                writeln!(text)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the levels that [`Self::write_levels`] wrote, except of gestures whose configuration is another since, which counts more.
+    /// Returns how many lines were unreadable.
+    pub fn read_levels(&mut self, text: &str) -> usize {
+        let mut own = String::new();
+        let mut unreadable = 0;
+        for line in text.lines() {
+            let mut words = line.splitn(5, ' ');
+            let mut number = || words.next()?.parse().ok().filter(|n: &f32| n.is_finite());
+            let numbers = [(); 4].map(|()| number());
+            let ([Some(on), Some(off), Some(hold_s), Some(rise_s)], Some(identity)) =
+                (numbers, words.next())
+            else {
+                unreadable += 1;
+                continue;
+            };
+            for watched in &mut self.all {
+                own.clear();
+                // A string takes everything.
+                let _ = watched.write_identity(&mut own);
+                if own == identity && (0.0..on).contains(&off) && hold_s.min(rise_s) >= 0.0 {
+                    watched.set(Levels {
+                        on,
+                        off,
+                        hold_s,
+                        rise_s,
+                    });
+                }
+            }
+        }
+        unreadable
     }
 }
 
@@ -520,12 +952,12 @@ mod tests {
     #[test]
     fn a_level_that_is_moved_takes_the_lower_one_along() {
         let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
-        gestures.set_level(0, 0.55);
-        gestures.set_level(0, 0.0);
-        gestures.set_level(7, 1.0);
+        gestures.execute(Command::Level(0, 55));
+        gestures.execute(Command::Level(0, 0));
+        gestures.execute(Command::Level(7, 100));
         let Gesture { on, off, .. } = gestures.all[0].gesture;
         assert_eq!((on, off), (0.55, 0.35));
-        gestures.set_level(0, 655.35);
+        gestures.execute(Command::Level(0, u16::MAX));
         assert_eq!(gestures.all[0].gesture.on, 8.0);
     }
 
@@ -581,7 +1013,7 @@ mod tests {
             ([0.6, 0.9, 0.0, 0.3], 1),
         ] {
             let mut gestures = Gestures::new(std::slice::from_ref(&both), &UNITS);
-            gestures.set_level(0, 0.5);
+            gestures.execute(Command::Level(0, 50));
             for ms in (0..500).step_by(50) {
                 let mut reports = [user(0, ms, &weights)];
                 gestures.observe(&mut reports);
@@ -755,14 +1187,14 @@ mod tests {
     fn presets_read_units_that_are_measured() {
         let known = mien_stages::expression::Units::shipped();
         let names = known.columns(false);
-        for (name, text, on, off, ..) in PRESETS {
+        for (name, text, [on, on_min, off, ..]) in PRESETS {
             for terms in Gesture::sums(text) {
                 let terms: Vec<(f32, &str)> = terms.collect();
                 for (_, unit) in &terms {
                     let is_known = names.iter().any(|known| known.as_str() == *unit);
                     assert!(is_known, "{name}: {unit}");
                 }
-                assert!(off < on && on < terms.len() as f32);
+                assert!(off < on && on_min <= on && on < terms.len() as f32);
             }
         }
         for (text, expected) in [
@@ -781,6 +1213,115 @@ mod tests {
             });
             assert_eq!(sums.collect::<Vec<_>>().join(" & "), expected, "{text}");
         }
+    }
+
+    /// Plays a rest of four seconds and five smiles of a weight, with a second of rest after each, by the person in a slot.
+    fn five_smiles(gestures: &mut Gestures, start_ms: u64, slot: usize, weight: f32) -> u64 {
+        let mut ms = start_ms;
+        while ms < start_ms + 14_000 {
+            let within = (ms - start_ms).saturating_sub(4000) % 2000;
+            let is_smiling = ms > start_ms + 4000 && within < 1000;
+            let smile = if is_smiling { weight } else { 0.02 };
+            let rest = user(1 - slot, ms, &[0.02, 0.02, 0.0, 0.0]);
+            let smiles = [smile, smile, 0.0, 0.0];
+            let other_is_shown = slot == 1;
+            let smiler = user(slot, ms, &smiles);
+            gestures.observe(&mut [
+                Report {
+                    other_is_shown,
+                    ..smiler
+                },
+                Report {
+                    other_is_shown: !other_is_shown,
+                    ..rest
+                },
+            ]);
+            ms += 33;
+        }
+        ms
+    }
+
+    fn facts(gestures: &mut Gestures) -> SetUpFacts {
+        let mut last = SetUpFacts::default();
+        gestures.at = Timestamp::from_us(gestures.at.as_us() + 2_000_000);
+        gestures.for_each_set_up(|set_up| last = set_up.facts);
+        last
+    }
+
+    #[test]
+    fn a_smile_made_five_times_is_found_switches_nothing_meanwhile_and_can_be_undone() {
+        let mut gestures = Gestures::new(&[smile(Person::Any)], &UNITS);
+        let before = gestures.levels(0);
+        gestures.execute(Command::Teach(0, true));
+        // Of the person who is not shown it counts nothing.
+        let ms = five_smiles(&mut gestures, 0, 1, 0.9);
+        let told = facts(&mut gestures);
+        assert_eq!((told.state, told.seen), (SetUpState::Act, 0));
+        gestures.execute(Command::Teach(0, false));
+        assert_eq!(facts(&mut gestures).state, SetUpState::None);
+
+        gestures.execute(Command::Teach(0, true));
+        let ms = five_smiles(&mut gestures, ms, 0, 0.9);
+        assert_eq!(switches(&mut gestures), []);
+        let told = facts(&mut gestures);
+        assert_eq!((told.state, told.seen), (SetUpState::Found, 5));
+        // 34 % of the way from 0.04 to 1.8, in steps of 4 %.
+        assert!((0.6..0.65).contains(&told.levels.on), "{told:?}");
+        assert!(told.can_undo && gestures.take_change());
+
+        // Smiles of a third less, which the old level missed.
+        five_smiles(&mut gestures, ms, 0, 0.5);
+        let told = facts(&mut gestures);
+        assert!(told.count == 0 && told.tracked_s > 30);
+        gestures.execute(Command::Undo(0));
+        let told = facts(&mut gestures);
+        assert!(told.levels == before && !told.can_undo);
+    }
+
+    #[test]
+    fn somebody_who_smiles_slowly_five_times_has_no_limit_to_the_rise_afterwards() {
+        let mut gestures = Gestures::new(&[Gesture::named("smile")], &["AU12L", "AU12R"]);
+        let mut frame = 0_u64;
+        // Five seconds, with a smile from the first to the fourth; returns how often it switched.
+        let mut smile = |gestures: &mut Gestures, weight: f32, rise_s: f32| {
+            let mut count = 0;
+            for k in 0..150 {
+                let s = k as f32 / 30.0;
+                let share = ((s - 1.0) / rise_s).min((4.0 - s) / rise_s);
+                let weights = [weight * share.clamp(0.0, 1.0); 2];
+                gestures.observe(&mut [user(0, frame * 1000 / 30, &weights)]);
+                count += switches(gestures).len();
+                frame += 1;
+            }
+            count
+        };
+        assert_eq!(smile(&mut gestures, 0.9, 1.2), 0);
+        for (rise_s, limit_s) in [(1.2, 0.0), (0.2, 0.25)] {
+            gestures.execute(Command::Teach(0, true));
+            smile(&mut gestures, 0.0, 1.0);
+            for _ in 0..5 {
+                assert_eq!(smile(&mut gestures, 0.9, rise_s), 0);
+            }
+            assert_eq!(facts(&mut gestures).state, SetUpState::Found);
+            assert_eq!(gestures.levels(0).rise_s, limit_s);
+            assert_eq!(smile(&mut gestures, 0.9, rise_s), 2);
+        }
+    }
+
+    #[test]
+    fn activations_of_the_last_day_are_counted() {
+        let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
+        let hour_ms = 3_600_000;
+        for hour in 0..30 {
+            for ms in (0..1500).step_by(100) {
+                let smile = if ms < 1000 { 0.9 } else { 0.0 };
+                let weights = [smile, smile, 0.0, 0.0];
+                gestures.observe(&mut [user(0, hour * hour_ms + ms, &weights)]);
+                gestures.for_each_switch(|_| ());
+            }
+        }
+        let told = facts(&mut gestures);
+        assert_eq!((told.count, told.tracked_s), (24, 33));
     }
 
     #[test]

@@ -13,7 +13,8 @@ use super::{
     Command, Output, OutputError, Report, Tally, TrackingState, View, WireWeights, limits,
     unit_range,
 };
-use mien_stages::base::capacity::{REGIONS, UNITS, USERS};
+use crate::gesture::{SetUp, SetUpFacts};
+use mien_stages::base::capacity::{GESTURES, REGIONS, UNITS, USERS};
 use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 
 /// An output whose sending is done by its own thread: stores reports for it.
@@ -82,6 +83,13 @@ impl Output for ThreadedOutput {
         drop(mailbox);
         self.shared.wake();
         Ok(())
+    }
+
+    fn set_up(&mut self, set_up: &SetUp<'_>) {
+        let mut mailbox = self.shared.mailbox();
+        if let Some(place) = mailbox.set_ups.get_mut(set_up.facts.index) {
+            *place = Some(set_up.facts);
+        }
     }
 
     fn next_command(&mut self) -> Option<Command> {
@@ -190,6 +198,8 @@ impl std::fmt::Display for Snapshot {
 pub(super) struct Mailbox {
     pub(super) users: [Snapshot; USERS],
     pub(super) nobody: Snapshot,
+    /// Facts of each gesture that the thread has not read yet.
+    pub(super) set_ups: [Option<SetUpFacts>; GESTURES],
     pub(super) commands: heapless::Deque<Command, COMMANDS>,
 }
 
@@ -247,6 +257,9 @@ impl Shared {
             let fresh = own.fresh || std::mem::take(&mut snapshot.fresh);
             own.clone_from(snapshot);
             own.fresh = fresh;
+        }
+        for (facts, own) in mailbox.set_ups.iter_mut().zip(&mut into.set_ups) {
+            *own = facts.take().or(*own);
         }
     }
 

@@ -12,6 +12,7 @@
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, capture time in seconds | every second, even with nobody |
 //! | `/mien/gesture/<name>`, per person `/mien/gesture/<name>/<u>` | 1 or 0 | on change and every 2 s, a datagram each |
+//! | `/mien/setup/<name>` | index, state, repetitions, `on`, `off`, `hold_s`, can be undone, activations, seconds with a face | the same, with `levels` |
 //! | `/face/<u>/range/<unit>` | low, rest, high of the range from which its weight is computed; readiness 0…1 | every 5 s with a face, if enabled |
 //!
 //! The latency is the time from the frame's arrival in this machine to its being sent. Units have the names set in the
@@ -36,7 +37,7 @@ mod wire;
 
 #[cfg(feature = "std")]
 use super::Command;
-use super::gesture::{self, Switch};
+use super::gesture::{self, SetUp, Switch};
 use super::{
     Every, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View, WireWeights,
     finite, unit_range,
@@ -68,6 +69,7 @@ const SEEN: &str = "seen";
 const RANGE: &str = "range";
 const MIEN: &str = "mien";
 const GESTURE: &str = "gesture";
+const SET_UP: &str = "setup";
 
 /// Interval at which the unit names are repeated for receivers that join later, seconds.
 const SCHEMA_PERIOD_S: f64 = 5.0;
@@ -105,7 +107,7 @@ keyed! {
         ranges: bool = false => Bool(),
         /// Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted.
         commands: bool = true => Bool(),
-        /// Whether /face/cmd/level, which moves the level at which a gesture goes on, is accepted too.
+        /// Whether gestures can be set up by the commands /face/cmd/level, hold, teach and undo; their levels are then sent too.
         levels: bool = false => Bool(),
         /// Address on which these commands are received; 127.0.0.1 accepts this machine only, 0.0.0.0 its networks and the targets named by address.
         listen: String = "127.0.0.1:9131".to_owned() => listen(),
@@ -118,6 +120,7 @@ pub struct Osc {
     wire: Wire,
     style: Style,
     ranges: bool,
+    levels: bool,
     /// Output names of the units.
     units: Box<[String]>,
     view: View,
@@ -185,6 +188,7 @@ impl Osc {
             wire: Wire::new(targets, wire::checked_prefix(prefix)?),
             style: settings.style,
             ranges: settings.ranges,
+            levels: settings.levels,
             units: names,
             users: core::array::from_fn(|_| User {
                 weights: WireWeights::new(view.channels(units), view.loss),
@@ -326,7 +330,15 @@ impl Output for Osc {
     fn switch(&mut self, switch: &Switch<'_>) {
         if gesture::ENABLED {
             let address = format_args!("/{MIEN}/{GESTURE}/{switch}");
-            self.wire.send_single(address, switch.is_on.into());
+            let is_on = Argument::Int(switch.is_on.into());
+            self.wire.send_alone(address, &[is_on]);
+        }
+    }
+
+    fn set_up(&mut self, set_up: &SetUp<'_>) {
+        if gesture::ENABLED && self.levels {
+            let address = format_args!("/{MIEN}/{SET_UP}/{}", set_up.name);
+            self.wire.send_alone(address, &set_up.facts.to_osc());
         }
     }
 

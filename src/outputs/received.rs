@@ -1,5 +1,6 @@
 //! What the parsers of the outputs' formats read: one user at one frame, and the facts beside it. `mien-studio preview` shows it.
 
+use crate::gesture::SetUpFacts;
 use mien_stages::base::capacity::REGIONS;
 use mien_stages::base::prelude::*;
 use mien_stages::users::TrackingState;
@@ -46,6 +47,8 @@ pub trait Receive {
     fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]);
     /// State of a gesture, of a person or independent of one; repeated regularly.
     fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool);
+    /// Levels and set-up of a gesture; repeated regularly.
+    fn set_up(&self, name: &str, facts: &SetUpFacts);
     /// Counts accepted and refused messages, lines or frames.
     fn count(&self, taken: u64, refused: u64);
 }
@@ -62,6 +65,7 @@ pub(crate) mod tests {
         pub(crate) samples: RefCell<Vec<Sample>>,
         pub(crate) ranges: RefCell<Vec<(usize, Vec<Option<UnitRange>>)>>,
         pub(crate) gestures: RefCell<Vec<(String, Option<usize>, bool)>>,
+        pub(crate) set_ups: RefCell<Vec<(String, SetUpFacts)>>,
         /// Accepted and refused messages.
         pub(crate) counts: Cell<[u64; 2]>,
     }
@@ -93,6 +97,10 @@ pub(crate) mod tests {
             self.gestures
                 .borrow_mut()
                 .push((name.to_owned(), slot, is_on));
+        }
+
+        fn set_up(&self, name: &str, facts: &SetUpFacts) {
+            self.set_ups.borrow_mut().push((name.to_owned(), *facts));
         }
 
         fn count(&self, taken: u64, refused: u64) {

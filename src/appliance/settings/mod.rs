@@ -338,7 +338,7 @@ mod tests {
             ),
             (
                 "name = \"smile\"\nonn = 1",
-                "one of the keys name, of, on, off,",
+                "one of the keys name, of, on, on_min,",
             ),
         ] {
             let message = refused(&format!("[[gesture]]\n{words}\n"));

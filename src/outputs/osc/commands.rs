@@ -6,10 +6,13 @@
 //! | `/face/cmd/forget` | slot | discards everything learned about the user |
 //! | `/face/cmd/freeze` | slot, 0 or 1 | resumes (0) or stops (1) learning for the user |
 //! | `/face/cmd/neutral` | slot | uses the user's current face as the neutral one |
-//! | `/face/cmd/level` | gesture, hundredths | moves the level at which a gesture goes on, if `osc.levels` allows it |
+//! | `/face/cmd/level` | gesture, hundredths | moves the level at which a gesture goes on |
+//! | `/face/cmd/hold` | gesture, hundredths of a second | sets how long it must be kept |
+//! | `/face/cmd/teach` | gesture, 1 or 0 | finds both from five repetitions (1), or stops that (0) |
+//! | `/face/cmd/undo` | gesture | returns to the level and hold time before |
 //! | `/face/cmd/schema` | | sends the schema now: to the targets on the requester's host, or if there are none, back to the requester |
 //!
-//! Input is untrusted: a datagram is read into a fixed buffer, bundles may be nested twice, and the work per frame is limited; the
+//! Those of a gesture need `osc.levels`. Input is untrusted: a datagram is read into a fixed buffer, bundles may be nested twice, and the work per frame is limited; the
 //! remaining datagrams wait in the socket, which the system bounds. A sender may make 16 requests at once and 4 per second; all
 //! together 32 at once and 8 per second. Excess, malformed and unknown requests, wrong arguments and unknown slots are counted and
 //! ignored; so is the rest of a datagram that cannot be separated. Nothing allocates. Limitation: with more than eight senders,
@@ -51,17 +54,13 @@ fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
         arguments.push(number).ok()
     })?;
     let what = address.strip_prefix(prefix)?.strip_prefix("/cmd/")?;
-    let (slot, on) = match arguments[..] {
+    let (index, number) = match arguments[..] {
         [] if what == "schema" => return Some(Request::Schema),
-        [gesture, level] if what == "level" => {
-            let level = Command::Level(gesture.try_into().ok()?, level.try_into().ok()?);
-            return Some(Request::Command(level));
-        }
-        [slot] => (slot, None),
-        [slot, on @ 0..=1] => (slot, Some(on == 1)),
+        [index] => (index, None),
+        [index, number] => (index, Some(number.try_into().ok()?)),
         _ => return None,
     };
-    Command::named(what, slot.try_into().ok()?, on).map(Request::Command)
+    Command::named(what, index.try_into().ok()?, number).map(Request::Command)
 }
 
 /// The integer of a float without fraction, below 10⁶.

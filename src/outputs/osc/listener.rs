@@ -44,7 +44,7 @@ pub(super) struct Listener {
     port: Listening<UdpSocket>,
     /// Prefix of the addresses, such as `/face`.
     prefix: String,
-    /// Whether gesture levels may be set.
+    /// Whether gestures may be set up.
     levels: bool,
     /// IP addresses of targets, from which commands are accepted on any network.
     target_hosts: Box<[IpAddr]>,
@@ -59,7 +59,7 @@ pub(super) struct Listener {
 
 impl Listener {
     /// Listens at `address:port` for OSC addresses below `prefix` + `/cmd/`. Hosts of `targets` may send from any network; `levels`
-    /// allows setting gesture levels. Retries while the address is in use or not this machine's.
+    /// allows setting up gestures. Retries while the address is in use or not this machine's.
     ///
     /// # Errors
     /// If `address` is not an IP address with a port.
@@ -127,8 +127,8 @@ impl Listener {
             self.work += PARSE_COST - 1;
             let (queue, all, levels) = (&mut self.queue, &mut self.all, self.levels);
             self.refused += requests(&bytes[..length], &self.prefix, &mut |request| {
-                let is_level = matches!(request, Request::Command(Command::Level(..)));
-                (levels || !is_level)
+                let is_allowed = |command: Command| levels || !command.is_of_gesture();
+                (!matches!(request, Request::Command(command) if !is_allowed(command)))
                     && bucket.take(now)
                     && all.take(now)
                     && queue.push_back((request, from)).is_ok()

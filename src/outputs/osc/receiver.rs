@@ -6,7 +6,8 @@
 
 use super::packet::Argument::{self, Bool, Float, Int, Text};
 use super::packet::{messages, parse};
-use super::{ALIVE, AU, FRAME, FROZEN, GESTURE, MIEN, POSE, PRESENT, RANGE, SCHEMA, SEEN};
+use super::{ALIVE, AU, FRAME, FROZEN, GESTURE, MIEN, POSE, PRESENT, RANGE, SCHEMA, SEEN, SET_UP};
+use crate::gesture::SetUpFacts;
 use crate::is_name;
 use crate::received::{Receive, Sample, UnitRange};
 use mien_stages::base::capacity::{REGIONS, USERS};
@@ -84,6 +85,10 @@ impl Receiver {
                     _ => return None,
                 };
                 to.gesture(name, user, *is_on != 0);
+                return Some(());
+            }
+            ([MIEN, SET_UP, name], numbers) if is_name(name) => {
+                to.set_up(name, &SetUpFacts::from_osc(numbers)?);
                 return Some(());
             }
             ([.., ALIVE], [Int(_), Text(_), Float(_)]) => return Some(()),
@@ -221,6 +226,8 @@ fn floats(values: &[Argument]) -> Option<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gesture::{Gesture, SetUpState};
+    use crate::osc::packet::Packet;
     use crate::osc::{Osc, Settings};
     use crate::received::tests::Recorder;
     use crate::{Output, Report};
@@ -254,6 +261,39 @@ mod tests {
             all.push(bytes[..length].to_vec());
         }
         (all, receiver, recorder)
+    }
+
+    #[test]
+    fn a_set_up_comes_back_as_it_was_sent_and_nonsense_is_refused() {
+        let facts = SetUpFacts {
+            index: 3,
+            state: SetUpState::Act,
+            seen: 2,
+            levels: Gesture::named("smile").levels(),
+            can_undo: true,
+            count: 7,
+            tracked_s: 3600,
+        };
+        let (recorder, mut receiver) = (Recorder::default(), Receiver::default());
+        let mut take = |arguments: &[Argument]| {
+            let (mut packet, arguments) = (Packet::default(), arguments.iter().copied());
+            assert!(packet.push("", format_args!("/mien/setup/smile"), arguments));
+            receiver.take(packet.bytes(), &recorder);
+        };
+        take(&facts.to_osc());
+        for (k, wrong) in [
+            (0, Int(16)),
+            (1, Int(7)),
+            (3, Float(f32::NAN)),
+            (7, Int(-1)),
+        ] {
+            let mut arguments = facts.to_osc();
+            arguments[k] = wrong;
+            take(&arguments);
+        }
+        take(&facts.to_osc()[..8]);
+        assert_eq!(*recorder.set_ups.borrow(), [("smile".to_owned(), facts)]);
+        assert_eq!(recorder.counts.get(), [1, 5]);
     }
 
     /// The datagrams of a sender that reports a face, and a receiver that has had them.

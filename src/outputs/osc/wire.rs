@@ -130,12 +130,11 @@ impl Wire {
         !self.packet.is_empty() && self.packet.push(&self.prefix, address, arguments)
     }
 
-    /// Sends one number to `address` without the prefix, in a datagram of its own.
-    pub(super) fn send_single(&mut self, address: Arguments, number: i32) {
+    /// Sends numbers to `address` without the prefix, in a datagram of their own.
+    pub(super) fn send_alone(&mut self, address: Arguments, numbers: &[Argument<'_>]) {
         self.flush();
-        let number = core::iter::once(Argument::Int(number));
-        // It always fits.
-        let _ = self.packet.push("", address, number);
+        // They always fit.
+        let _ = self.packet.push("", address, numbers.iter().copied());
         self.flush();
     }
 

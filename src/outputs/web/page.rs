@@ -6,7 +6,9 @@
 //! | `GET /box.json` | name, slots, units by region with plain names and what they need to be seen, destinations of the weights |
 //! | `GET /events` | an event stream: users and their weights, at most every [`SHORTEST_PERIOD`], at least every [`LONGEST_PERIOD`] |
 //! | `POST /neutral/0`, `/freeze/0/1`, `/forget/0` | a command for the user in a slot, with the header `X-Mien: 1` |
-//! | `POST /level/0/85` | the level at which the first gesture goes on, in hundredths, until the configuration is read again |
+//! | `POST /level/0/85`, `/hold/0/40` | the level at which the first gesture goes on and its hold time, in hundredths |
+//! | `POST /teach/0/1`, `/teach/0/0` | finds both from five repetitions, or stops that |
+//! | `POST /undo/0` | returns to the level and hold time before |
 //!
 //! Access: with a password (HTTP Basic, any user name) only requests that have it; without one only local networks. A request must
 //! address the box by IP address, `localhost` or its name, and must not come from another site's page, so that such a page can
@@ -30,7 +32,7 @@ use crate::{Command, OutputError, UnitView, View, identity};
 use mien_stages::base::capacity::USERS;
 use mien_stages::expression::unit_words;
 
-/// The page in one document, so that a phone needs one request. `look.css` and `units.js` are shared with other pages of mien.
+/// The page in one document, so that a phone needs one request. `look.css`, `units.js` and `setup.js` are shared with other pages of mien.
 const PAGE: &str = concat!(
     include_str!("page/box.html"),
     "<style>\n",
@@ -38,13 +40,14 @@ const PAGE: &str = concat!(
     include_str!("page/box.css"),
     "</style>\n<script type=\"module\">\n",
     include_str!("page/units.js"),
+    include_str!("page/setup.js"),
     include_str!("page/box.js"),
     "</script>\n</html>\n"
 );
 /// Headers of the page.
 const HTML: &str = "Content-Type: text/html; charset=utf-8\r\nContent-Security-Policy: default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\nX-Content-Type-Options: nosniff\r\n";
-/// Bytes of a reply's header or of a message with four users.
-const MESSAGE: usize = 4096;
+/// Bytes of a reply's header or of a message with four users and all gestures.
+const MESSAGE: usize = 8192;
 /// Shortest time between two messages.
 const SHORTEST_PERIOD: Duration = Duration::from_millis(60);
 /// Longest time between two messages.
@@ -112,10 +115,6 @@ impl Page {
 /// The command of a POST to `path`; `None` if it is not one.
 fn parse_command(path: &str) -> Option<Command> {
     let (what, rest) = path.strip_prefix('/')?.split_once('/')?;
-    if what == "level" {
-        let (gesture, level) = rest.split_once('/')?;
-        return Some(Command::Level(gesture.parse().ok()?, level.parse().ok()?));
-    }
     Command::from_words(what, rest.split('/'))
 }
 
@@ -158,6 +157,7 @@ impl Service for Page {
         let _ = self.write(mailbox, message);
         let all = mailbox.users.iter_mut().chain([&mut mailbox.nobody]);
         all.for_each(|snapshot| snapshot.fresh = false);
+        mailbox.set_ups = Default::default();
         true
     }
 }
@@ -187,6 +187,11 @@ impl Page {
                 write!(message, "{comma}{}", Weight(*weight))?;
             }
             message.write_str("]}")?;
+        }
+        message.write_str("],\"set_ups\":[")?;
+        for (i, facts) in mailbox.set_ups.iter().flatten().enumerate() {
+            let comma = if i > 0 { "," } else { "" };
+            write!(message, "{comma}{{{facts}}}")?;
         }
         message.write_str("]}")
     }
@@ -255,7 +260,9 @@ pub fn open(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gesture::SetUpFacts;
     use crate::{Output, Report};
+    use mien_stages::base::capacity::GESTURES;
     use std::net::SocketAddr;
 
     fn page(password: Option<&str>) -> Page {
@@ -368,11 +375,14 @@ mod tests {
             ("/freeze/1/1", Command::Freeze(1, true)),
             ("/freeze/1/0", Command::Freeze(1, false)),
             ("/level/2/85", Command::Level(2, 85)),
+            ("/hold/2/40", Command::Hold(2, 40)),
+            ("/teach/15/1", Command::Teach(15, true)),
+            ("/teach/0/0", Command::Teach(0, false)),
+            ("/undo/0", Command::Undo(0)),
         ] {
             assert_eq!(parse_command(path), Some(expected), "{path}");
         }
-        let odd =
-            "/freeze/1 /freeze/1/2 /level/2 /level/2/-5 /neutral/4 /neutral/-1 /neutral/0/0 /";
+        let odd = "/freeze/1 /freeze/1/2 /level/2 /level/2/-5 /teach/0 /teach/16/1 /undo/0/0 /neutral/4 /neutral/-1 /neutral/0/0 /neutral/0/ /";
         for path in odd.split(' ') {
             assert_eq!(parse_command(path), None, "{path}");
         }
@@ -408,6 +418,11 @@ mod tests {
                 .weights
                 .extend([0.5; mien_stages::base::capacity::UNITS]);
         }
+        mailbox.set_ups = [Some(SetUpFacts {
+            count: u32::MAX,
+            tracked_s: 86_400,
+            ..SetUpFacts::default()
+        }); GESTURES];
         let mut message = String::new();
         page(None).write(&mailbox, &mut message).unwrap();
         assert!(message.len() + 16 < MESSAGE, "{}", message.len());
@@ -471,7 +486,7 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("text/html") && !text.contains("Allow-Origin"));
-        let live = asked(address, "GET /events", "", "]}]}");
+        let live = asked(address, "GET /events", "", "]}\n");
         assert!(live.contains("data: {\"frame\":7,"), "{live}");
         assert!(
             live.contains("\"state\":\"tracking\"") && live.contains("[0.5000]"),

@@ -1,4 +1,4 @@
-//! The page's commands forget, neutral and freeze: executed here if this process does the tracking, otherwise sent to
+//! The page's commands: executed here if this process does the tracking, otherwise sent to
 //! the box that streams, in the format of [`mien_outputs::osc::commands`].
 
 use std::net::{SocketAddr, UdpSocket};
@@ -61,18 +61,17 @@ fn done(command: Command) -> &'static str {
         Command::Freeze(_, true) => "learning is frozen",
         Command::Freeze(_, false) => "learning is resumed",
         Command::Level(..) => "the gesture's level is changed",
+        Command::Hold(..) => "the gesture's hold time is changed",
+        Command::Teach(_, true) => "the gesture is being set up",
+        Command::Teach(_, false) => "the set-up is stopped",
+        Command::Undo(_) => "the gesture's last change is undone",
     }
 }
 
 fn send(command: Command, to: SocketAddr) -> Result<(), String> {
-    let (name, slot, on) = match command {
-        Command::Forget(slot) => ("forget", slot, None),
-        Command::Neutral(slot) => ("neutral", slot, None),
-        Command::Freeze(slot, on) => ("freeze", slot, Some(on.into())),
-        Command::Level(gesture, level) => ("level", gesture, Some(level.into())),
-    };
-    let numbers = [Some(slot as i32), on].into_iter().flatten();
-    let numbers = numbers.map(Argument::Int);
+    let (name, index, number) = command.parts();
+    let numbers = [Some(index as i32), number.map(Into::into)];
+    let numbers = numbers.into_iter().flatten().map(Argument::Int);
     let mut packet = Packet::default();
     packet.push("/face/cmd/", format_args!("{name}"), numbers);
     // The message alone, without the bundle's header and its length field.
@@ -110,6 +109,10 @@ mod tests {
             (vec!["neutral", "0"], Command::Neutral(0)),
             (vec!["freeze", "1", "1"], Command::Freeze(1, true)),
             (vec!["freeze", "1", "0"], Command::Freeze(1, false)),
+            (vec!["level", "2", "85"], Command::Level(2, 85)),
+            (vec!["hold", "2", "40"], Command::Hold(2, 40)),
+            (vec!["teach", "15", "1"], Command::Teach(15, true)),
+            (vec!["undo", "0"], Command::Undo(0)),
         ] {
             let command = Command::from_words(words[0], words[1..].iter().copied()).unwrap();
             assert!(boxed.execute(command, None).is_ok());

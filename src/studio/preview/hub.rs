@@ -14,6 +14,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::sample::{ranges_json, sample_json};
+use mien_outputs::gesture::SetUpFacts;
 use mien_outputs::received::{Receive, Sample, UnitRange};
 use mien_stages::camera::Camera;
 use mien_stages::expression::unit_words;
@@ -217,6 +218,11 @@ impl Receive for Hub {
     fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool) {
         let json = json!({"name": name, "u": slot, "on": is_on}).to_string();
         self.fact("gesture", &format!("gesture {name} {slot:?}"), &json);
+    }
+
+    fn set_up(&self, name: &str, facts: &SetUpFacts) {
+        let json = format!("{{\"name\":{},{facts}}}", json!(name));
+        self.fact("setup", &format!("setup {name}"), &json);
     }
 
     fn count(&self, taken: u64, refused: u64) {

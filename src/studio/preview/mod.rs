@@ -45,6 +45,7 @@ use mien_baking::bake::recipe::{Recipe, SHIPPED};
 use mien_baking::heads::default_head;
 use mien_baking::heads::hero::Hero;
 use mien_outputs::Command;
+use mien_outputs::gesture::Gestures;
 use mien_outputs::received::Receive as _;
 use mien_sensors::turned::upright;
 use mien_stages::turn::Turn;
@@ -64,14 +65,17 @@ const COUNTS_EVERY: Duration = Duration::from_millis(500);
 pub const LOOK: &str = include_str!("../../outputs/web/page/look.css");
 /// Rows of units, shared with the box's page.
 pub const UNITS: &str = include_str!("../../outputs/web/page/units.js");
+/// Set-up of gestures, shared with the box's page.
+const SETUP: &str = include_str!("../../outputs/web/page/setup.js");
 /// Curves and faces, shared with the player.
 pub const DRAWING: &str = include_str!("page/drawing.js");
 
 /// The files of the page: path and text.
-pub const PAGE: [(&str, &str); 13] = [
+pub const PAGE: [(&str, &str); 14] = [
     ("/", include_str!("page/index.html")),
     ("/look.css", LOOK),
     ("/units.js", UNITS),
+    ("/setup.js", SETUP),
     ("/drawing.js", DRAWING),
     ("/style.css", include_str!("page/style.css")),
     ("/main.js", include_str!("page/main.js")),
@@ -437,8 +441,11 @@ impl Args {
                 let (source, _) = source::open(name, false, &settings.sensor.device)?;
                 let mut source = upright(source, settings.sensor.turned);
                 let mut pipeline = Pipeline::new(&settings.stages, source.camera(), &model)?;
+                let gestures = &settings.outputs.gestures;
+                let mut gestures = Gestures::new(gestures, &pipeline.unit_names());
                 Box::new(move || {
-                    sensor::follow(&mut *source, &mut pipeline, &preview.hub, &commands);
+                    let tracker = (&mut pipeline, &mut gestures);
+                    sensor::follow(&mut *source, tracker, &preview.hub, &commands);
                 })
             }
         })

@@ -13,6 +13,7 @@ use super::hub::{Hub, Seen};
 use crate::inspect::{DepthColours, colour_picture};
 use mien_appliance::pipeline::Pipeline;
 use mien_appliance::source::{self, Pacer};
+use mien_outputs::gesture::Gestures;
 use mien_outputs::received::{Receive as _, Sample};
 use mien_outputs::{Command, Report, numbers};
 use mien_sensors::kinect::frame::KinectFrame;
@@ -49,7 +50,7 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
 /// Tracks a source until it ends.
 pub fn follow(
     source: &mut dyn Sensor,
-    pipeline: &mut Pipeline,
+    (pipeline, gestures): (&mut Pipeline, &mut Gestures),
     hub: &Hub,
     commands: &Receiver<Command>,
 ) {
@@ -79,6 +80,7 @@ pub fn follow(
         }
         while let Ok(command) = commands.try_recv() {
             pipeline.execute(command);
+            gestures.execute(command);
         }
         pipeline.follow(&frame);
         if live {
@@ -86,7 +88,14 @@ pub fn follow(
         }
         let latency = live.then(|| arrived.elapsed().as_secs_f32() * 1e3);
         let now = frame.at.as_us() as f64 * 1e-6;
-        for report in &pipeline.reports() {
+        let mut reports = pipeline.reports();
+        gestures.observe(&mut reports);
+        // The states of a recording would be ahead of what is shown.
+        if live {
+            gestures.for_each_switch(|one| hub.gesture(&one.gesture.name, one.user, one.is_on));
+            gestures.for_each_set_up(|one| hub.set_up(one.name, &one.facts));
+        }
+        for report in &reports {
             hub.sample(&sample(report, latency));
             let slot = report.user.filter(|_| !report.ranges.is_empty());
             if let Some(slot) = slot.filter(|_| now - ranges_sent_s >= RANGES_EVERY_S) {

@@ -40,6 +40,7 @@ function card(slot) {
 // Of each gesture: the sum of its units over the last seconds, its levels, and how often it went on.
 const CURVE = 160;
 const lamps = [];
+const setUps = new SetUps(at("setups"), (...words) => order(words.join("/"), ""), () => at("sound").checked && beep());
 
 function lamp(gesture, index) {
   const row = element("div", at("gestures"), "gesture");
@@ -48,7 +49,7 @@ function lamp(gesture, index) {
   element("span", row, "", gesture.name.replaceAll("_", " "));
   const canvas = element("canvas", row);
   one.number = element("span", row, "", "0");
-  one.number.title = "how many times it went on";
+  one.number.title = "how many times it went on since this page was opened";
   one.draw = () => {
     const [width, height] = [canvas.width = canvas.clientWidth, canvas.height = canvas.clientHeight];
     const pen = canvas.getContext("2d");
@@ -69,11 +70,7 @@ function lamp(gesture, index) {
     const level = Math.min(Math.max(on, 0.05), one.most);
     [one.off, one.on] = [one.off * level / one.on, level];
   };
-  canvas.onpointerup = () => {
-    const [on, off] = [one.on, one.off].map((level) => level.toFixed(2));
-    order(`level/${index}/${Math.round(100 * one.on)}`, "");
-    at("level").textContent = `${gesture.name}: valid until the box restarts. To keep it, write on = ${on} and off = ${off} into its configuration.`;
-  };
+  canvas.onpointerup = () => order(`level/${index}/${Math.round(100 * one.on)}`, "");
   return one;
 }
 
@@ -106,6 +103,12 @@ function show(news) {
   tell(alive ? 2 : 4, alive ? `${news.rate.toFixed(0)} frames/s` : "no frames");
   at("people").textContent = !alive ? (news.frame ? `None for ${(news.silent_ms / 1000).toFixed(0)} s: is the sensor plugged in?` : "None yet: is the sensor plugged in?")
     : seen.length === 0 ? "Nobody is in front of the sensor." : seen.length === 1 ? "1 person" : `${seen.length} people`;
+  for (const facts of news.set_ups) {
+    const one = lamps[facts.index];
+    if (!one) continue;
+    setUps.take(one.name, facts);
+    [one.on, one.off] = [facts.on, facts.off];
+  }
   showGestures(seen);
   cards.forEach((one, slot) => { one.article.hidden = !seen.some((user) => user.slot === slot); });
   for (const user of seen) {

@@ -11,7 +11,7 @@ export function say(text, bad = false) {
 }
 
 // Asks mien-studio to change something; the header shows that this page asks.
-async function ask(path, words) {
+export async function ask(path, words) {
   try {
     const answer = await fetch(`${path}?${new URLSearchParams(words)}`, { method: "POST", headers: { "X-Mien": "1" } });
     const { ok, said } = await answer.json();

@@ -1,13 +1,14 @@
 // The page: what arrives (stream) is shown as heads (head), bars, curves and figures (panels) and the sensor's picture; what
 // can be done is in control.
 
-import { Commands, Gains, Receivers, Recorder, Shapes, tabs } from "./control.js";
+import { Commands, Gains, Receivers, Recorder, Shapes, ask, tabs } from "./control.js";
 import { readGlb } from "./glb.js";
 import { View } from "./head.js";
 import { Bars, Curves, Lamps, figures } from "./panels.js";
 import { Picture } from "./picture.js";
+import { SetUps } from "./setup.js";
 import { Stream } from "./stream.js";
-import { STATES } from "./units.js";
+import { STATES, beep } from "./units.js";
 
 const byId = (id) => document.getElementById(id);
 const stream = new Stream();
@@ -16,6 +17,8 @@ const shapes = new Shapes();
 const recorder = new Recorder(stream);
 const bars = new Bars(byId("bars"), (unit, row) => gains.row(unit, row));
 const lamps = new Lamps(byId("gestures"), byId("sound"));
+const order = (what, user, on) => ask("/command", { what, user, ...(on === undefined ? {} : { on }) });
+const setUps = new SetUps(byId("setups"), order, () => byId("sound").checked && beep());
 const curves = new Curves(byId("curves"), byId("legend"));
 const pictures = [new Picture(byId("picture"), "colour"), new Picture(byId("depth"), "depth")];
 const say = (text) => { byId("message").textContent = text; };
@@ -94,6 +97,7 @@ stream.onSource = (source) => {
 stream.onUnits = count;
 stream.onRegions = (regions) => bars.name(regions);
 stream.onGesture = (gesture) => lamps.take(gesture);
+stream.onSetUp = (facts) => setUps.take(facts.name, facts);
 stream.onSample = (sample) => recorder.take(sample, STATES);
 stream.open("/events");
 

@@ -26,6 +26,7 @@ export class Stream {
     this.onRegions = () => {};
     this.onSample = () => {};
     this.onGesture = () => {};
+    this.onSetUp = () => {};
     this.receivers = {};
   }
 
@@ -43,6 +44,7 @@ export class Stream {
     on("regions", (regions) => this.onRegions(regions));
     on("ranges", ({ u, r }) => { if (this.users[u]) this.users[u].ranges = r; });
     on("gesture", (gesture) => this.onGesture(gesture));
+    on("setup", (facts) => this.onSetUp(facts));
     on("receivers", (receivers) => { this.receivers = receivers; });
     on("count", (counts) => { this.counts = counts; });
     on("message", (sample) => { this.take(sample); this.onSample(sample); });

@@ -1,0 +1,104 @@
+// Set-up of gestures, as both pages show it: a button to make an expression five times, what was found, a button to undo, how often the
+// gesture went on, its level and hold time, and the lines for the configuration. All are buttons and fields in the order of the
+// page, for a keyboard; for one switch that sends Enter or Space the focus goes from button to button by itself. No imports: pages that
+// are one file have this text in their script.
+
+const FIVE = 5;
+const STEP_MS = 1500;
+
+// What a set-up says in each of its states.
+function told({ state, seen, on, hold_s }) {
+  switch (state) {
+    case "rest": return "Look at the sensor with a relaxed face.";
+    case "act": return `Make the expression for about a second, then relax: ${seen} of ${FIVE}.`;
+    case "found": return `Done: found level ${on.toFixed(2)}, hold ${hold_s.toFixed(2)} s.`;
+    case "kept": return "Done: the present level already suits this person.";
+    case "weak": return "Nothing was changed: speech and glances reach as far as these expressions. Make them more strongly, or choose another gesture.";
+    case "failed": return "Nothing was changed: within a minute no expression was seen that clearly rises and returns. Sit 0.5 to 1 m from the sensor, face it, and make the expression for about a second.";
+    default: return "";
+  }
+}
+
+function often({ count, tracked_s }) {
+  const hours = tracked_s / 3600;
+  return `${count} activations in the last 24 hours` + (hours >= 0.1 ? `, ${(count / hours).toFixed(1)} per hour with a face` : "");
+}
+
+export class SetUps {
+  // `send` takes the words of a command: what, the index of the gesture, a number or nothing. `hear` is called at each repetition.
+  constructor(parent, send, hear) {
+    [this.parent, this.send, this.hear, this.rows] = [parent, send, hear, new Map()];
+    this.make("p", parent, "Press the button beside a gesture and follow the words. The person who is shown makes the expression five times.").className = "about";
+    const label = this.make("label", parent, " One switch: step from button to button");
+    const scan = document.createElement("input");
+    scan.type = "checkbox";
+    scan.checked = location.hash === "#switch";
+    if (scan.checked) parent.open = true;
+    label.prepend(scan);
+    this.list = this.make("div", parent);
+    const lines = this.make("details", parent);
+    this.make("summary", lines, "Lines for the configuration");
+    this.lines = this.make("pre", lines);
+    setInterval(() => scan.checked && this.step(), STEP_MS);
+  }
+
+  make(kind, parent, text = "") {
+    const made = parent.appendChild(document.createElement(kind));
+    made.textContent = text;
+    return made;
+  }
+
+  field(parent, text, what, index) {
+    const label = this.make("label", parent, `${text} `);
+    const field = label.appendChild(document.createElement("input"));
+    Object.assign(field, { type: "number", min: 0, step: 0.01 });
+    field.addEventListener("change", () => field.value && this.send(what, index, Math.round(100 * field.value)));
+    return field;
+  }
+
+  row(name, { index }) {
+    const row = this.make("div", this.list);
+    row.className = "setup";
+    this.make("h3", row, name.replaceAll("_", " "));
+    const one = { name, state: "none", seen: 0 };
+    one.teach = this.make("button", row);
+    one.teach.addEventListener("click", () => this.send("teach", index, one.teach.ariaPressed === "true" ? 0 : 1));
+    one.undo = this.make("button", row, "Undo");
+    one.undo.ariaLabel = `Undo the last change of ${name}`;
+    one.undo.addEventListener("click", () => this.send("undo", index));
+    [one.level, one.hold] = [this.field(row, "level", "level", index), this.field(row, "hold, s", "hold", index)];
+    one.said = this.make("p", row);
+    one.said.role = "status";
+    one.often = this.make("p", row);
+    one.often.className = "about";
+    return one;
+  }
+
+  // The facts of a gesture, as the box sends them.
+  take(name, facts) {
+    this.parent.hidden = false;
+    if (!this.rows.has(name)) this.rows.set(name, this.row(name, facts));
+    const one = this.rows.get(name);
+    const text = (element, words) => { if (element.textContent !== words) element.textContent = words; };
+    const runs = ["rest", "act"].includes(facts.state);
+    if (runs && facts.seen > one.seen) this.hear();
+    Object.assign(one, facts);
+    one.teach.ariaPressed = String(runs);
+    text(one.teach, runs ? "Stop" : "Make it five times");
+    one.undo.disabled = !facts.can_undo;
+    for (const [field, value] of [[one.level, facts.on], [one.hold, facts.hold_s]]) {
+      if (document.activeElement !== field) field.value = value.toFixed(2);
+    }
+    text(one.said, told(facts));
+    text(one.often, often(facts));
+    const all = [...this.rows.values()].filter((row) => row.can_undo);
+    text(this.lines, all.map((row) => `[[gesture]]\nname = "${row.name}"\non = ${row.on}\noff = ${row.off}\nhold_s = ${row.hold_s}\n`).join("") || "No level was changed.");
+  }
+
+  // Moves the focus to the next button, unless a set-up is running: then its button, which stops it, keeps the focus.
+  step() {
+    const buttons = [...this.list.querySelectorAll("button:not(:disabled)")];
+    const running = buttons.find(({ ariaPressed }) => ariaPressed === "true");
+    (running ?? buttons[(buttons.indexOf(document.activeElement) + 1) % buttons.length])?.focus();
+  }
+}
