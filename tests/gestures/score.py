@@ -5,6 +5,8 @@ score.py CONFIG world SESSIONS TABLES           SESSIONS: personN-1200 of the se
 score.py CONFIG faces BEGIN TABLES              sessions are BEGINpNN-K, with their truth.csv, TABLES: pNN-K.csv
 score.py CONFIG life TABLES                     TABLES: NAME.csv and NAME-truth.csv of any scene of the simulated worlds
 
+score.py CONFIG set_up TABLES                   as own, with personN-levels.csv: acts before and after the set-up by five repetitions
+
 CONFIG is what `mien print-config` prints with the gestures that were played.
 caught   acts at full, long enough for the hold time and by somebody who is not new to the box, during which the gesture goes on
 delay    from the frame whose acted sum reaches the upper level to the gesture's going on, without its hold time
@@ -174,14 +176,95 @@ class Tally:
         print("while others are acted: " + (", ".join(f"{n} at {other} {k}" for (n, other), k in crossed) or "none"))
 
 
+def people(tables):
+    """Name and acted rows of each person of `tables`."""
+    for name in sorted(f[:-10] for f in os.listdir(tables) if f.endswith("-acted.csv")):
+        yield name, read(f"{tables}/{name}-acted.csv")
+
+
 def own(gestures, tables, _=None):
     tally = Tally(gestures)
-    for name in sorted(f[:-4] for f in os.listdir(tables) if f.endswith(".csv") and not f.endswith("-acted.csv")):
-        rows = read(f"{tables}/{name}-acted.csv")
-        heights = {n: [float(r["height"]) if r["acted"] == n else 0.0 for r in rows] for n in gestures}
+    for name, rows in people(tables):
+        is_judged = [r["part"] in ("full", "calm", "life") for r in rows]
+        heights = {n: [float(r["height"]) if r["acted"] == n and judged else 0.0 for r, judged in zip(rows, is_judged)] for n in gestures}
         calm = ["" if r["acted"] in MADE_OF or not r["acted"] else r["acted"] for r in rows]
-        tally.person(name, switches(f"{tables}/{name}.csv", gestures), heights, calm)
+        on, new = switches(f"{tables}/{name}.csv", gestures)
+        on = {n: [is_on and judged for is_on, judged in zip(on[n], is_judged)] for n in gestures}
+        tally.person(name, (on, new), heights, calm)
     tally.table()
+
+
+def values(path, gestures, frames):
+    """By gesture, the value of its expression in each frame: the least of its sums; below any level without a tracked face."""
+    out = {n: [-9.0] * frames for n in gestures}
+    for row in read(path):
+        if row["state"] != "tracking" or int(row["frame"]) >= frames:
+            continue
+        for n, g in gestures.items():
+            sums = [s.replace("-", "+ -").replace("- ", "-").split("+") for s in g["of"].split("&")]
+            weight = lambda term: (-1 if "-" in term else 1) * min(1.0, max(0.0, float(row["w_" + term.strip(" -")] or 0)))
+            out[n][int(row["frame"])] = min(sum(weight(t) for t in terms if t.strip()) for terms in sums)
+    return out
+
+
+def kept(value, hold_s):
+    """Highest level that a value kept for a time."""
+    held = int(math.ceil(hold_s * FPS)) + 1
+    return max((min(value[i:i + held]) for i in range(len(value) - held + 1)), default=-9.0)
+
+
+def from_best(found, acts, calm):
+    """How far a level is from those that catch most of `acts` less the activations of `calm`: levels kept by each act and each calm part."""
+    worth = lambda level: sum(k >= level for k in acts) - sum(k >= level for k in calm)
+    grid = [k / 100 for k in range(5, 401)] + [found]
+    most = max(map(worth, grid))
+    return min(abs(level - found) for level in grid if worth(level) == most)
+
+
+def set_up(gestures, tables):
+    """Hits and false activations with the levels of the configuration and with those found for the person."""
+    caught = {(n, part, which): {} for n in gestures for part in ("full", "weak") for which in ("default", "found")}
+    worse, false, levels, far, states = [], {"default": 0, "found": 0}, {n: [] for n in gestures}, {n: {} for n in gestures}, {}
+    for name, rows in people(tables):
+        default, _ = switches(f"{tables}/{name}.csv", gestures)
+        on = {"default": default, "found": {n: [int(r["g_" + n]) for r in rows] for n in gestures}}
+        found = {r["gesture"]: r for r in read(f"{tables}/{name}-levels.csv")}
+        value = values(f"{tables}/{name}.csv", gestures, len(rows))
+        calms = spans(r["part"] == "calm" for r in rows)
+        for n in gestures:
+            level, hold_s = float(found[n]["on"]), float(found[n]["hold_s"])
+            levels[n].append(level)
+            states[found[n]["state"]] = states.get(found[n]["state"], 0) + 1
+            count, reached = {}, []
+            for part in ("full", "weak"):
+                acts = spans(r["part"] == part and r["acted"] == n and float(r["height"]) > 0.05 for r in rows)
+                for which in on:
+                    hits = sum(any(on[which][n][a:b + int(AFTER_S * FPS)]) for a, b in acts)
+                    caught[n, part, which][name] = (hits, len(acts))
+                    count[which, part] = hits
+                reached += [kept(value[n][a:b + int(AFTER_S * FPS)], hold_s) for a, b in acts]
+            # Each kind of what is calm, of which three seconds at a time.
+            quiet = [kept(value[n][a:a + 90], hold_s) for first, last in calms for a in range(first, last, 90)]
+            far[n][name] = from_best(level, reached, quiet)
+            for which in on:
+                count[which] = sum(rows[f]["part"] == "calm" for f in rises(on[which][n]) if f < len(rows))
+                false[which] += count[which]
+            hits = {which: count[which, "full"] + count[which, "weak"] for which in on}
+            if hits["found"] < hits["default"] or count["found"] > count["default"]:
+                worse.append(f"{n} {name}: {hits['default']} hits and {count['default']} false before, {hits['found']} and {count['found']} after")
+    share = lambda results: 100 * sum(h for h, _ in results) / max(1, sum(k for _, k in results))
+    print(f"{'gesture':11} {'at full':>17} {'at 60 %':>17}  levels found    from the best  worst person at 60 %")
+    for n in gestures:
+        cells = [share(caught[n, part, which].values()) for part in ("full", "weak") for which in ("default", "found")]
+        weak = caught[n, "weak", "found"]
+        worst = min(weak, key=lambda p: weak[p][0] / max(1, weak[p][1]))
+        print(f"{n:11} {cells[0]:6.1f} to {cells[1]:5.1f} % {cells[2]:6.1f} to {cells[3]:5.1f} %  {min(levels[n]):.2f} to {max(levels[n]):.2f}"
+              f"    {max(far[n].values()):.2f} at most   {worst} {weak[worst][0]} of {weak[worst][1]}")
+    total = [share([r for n in gestures for r in caught[n, part, which].values()]) for part in ("full", "weak") for which in ("default", "found")]
+    near = [d <= 0.1 for n in gestures for d in far[n].values()]
+    print(f"all         {total[0]:6.1f} to {total[1]:5.1f} % {total[2]:6.1f} to {total[3]:5.1f} %  within .1 of the best: {sum(near)} of {len(near)}")
+    print(f"false in the calm parts: {false['default']} before, {false['found']} after; states: {states}")
+    print("made worse: " + ("; ".join(worse) or "nobody"))
 
 
 def world(gestures, sessions, tables):
@@ -278,7 +361,7 @@ def main():
     config, what, *folders = sys.argv[1:]
     with open(config, "rb") as f:
         gestures = {g["name"]: g for g in tomllib.load(f)["gesture"]}
-    {"own": own, "world": world, "faces": faces, "life": life}[what](gestures, *folders)
+    {"own": own, "world": world, "faces": faces, "life": life, "set_up": set_up}[what](gestures, *folders)
 
 
 if __name__ == "__main__":

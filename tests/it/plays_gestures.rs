@@ -1,5 +1,5 @@
-//! People of the simulator act every default gesture at full, then speak, blink, look about, turn and rest, or play everyday life: the
-//! tables that `tests/gestures/run` and `tests/gestures/hours` judge. Also checks that gaze is read correctly.
+//! People of the simulator set up every default gesture by making it five times, then act all at full and at 60 %, speak, blink, look
+//! about, turn and rest, or play everyday life: the tables that `tests/gestures/run` and `tests/gestures/hours` judge. Also checks that gaze is read correctly.
 
 use std::io::Write;
 use std::path::Path;
@@ -7,8 +7,8 @@ use std::path::Path;
 use mien_appliance::pipeline::{Pipeline, Settings};
 use mien_baking::heads::{PersonHead, textured_heads};
 use mien_outputs::csv::Csv;
-use mien_outputs::gesture::{Gesture, Gestures, PRESETS};
-use mien_outputs::{Output, Report};
+use mien_outputs::gesture::{Gesture, Gestures, PRESETS, SetUpState};
+use mien_outputs::{Command, Output, Report};
 use mien_sensors::Frame;
 use mien_simulator::virtual_head::{Light, Scene, Simulator};
 use mien_stages::base::capacity::{HEIGHT, WIDTH};
@@ -21,9 +21,14 @@ use rayon::prelude::*;
 use crate::common;
 use crate::common::data::Set;
 
-/// Rounds of all gestures, the time of one, and its rise, fall and length at full, seconds.
+/// Rounds of all gestures at each strength, the time of one, and its rise, fall and length at full, seconds.
 const ROUNDS: usize = 3;
 const ACT_S: f32 = 3.0;
+/// Strengths of the rounds that are judged, as shares of full.
+const STRENGTHS: [(&str, f32); 2] = [("full", 1.0), ("weak", 0.6)];
+/// Before them, each gesture is set up: the person rests, then makes it five times at full, seconds.
+const SET_UP_REST_S: f32 = 4.0;
+const SET_UP_S: f32 = SET_UP_REST_S + 5.0 * ACT_S;
 const RISE_S: f32 = 0.25;
 const FULL_S: f32 = 1.2;
 /// Time of each of what must fire nothing.
@@ -85,22 +90,35 @@ fn noise(seed: u64, channel: u64, hz: f32, t: f32) -> f32 {
     a + (b - a) * smooth(0.0, 1.0, s - k)
 }
 
-/// What is acted at a time: its name, how much of it, and whether the time is over.
-fn acted(t: f32) -> Option<(&'static str, f32)> {
-    let acts = ACT_S * (ROUNDS * PRESETS.len()) as f32;
+/// Strength of an act `within` seconds after its time began.
+fn height(within: f32) -> f32 {
+    let (t, down) = (within - 0.5, RISE_S + FULL_S);
+    smooth(0.0, RISE_S, t) * (1.0 - smooth(down, down + RISE_S, t))
+}
+
+/// What is acted at a time: the part of the play, its name, how much of it, and whether the time is over.
+fn acted(t: f32) -> Option<(&'static str, &'static str, f32)> {
+    let preset = |index: f32| PRESETS[index as usize % PRESETS.len()].0;
     let t = t - START_S;
     if t < 0.0 {
-        return Some(("", 0.0));
+        return Some(("start", "", 0.0));
     }
-    if t < acts {
-        let preset = PRESETS[(t / ACT_S) as usize % PRESETS.len()].0;
-        let within = t % ACT_S - 0.5;
-        let down = RISE_S + FULL_S;
-        let height = smooth(0.0, RISE_S, within) * (1.0 - smooth(down, down + RISE_S, within));
-        return Some((preset, height));
+    let set_ups = SET_UP_S * PRESETS.len() as f32;
+    if t < set_ups {
+        let within = t % SET_UP_S - SET_UP_REST_S;
+        let now = if within < 0.0 {
+            0.0
+        } else {
+            height(within % ACT_S)
+        };
+        return Some(("set up", preset(t / SET_UP_S), now));
     }
-    CALM.get(((t - acts) / CALM_S) as usize)
-        .map(|calm| (*calm, 1.0))
+    let (t, round) = (t - set_ups, ACT_S * (ROUNDS * PRESETS.len()) as f32);
+    if let Some((part, strength)) = STRENGTHS.get((t / round) as usize) {
+        return Some((part, preset(t / ACT_S), strength * height(t % ACT_S)));
+    }
+    CALM.get(((t - STRENGTHS.len() as f32 * round) / CALM_S) as usize)
+        .map(|calm| ("calm", *calm, 1.0))
 }
 
 /// Activity at a time of everyday life, and its strength, 0…1.
@@ -285,9 +303,11 @@ fn people_act_gestures() {
     let out = std::env::var("MIEN_GESTURES").expect("a folder for the tables");
     let tunes = std::env::var("SPLIT").is_ok_and(|split| split == "dev");
     let split = if tunes { Split::Dev } else { Split::Test };
-    // With MINUTES, all people play everyday life, MINUTES in total; otherwise six people act every gesture.
+    // With MINUTES, all people play everyday life, MINUTES in total; otherwise PEOPLE people, by default six, act every gesture.
     let minutes = std::env::var("MINUTES").map(|text| text.parse::<f32>().expect("minutes"));
-    let people = if minutes.is_ok() { usize::MAX } else { 6 };
+    let people =
+        std::env::var("PEOPLE").map_or(6, |text| text.parse().expect("a number of people"));
+    let people = if minutes.is_ok() { usize::MAX } else { people };
     let keep = |person| Split::from_index(person) == split;
     let heads = textured_heads(data.path(), keep, people).unwrap();
     let lives_s = minutes
@@ -313,7 +333,10 @@ fn act(mut head: PersonHead, number: usize, lives_s: Option<f32>, out: &Path) {
     let (settings, model) = (Settings::default(), FaceModel::shipped());
     let mut pipeline = Pipeline::new(&settings, simulator.camera(), &model).unwrap();
     let names = PRESETS.map(|preset| preset.0);
-    let mut gestures = Gestures::new(&names.map(Gesture::named), &pipeline.unit_names());
+    let new = || Gestures::new(&names.map(Gesture::named), &pipeline.unit_names());
+    // As configured, and set up for the person.
+    let [mut gestures, mut taught] = [new(), new()];
+    let mut states = [SetUpState::None; PRESETS.len()];
     let person = number + 1;
     let file = |end: &str| {
         let file = std::fs::File::create(out.join(format!("person{person}{end}")));
@@ -322,17 +345,25 @@ fn act(mut head: PersonHead, number: usize, lives_s: Option<f32>, out: &Path) {
     let (measures, units) = (Pipeline::measure_names(), pipeline.unit_names());
     let mut csv = Csv::new(file(".csv"), &measures, &units, &names).unwrap();
     let mut truth = file("-acted.csv");
-    writeln!(truth, "frame,acted,height").unwrap();
-    let (mut frame, mut on) = (Frame::default(), 0);
+    writeln!(truth, "frame,part,acted,height,g_{}", names.join(",g_")).unwrap();
+    let (mut frame, mut on, mut taught_last) = (Frame::default(), 0, None);
     for index in 0_u64.. {
         let t = index as f32 / 30.0;
         let now = match lives_s {
-            Some(seconds) => (t < seconds).then(|| lived(t + 61.0 * number as f32)),
+            Some(seconds) => (t < seconds).then(|| {
+                let (what, height) = lived(t + 61.0 * number as f32);
+                ("life", what, height)
+            }),
             None => acted(t),
         };
-        let Some((what, height)) = now else {
+        let Some((part, what, height)) = now else {
             break;
         };
+        let acts = names.iter().position(|name| *name == what);
+        if let Some(index) = acts.filter(|_| part == "set up" && taught_last != acts) {
+            taught.execute(Command::Teach(index, true));
+        }
+        taught_last = acts.filter(|_| part == "set up");
         let mut weights = vec![0.0_f32; expressions.len()];
         let pose = play(seed, t, what, height, |name, weight| {
             if let Some(at) = expressions.iter().position(|expression| expression == name) {
@@ -348,8 +379,16 @@ fn act(mut head: PersonHead, number: usize, lives_s: Option<f32>, out: &Path) {
         let shown: Option<&Report<'_>> = reports.iter().find(|report| !report.other_is_shown);
         let shown = shown.expect("somebody or nobody");
         csv.send(shown).unwrap();
-        writeln!(truth, "{index},{what},{height:.3}").unwrap();
-        let new = shown.gestures & !std::mem::replace(&mut on, shown.gestures);
+        let shown_gestures = shown.gestures;
+        taught.observe(&mut reports);
+        taught.for_each_switch(|_| ());
+        taught.for_each_set_up(|one| states[one.facts.index] = one.facts.state);
+        let theirs = reports.iter().find(|report| !report.other_is_shown);
+        let theirs = theirs.map_or(0, |report| report.gestures);
+        write!(truth, "{index},{part},{what},{height:.3}").unwrap();
+        (0..names.len()).for_each(|bit| write!(truth, ",{}", theirs >> bit & 1).unwrap());
+        writeln!(truth).unwrap();
+        let new = shown_gestures & !std::mem::replace(&mut on, shown_gestures);
         for (bit, name) in names.iter().enumerate() {
             if lives_s.is_some() && new >> bit & 1 == 1 {
                 let picture = format!("person{person}-{index}-{name}-{what}.png");
@@ -358,5 +397,12 @@ fn act(mut head: PersonHead, number: usize, lives_s: Option<f32>, out: &Path) {
                 grey.unwrap().save(out.join(picture)).unwrap();
             }
         }
+    }
+    let mut levels = file("-levels.csv");
+    writeln!(levels, "gesture,state,on,off,hold_s").unwrap();
+    for (index, name) in names.iter().enumerate() {
+        let (now, state) = (taught.levels(index), states[index].name());
+        let row = format!("{name},{state},{},{},{}", now.on, now.off, now.hold_s);
+        writeln!(levels, "{row}").unwrap();
     }
 }
