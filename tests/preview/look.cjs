@@ -475,11 +475,55 @@ async function played(page, name) {
   check(`inspect-${name}: it plays`, after.now > clicked + 0.2 && after.playing, after.now.toFixed(2));
 }
 
-// The box's own page, where this build has it.
+// Presses Tab until something is focused.
+async function tabTo(page, wanted) {
+  for (let k = 0; k < 120; k++) {
+    await page.keyboard.press("Tab");
+    if (await page.evaluate((wanted) => document.activeElement.matches(wanted), wanted)) return true;
+  }
+  return false;
+}
+
+// A gesture is set up, stopped, changed and changed back, by keyboard and then by one switch.
+async function setUp(page, name) {
+  await page.waitForFunction(() => document.querySelector(".setup button"), null, { timeout: 20000 }).catch(() => null);
+  if (await page.locator("details#setups").count()) {
+    check(`${name}: set-ups are opened by keyboard`, await tabTo(page, "#setups summary"));
+    await page.keyboard.press("Enter");
+  }
+  const [teach, undo, level] = [".setup button", ".setup button + button", ".setup input"];
+  const runs = (on) => until(page, (on) => document.querySelector(".setup button").ariaPressed === String(on), on);
+  const isDisabled = (off) => until(page, (off) => document.querySelector(".setup button + button").disabled === off, off);
+  const said = () => page.textContent(".setup p[role=status]");
+  check(`${name}: a set-up is reached by Tab`, await tabTo(page, teach));
+  const outline = await page.evaluate(() => getComputedStyle(document.activeElement).outlineWidth);
+  check(`${name}: what is focused is seen`, parseFloat(outline) >= 2, outline);
+  await page.keyboard.press("Enter");
+  check(`${name}: Enter starts it and it says what to do`, await runs(true) && /face|expression/.test(await said()), await said());
+  await page.keyboard.press("Space");
+  check(`${name}: Space stops it`, await runs(false) && (await said()) === "", await said());
+  await tabTo(page, level);
+  await page.keyboard.press("ControlOrMeta+A");
+  await page.keyboard.type("0.5");
+  await page.keyboard.press("Enter");
+  check(`${name}: a level is typed`, await isDisabled(false) !== null);
+  await page.screenshot({ path: path.join(shots, `setup-${name.replaceAll(" ", "-")}.png`), fullPage: true });
+  await tabTo(page, undo);
+  await page.keyboard.press("Space");
+  check(`${name}: and undone`, await isDisabled(true) !== null && (await page.inputValue(level)) === "0.30", await page.inputValue(level));
+  await page.locator("#setups input[type=checkbox]").check();
+  check(`${name}: for one switch the focus moves by itself`, await until(page, () => document.activeElement.matches(".setup button")) !== null);
+  await page.keyboard.press("Enter");
+  check(`${name}: the switch starts it`, await runs(true) !== null);
+  await page.keyboard.press("Enter");
+  check(`${name}: and stops it`, await runs(false) !== null);
+}
+
+// The box's own page, where this build has it, and the set-up of gestures there and in the preview of the same box.
 async function box(browser) {
-  const port = await freePort();
+  const [port, osc, commands] = [await freePort(), await freePort(), await freePort()];
   const config = path.join(work, "box.toml");
-  fs.writeFileSync(config, `[osc]\nenabled = false\n[page]\nenabled = true\nlisten = "127.0.0.1:${port}"\n[[gesture]]\nname = "smile"\nof = "AU12L + AU12R"\non = 0.3\noff = 0.2\n[status]\npath = ""\n`);
+  fs.writeFileSync(config, `[osc]\ntarget = ["127.0.0.1:${osc}"]\nlevels = true\nlisten = "127.0.0.1:${commands}"\n[page]\nenabled = true\nlisten = "127.0.0.1:${port}"\n[[gesture]]\nname = "smile"\nof = "AU12L + AU12R"\non = 0.3\noff = 0.2\n[status]\npath = ""\n`);
   const child = start("mien", ["run", "--source", "simulated:two", "--config", config], { stdio: ["ignore", "ignore", "pipe"] });
   let problem = "";
   child.stderr.on("data", (data) => { problem += data; });
@@ -492,13 +536,21 @@ async function box(browser) {
   await page.goto(`http://127.0.0.1:${port}/`);
   await page.waitForFunction(() => document.querySelectorAll("article.card:not([hidden])").length === 2);
   await page.waitForFunction(() => [...document.querySelectorAll(".bar")].some(({ dataset }) => dataset.weight > 0.2));
-  await judge(page, "box", { check, shots, panels: ["article.card", "#gestures"] });
+  await page.waitForFunction(() => document.querySelector(".setup"));
+  await judge(page, "box", { check, shots, panels: ["article.card", "#gestures", "#setups"] });
+  await setUp(page, "box");
   const freeze = page.locator("article.card:not([hidden]) button", { hasText: "Freeze" }).first();
   await freeze.click();
   await page.waitForFunction(() => /frozen/.test(document.querySelector("article.card .badge").textContent), null, { timeout: 20000 }).catch(() => null);
   check("freezing shows on the box's page, in the words of the other", /frozen/.test(await page.textContent("article.card .badge")) && (await page.locator("button", { hasText: "Resume" }).count()) === 1);
   check("the box's page complains of nothing", !complaints(page).length, complaints(page).slice(0, 3).join(" | "));
   await page.close();
+  const shown = await preview(["--osc", String(osc), "--box", `127.0.0.1:${commands}`]);
+  const other = await open(browser, shown.url);
+  await setUp(other, "preview");
+  check("the preview complains of nothing", !complaints(other).length, complaints(other).slice(0, 3).join(" | "));
+  await other.close();
+  shown.child.kill();
   child.kill("SIGTERM");
 }
 
