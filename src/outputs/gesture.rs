@@ -46,8 +46,10 @@ pub const LEVELS: [f32; 2] = [0.01, 8.0];
 const PAST: usize = 64;
 /// Share of the present value that must come within `rise_s`.
 const SUDDEN: f32 = 0.45;
-/// Share of the present value from which on the rise counts.
+/// Share of the present value from which on the rise counts; the least rise.
 const BEGUN: f32 = 0.3;
+/// The rise begins anew after a value of so many times the present one: a blink on the way.
+const BLINK: f32 = 1.5;
 /// A rise is over when the value was at least this share of the present one [`SETTLED_S`] ago.
 const SETTLED: f32 = 0.8;
 /// Seconds.
@@ -453,8 +455,13 @@ impl Activation {
             return None;
         }
         let base = past.clone().fold(now, |base, (_, sum)| base.min(sum));
-        let below = |(_, sum): (_, f32)| sum < base + BEGUN * (now - base);
-        let begun = past.clone().enumerate().filter(|(_, one)| below(*one));
+        if now - base < BEGUN * now {
+            // It was there before.
+            return Some(false);
+        }
+        let rises = base + BEGUN * (now - base)..BLINK * now;
+        let begun = past.clone().enumerate();
+        let begun = begun.filter(|(_, (_, sum))| !rises.contains(sum));
         let rise = past.clone().skip(begun.last().map_or(0, |(k, _)| k));
         Some(rise.clone().enumerate().any(|(k, (later, high))| {
             rise.clone().take(k).enumerate().any(|(j, (earlier, low))| {
@@ -968,6 +975,7 @@ mod tests {
             on: 1.1,
             off: 0.7,
             hold_s: 0.2,
+            rise_s: 0.0,
             ..Gesture::named("smile")
         }
     }
