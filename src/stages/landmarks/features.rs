@@ -185,8 +185,8 @@ impl OrientationMaps {
         for (j, line) in lines.iter_mut().enumerate() {
             for (i, values) in line.iter_mut().enumerate() {
                 // One slice of both rows: one bounds check.
-                let cell = rows[j] * LINE as u32 + columns[i];
-                let square = &maps[BORDER + cell as usize..][..LINE + 2];
+                let cell = BORDER + (rows[j] * LINE as u32 + columns[i]) as usize;
+                let square = &maps[cell..cell + LINE + 2];
                 *values = between(square, across[i], down[j]);
                 for k in 0..ORIENTATIONS {
                     squares[k] += values[k] * values[k];
