@@ -19,6 +19,7 @@ use mien_outputs::Report;
 use mien_sensors::Frame;
 use mien_simulator::round_trip::PacketRoundTrip;
 use mien_stages::base::peak_memory::{peak_resident_bytes, resident_bytes};
+use mien_stages::base::sorting::sort;
 
 /// Frames without `--frames`: ten seconds at 30 Hz.
 const FRAMES: u64 = 300;
@@ -64,7 +65,7 @@ impl Times {
     fn write(&mut self, out: &mut impl Write) -> io::Result<()> {
         out.write_all(b"ms per frame      min   median      p99      max   frames\n")?;
         for (name, times) in STEPS.split(' ').zip(&mut self.by_step) {
-            times.sort_unstable_by(f32::total_cmp);
+            sort(times);
             let quantile = |share: f32| {
                 let last = times.len().checked_sub(1)?;
                 Some(times[(last as f32 * share).ceil() as usize])

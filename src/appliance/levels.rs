@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use mien_outputs::gesture::Gestures;
+use mien_outputs::gesture::{ENABLED, Gestures};
 use mien_stages::base::atomic_write::AtomicFile;
 use mien_stages::base::bounded_read::{read_regular, reason};
 
@@ -34,6 +34,9 @@ impl LevelsFile {
 
     /// Gives the saved levels to the gestures; none if there is no file.
     pub(crate) fn load(&self, gestures: &mut Gestures) {
+        if !ENABLED {
+            return;
+        }
         let path = self.file.path();
         match read_regular(path, TEXT) {
             Ok(bytes) => {
@@ -61,7 +64,7 @@ impl LevelsFile {
 
     /// Writes the levels if one was changed; a failure is logged.
     pub(crate) fn save(&mut self, gestures: &mut Gestures) {
-        if !gestures.take_change() {
+        if !ENABLED || !gestures.take_change() {
             return;
         }
         self.written = Some(Instant::now());

@@ -20,6 +20,7 @@ use mien_stages::base::bounded_read::reason;
 use mien_stages::base::capacity::{GESTURES, REGIONS, UNITS, USERS};
 use mien_stages::base::defaults;
 use mien_stages::base::json::Quoted;
+use mien_stages::base::sorting::sort;
 use mien_stages::expression::UnitRange;
 use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 
@@ -405,13 +406,14 @@ impl Latencies {
 
     /// Median, 99th percentile and maximum in milliseconds, by the nearest rank; 0 before the first frame.
     fn quantiles(&self) -> [f64; 3] {
-        let mut sorted = self.us;
+        // Exact up to 16 s.
+        let mut sorted = self.us.map(|us| us as f32);
         let sorted = &mut sorted[..self.count()];
-        sorted.sort_unstable();
+        sort(sorted);
         [0.5, 0.99, 1.0].map(|share| {
             let rank = (share * sorted.len() as f64).ceil() as usize;
             let us = sorted.get(rank.saturating_sub(1)).copied();
-            f64::from(us.unwrap_or(0)) * 1e-3
+            f64::from(us.unwrap_or(0.0)) * 1e-3
         })
     }
 }

@@ -304,8 +304,8 @@ fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
         .0
         .iter()
         .map(|two| u16::from_be_bytes(*two).into());
-    let mut values: Vec<u32> = values.filter(|&value| value > 0).collect();
-    let metres = |value: u32| value as f32 * metres_per_unit;
+    let mut values: Vec<f32> = values.filter(|&value| value > 0.0).collect();
+    let metres = |value: f32| value * metres_per_unit;
     let inside = values
         .iter()
         .filter(|&&value| (RANGE_M[0]..=RANGE_M[1]).contains(&metres(value)));
@@ -313,7 +313,7 @@ fn misread_depth(pixels: &Pixels<'_>, metres_per_unit: f32) -> Option<String> {
     if inside >= IN_RANGE_SHARE || values.is_empty() {
         return None;
     }
-    values.sort_unstable();
+    mien_stages::base::sorting::sort(&mut values);
     let (median, percent) = (values[values.len() / 2], inside * 100.0);
     Some(format!(
         "with metres_per_unit = {metres_per_unit} the median of the first depth picture is {:.2} m, and only {percent:.0} % of it is within {} to {} m; should it be 0.001 (millimetres) or 0.0002 (TUM)?",

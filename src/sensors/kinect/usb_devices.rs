@@ -186,18 +186,21 @@ impl Bus {
         if list.is_empty() && cfg!(target_os = "linux") && !Path::new(NODES).exists() {
             return Err(DeviceError::NoUsb);
         }
-        let mut devices: Vec<_> = list
-            .iter()
-            .filter_map(|device| {
-                let descriptor = device.device_descriptor().ok()?;
-                let version = descriptor.device_version();
-                let release =
-                    u16::from(version.0) << 8 | u16::from(version.1) << 4 | u16::from(version.2);
-                (descriptor.vendor_id() == Model::VENDOR)
-                    .then(|| (device, descriptor.product_id(), release))
-            })
-            .collect();
-        devices.sort_by_key(|(device, ..)| (device.bus_number(), device.address()));
+        let found = list.iter().filter_map(|device| {
+            let descriptor = device.device_descriptor().ok()?;
+            let version = descriptor.device_version();
+            let release =
+                u16::from(version.0) << 8 | u16::from(version.1) << 4 | u16::from(version.2);
+            (descriptor.vendor_id() == Model::VENDOR)
+                .then(|| (device, descriptor.product_id(), release))
+        });
+        let place = |device: &Device<Context>| (device.bus_number(), device.address());
+        // In order; the library's sort would be 4 kB for a few devices.
+        let mut devices: Vec<(Device<Context>, u16, u16)> = Vec::new();
+        for one in found {
+            let before = devices.partition_point(|(other, ..)| place(other) <= place(&one.0));
+            devices.insert(before, one);
+        }
         Ok(Self { context, devices })
     }
 

@@ -1,6 +1,7 @@
 //! The lists of a recording: time and file of every picture, and which ones belong together.
 
 use crate::picture_file::nearest;
+use mien_stages::base::sorting::sort;
 
 /// Assumed period if there is only one picture, µs.
 const PERIOD_US: i64 = 33_333;
@@ -42,9 +43,10 @@ const PERIOD_MAX_S: f64 = 4.0;
 /// Smallest share of depth pictures that must have a partner.
 const PAIRED_SHARE: f64 = 0.1;
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
+fn median(mut values: Vec<f32>) -> Option<f64> {
+    let middle = values.len() / 2;
+    sort(&mut values);
+    values.get(middle).map(|value| f64::from(*value))
 }
 
 /// The problem with the times of a list, if they are evidently not seconds.
@@ -59,7 +61,12 @@ pub(super) fn misread_times(text: &str) -> Option<String> {
     }
     let times = fields(text).filter_map(|(time, _)| time.parse::<f64>().ok());
     let times: Vec<f64> = times.filter(|time| time.is_finite()).collect();
-    let spacing = median(times.windows(2).map(|two| two[1] - two[0]).collect())?;
+    let spacing = median(
+        times
+            .windows(2)
+            .map(|two| (two[1] - two[0]) as f32)
+            .collect(),
+    )?;
     let (unit, second) = OTHER_UNITS
         .into_iter()
         .find(|(_, second)| spacing / second >= 1e-3 && spacing >= PERIOD_MAX_S)?;
@@ -110,8 +117,7 @@ impl Index {
         let start = lines(frames).find_map(|(time, _)| time).unwrap_or(0);
         let (mut frames, pictures) = (entries(frames, start), entries(pictures, start));
         let times: Vec<i64> = frames.iter().filter_map(|entry| entry.time_us).collect();
-        // Converted to floats so that only one sort is compiled.
-        let periods = times.windows(2).map(|two| (two[1] - two[0]) as f64);
+        let periods = times.windows(2).map(|two| (two[1] - two[0]) as f32);
         let period = median(periods.collect()).map_or(PERIOD_US, |us| us as i64);
         let timed = pictures.iter().enumerate();
         let timed = timed.filter_map(|(at, entry)| Some((entry.time_us?, at)));

@@ -40,10 +40,12 @@ fn nodes() -> Vec<PathBuf> {
         let name = entry.file_name();
         name.to_str()?.strip_prefix("video")?.parse().ok()
     });
-    let mut numbers: Vec<u32> = numbers.collect();
-    numbers.sort_unstable();
+    let mut sorted: Vec<u32> = Vec::new();
+    for number in numbers {
+        sorted.insert(sorted.partition_point(|other| *other < number), number);
+    }
     let node = |number| PathBuf::from(format!("/dev/video{number}"));
-    numbers.into_iter().map(node).collect()
+    sorted.into_iter().map(node).collect()
 }
 
 /// A node that gives images.

@@ -251,7 +251,7 @@ impl PixelReading<'_> {
         let values = around.map(|at| self.inverse[at]);
         if self.is_at_rim() && self.strength > HALF {
             let mut sorted = values;
-            sorted.sort_unstable_by(f32::total_cmp);
+            mien_stages::base::sorting::sort(&mut sorted);
             value = sorted[TAPS.len() / 2];
             let agrees = |at: &&usize| self.step(value, self.inverse[**at]) < WINDOW_RAW;
             let count =

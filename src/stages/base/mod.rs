@@ -19,6 +19,7 @@ pub mod prelude;
 #[cfg(feature = "std")]
 pub mod second_core;
 pub mod settings;
+pub mod sorting;
 pub mod time;
 pub mod vectors;
 

@@ -91,7 +91,7 @@ impl Newcomer {
             *value = row[measure];
         }
         let values = &mut values[..self.filled];
-        values.sort_unstable_by(f32::total_cmp);
+        crate::base::sorting::sort(values);
         values[self.filled / 2]
     }
 }

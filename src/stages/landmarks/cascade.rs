@@ -249,7 +249,7 @@ pub fn landmark_inputs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_INPUTS]; LANDM
 /// nose, eyes and mouth, and of the nose with the better of eyes and mouth.
 pub fn face_inputs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_INPUTS] {
     let mut sorted = *own;
-    sorted.sort_unstable_by(f32::total_cmp);
+    crate::base::sorting::sort(&mut sorted);
     let lower = LANDMARKS / 4;
     let sum = |values: &[f32]| values.iter().sum::<f32>();
     let mean = |values: &[f32]| sum(values) / values.len() as f32;

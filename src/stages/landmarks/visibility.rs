@@ -175,7 +175,7 @@ impl Visibility {
         // Light, blur and distance lower all regions.
         let losses: [f32; REGIONS] = core::array::from_fn(|k| self.usual[k] - mean[k]);
         let mut sorted = losses;
-        sorted.sort_unstable_by(f32::total_cmp);
+        crate::base::sorting::sort(&mut sorted);
         let common = sorted[REGIONS / 2].max(0.0) + less;
         let before = self.hidden;
         for (k, hidden) in self.hidden.iter_mut().enumerate() {

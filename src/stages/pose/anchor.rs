@@ -386,7 +386,7 @@ fn on_rim(i: usize, points: &[Point], normals: &[Vector], neighbours: &[u16; NEI
         let d = points[usize::from(k)] - points[i];
         d.dot(&v).atan2(d.dot(&u))
     });
-    angles.sort_unstable_by(f32::total_cmp);
+    crate::base::sorting::sort(&mut angles);
     let mut widest = angles[0] + core::f32::consts::TAU - angles[NEIGHBOURS - 1];
     for pair in angles.windows(2) {
         widest = widest.max(pair[1] - pair[0]);

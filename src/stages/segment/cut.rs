@@ -317,6 +317,6 @@ fn quantile(values: &mut [f32], share: f32) -> f32 {
     if values.is_empty() {
         return 0.0;
     }
-    values.sort_unstable_by(f32::total_cmp);
+    crate::base::sorting::sort(values);
     values[((values.len() - 1) as f32 * share) as usize]
 }
