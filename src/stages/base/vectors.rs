@@ -42,6 +42,8 @@ pub fn arrange_for_dots(factors: &mut [[i16; 128]]) {
         // SAFETY: AVX2 was just detected.
         unsafe { compiled_for_avx2(|| factors.iter_mut().for_each(split_bytes)) }
     }
+    #[cfg(not(all(target_arch = "x86_64", feature = "std")))]
+    let _ = factors;
 }
 
 /// Each factor is 256 × its upper byte + its lower one, both signed.
