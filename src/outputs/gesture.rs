@@ -14,7 +14,7 @@
 
 pub mod teaching;
 
-use super::Command;
+use super::command::Command;
 use super::every::Every;
 use super::osc::packet::Argument;
 use super::report::{Report, unit_range};
@@ -26,6 +26,7 @@ use mien_stages::base::prelude::*;
 use mien_stages::base::settings::keyed;
 use mien_stages::base::time::Timestamp;
 use mien_stages::users::TrackingState;
+pub use teaching::SetUpState;
 use teaching::{Awaits, HIGH, HIGH_OF_GAZE, Lesson, Levels};
 
 /// Whether this build has gestures.
@@ -244,39 +245,6 @@ impl core::fmt::Display for Switch<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(&self.gesture.name)?;
         self.user.map_or(Ok(()), |user| write!(f, "/{user}"))
-    }
-}
-
-/// State of a set-up by five repetitions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum SetUpState {
-    /// None since the start.
-    #[default]
-    None,
-    /// The person shall rest.
-    Rest,
-    /// The person shall make the expression.
-    Act,
-    /// New levels were found.
-    Found,
-    /// The present levels serve as well.
-    Kept,
-    /// No expression was seen for a minute.
-    Failed,
-    /// The expressions were too weak: speech and glances reach as far.
-    Weak,
-}
-
-impl SetUpState {
-    /// All states in the order of their numbers.
-    pub const ALL: [Self; 7] = {
-        use SetUpState::{Act, Failed, Found, Kept, None, Rest, Weak};
-        [None, Rest, Act, Found, Kept, Failed, Weak]
-    };
-
-    /// The name in JSON.
-    pub fn name(self) -> &'static str {
-        ["none", "rest", "act", "found", "kept", "failed", "weak"][self as usize]
     }
 }
 

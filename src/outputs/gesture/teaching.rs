@@ -8,7 +8,6 @@
 //! Values of a gesture's expression, seconds of capture time. Memory: fixed, about 5 kB. Degenerate: without a repetition for
 //! [`PATIENCE_S`] nothing is found.
 
-use super::SetUpState;
 use mien_stages::base::time::Timestamp;
 
 /// Number of repetitions.
@@ -44,6 +43,39 @@ const HOLD_MIN_S: f32 = 0.15;
 const STEPS: usize = 112;
 const LOWEST: f32 = 0.25;
 const STEP: f32 = 1.044_273_8;
+
+/// State of a set-up by five repetitions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SetUpState {
+    /// None since the start.
+    #[default]
+    None,
+    /// The person shall rest.
+    Rest,
+    /// The person shall make the expression.
+    Act,
+    /// New levels were found.
+    Found,
+    /// The present levels serve as well.
+    Kept,
+    /// No expression was seen for a minute.
+    Failed,
+    /// The expressions were too weak: speech and glances reach as far.
+    Weak,
+}
+
+impl SetUpState {
+    /// All states in the order of their numbers.
+    pub const ALL: [Self; 7] = {
+        use SetUpState::{Act, Failed, Found, Kept, None, Rest, Weak};
+        [None, Rest, Act, Found, Kept, Failed, Weak]
+    };
+
+    /// The name in JSON.
+    pub fn name(self) -> &'static str {
+        ["none", "rest", "act", "found", "kept", "failed", "weak"][self as usize]
+    }
+}
 
 /// When a gesture is on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
