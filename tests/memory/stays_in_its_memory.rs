@@ -32,13 +32,13 @@ const SEGMENT: usize = 312_400;
 const FACE_SEARCH: usize = 1_043_600;
 /// Distances by raw value.
 const CAMERA: usize = 8_192;
-/// Window, orientation maps, features, of each of two threads: shared by all; the second is untouched until two are followed.
-const LANDMARKS: usize = 803_944;
+/// Orientation maps, features, of each of two threads: shared by all; the second is untouched until two are followed.
+const LANDMARKS: usize = 668_496;
 /// Shape modes, scales, biases; the update matrices stay in the binary.
-const MODEL: usize = 235_000;
+const MODEL: usize = 180_000;
 /// The standard head, prepared; four users and one candidate; the clouds of two heads looked for.
 const PEOPLE: usize = 700_000 + (USERS + 1) * 259_000 + 2 * 24_200;
-/// All stages: 6,172,080.
+/// All stages: 5,846,184.
 const STAGES: usize = FRAME + SEGMENT + FACE_SEARCH + CAMERA + 2 * LANDMARKS + MODEL + PEOPLE;
 /// Of the live sensor, one picture per stream; a recording or the simulated sensor uses other buffers instead.
 const PICTURES: usize = 729_600;
