@@ -1,6 +1,6 @@
-//! Keeps the levels of gestures that were changed while running, beside the saved people: a text file, a line per gesture. Levels of
-//! a gesture whose configuration was changed since are not taken. Written when a level changes, at most once a
-//! second, and with a live sensor only.
+//! Saves the levels of gestures that were changed while running in a text file beside that of the saved people, a line per gesture.
+//! Levels of a gesture whose configuration has changed since are not loaded. The file is written when a level changes, at most once
+//! a second, and only with a live sensor.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -9,13 +9,13 @@ use mien_outputs::gesture::{ENABLED, Gestures};
 use mien_stages::base::atomic_write::AtomicFile;
 use mien_stages::base::bounded_read::{read_regular, reason};
 
-/// Longest text, bytes: 16 gestures with expressions of 512 bytes.
+/// Longest text, bytes: enough for 16 gestures with expressions of 512 bytes.
 const TEXT: usize = 16 << 10;
 
 /// Least time between two writes.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// The file.
+/// The file of saved levels.
 pub(crate) struct LevelsFile {
     file: AtomicFile,
     text: String,
@@ -32,7 +32,7 @@ impl LevelsFile {
         }
     }
 
-    /// Gives the saved levels to the gestures; none if there is no file.
+    /// Sets the gestures to the saved levels. Without a file they stay as configured; other problems are logged.
     pub(crate) fn load(&self, gestures: &mut Gestures) {
         if !ENABLED {
             return;
@@ -43,21 +43,22 @@ impl LevelsFile {
                 let unreadable = gestures.read_levels(&String::from_utf8_lossy(&bytes));
                 if unreadable > 0 {
                     tracing::warn!(
-                        "{}: {unreadable} lines are not four numbers and a gesture; these gestures have the levels of the configuration: set them up again",
+                        "{}: expected four numbers and a gesture on each line, found {unreadable} other lines; \
+                         these gestures keep the levels of the configuration: set them up again",
                         path.display()
                     );
                 }
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
             Err(error) => tracing::warn!(
-                "{}: cannot read the levels of gestures ({}); those of the configuration are used",
+                "{}: cannot read the levels of gestures ({}); those of the configuration are used; set the gestures up again",
                 path.display(),
                 reason(error)
             ),
         }
     }
 
-    /// Whether it was not written within the last second.
+    /// Whether the last write was at least a second ago.
     pub(crate) fn is_due(&self) -> bool {
         self.written.is_none_or(|at| at.elapsed() >= PERIOD)
     }
@@ -69,11 +70,11 @@ impl LevelsFile {
         }
         self.written = Some(Instant::now());
         self.text.clear();
-        // A string takes everything.
+        // Writing to a string does not fail.
         let _ = gestures.write_levels(&mut self.text);
         if let Err(error) = self.file.write(self.text.as_bytes()) {
             tracing::warn!(
-                "{}: cannot save the levels of gestures ({}), so they last until the restart; set state.path to another file",
+                "{}: cannot save the levels of gestures ({}), so they last until the restart; set state.path to a file in another folder",
                 self.file.path().display(),
                 reason(error)
             );

@@ -1,16 +1,16 @@
 //! Gestures: expressions used as switches, such as a raised brow that presses a key.
 //!
 //! A gesture evaluates a sum of units, or the smallest of several sums. It goes on when the value has been at the upper level for
-//! the hold time, and off below the lower level. It does not go on while the head is turned away, before the face is tracked, before
-//! the pause is over, while the head turns, during speech or laughter that moves the mouth, or if less than half of it came within `rise_s`: yawns, laughter
-//! and the lids of a drowsy person come more slowly than what is made on purpose. Every on is followed by an off, also when the head turns away, the face is lost, the person leaves, the source stops, the
-//! configuration changes or the run ends.
+//! the hold time, and off below the lower level. It does not go on while the head turns or is turned away, before the face is tracked,
+//! before the pause is over, during speech or laughter that moves the mouth, or if less than [`SUDDEN`] of the rise came within `rise_s`:
+//! yawns, laughter and the lids of a drowsy person rise more slowly than deliberate expressions. Every on is followed by an off, also
+//! when the head turns away, the face is lost, the person leaves, the source stops, the configuration changes or the run ends.
 //!
 //! Speech and laughter are detected from the mouth's opening: at least [`REVERSALS`] reversals within [`SPEECH_S`], each of at least
 //! [`REVERSAL`] and at least a [`SHARE`] of the opening, the last one less than [`QUIET_S`] ago.
 //!
-//! [`teaching`] finds levels for a person. Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 1.5 kB for each gesture,
-//! and 20 kB.
+//! [`teaching`] finds levels for a person. Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 1.8 kB for each gesture,
+//! and 8 kB, of which 4 kB are for a set-up.
 
 pub mod teaching;
 
@@ -43,25 +43,26 @@ const SPEECH_S: f64 = 1.2;
 const QUIET_S: f64 = 0.4;
 /// Least and greatest upper level.
 pub const LEVELS: [f32; 2] = [0.01, 8.0];
-/// Frames over which a rise is measured: two seconds at 30 Hz.
+/// Number of past frames in which a rise and a turn are measured: two seconds at 30 Hz.
 const PAST: usize = 64;
-/// Share of the present value that must come within `rise_s`.
+/// Share of the rise, from the lowest value of these frames to the present one, that must come within `rise_s`.
 const SUDDEN: f32 = 0.45;
-/// Share of the present value from which on the rise counts; the least rise.
+/// Share of the rise at which its measurement begins; and the least rise, as a share of the present value.
 const BEGUN: f32 = 0.3;
-/// The rise begins anew after a value of so many times the present one: a blink on the way.
+/// The measurement begins again after a value of this multiple of the present one, such as a blink during a yawn.
 const BLINK: f32 = 1.5;
 /// A rise is over when the value was at least this share of the present one [`SETTLED_S`] ago.
 const SETTLED: f32 = 0.8;
-/// Seconds.
+/// Age of the earlier value for [`SETTLED`], seconds.
 const SETTLED_S: f32 = 0.2;
-/// Turn of the head to the side, degrees within [`TURN_S`] seconds, during which nothing goes on. Up and down do not count: a mouth
-/// that opens moves the measured angle.
+/// Turn of the head to the side within [`TURN_S`], degrees, above which no gesture goes on. Turns up and down do not count, because
+/// opening the mouth changes the measured pitch.
 const TURN_DEG: f32 = 8.0;
+/// Time within which a turn is measured, seconds.
 const TURN_S: f32 = 0.3;
 /// Greatest hold time, seconds.
 const HOLD_MAX_S: f32 = 60.0;
-/// Activations and tracked time are those of the last so many hours.
+/// Number of hours, with the present one, over which activations and tracked time are counted.
 const HOURS: usize = 24;
 /// Interval at which every state is repeated for receivers that missed a change, seconds.
 const REPEAT_S: f64 = 2.0;
@@ -72,7 +73,7 @@ pub enum Person {
     /// The person that single-person outputs show.
     #[default]
     Shown,
-    /// Anybody: on while at least one person makes it.
+    /// Anybody: the gesture is on while at least one person makes it.
     Any,
     /// Each person separately.
     Each,
@@ -100,13 +101,13 @@ keyed! {
         ),
         /// Level of that expression at which it goes on.
         on: f32 = 0.7 => number(LEVELS[0], LEVELS[1], ""),
-        /// Lowest level that setting it up with five repetitions may find, if on is higher: what speech, glances and other gestures reach.
+        /// Lowest level that the set-up by five repetitions may find, unless on is lower: speech and glances reach almost as far.
         on_min: f32 = 0.35 => number(0.0, LEVELS[1], ""),
         /// Level below which it goes off.
         off: f32 = 0.4 => number(0.0, 8.0, ""),
         /// How long the level must be kept before it goes on.
         hold_s: f32 = 0.2 => seconds(),
-        /// Time within which half of the expression must come; 0 = any.
+        /// Time within which 45 % of the expression's rise must come; 0 = any.
         rise_s: f32 = 0.0 => seconds(),
         /// Shortest time from going off to going on again.
         pause_s: f32 = 0.3 => seconds(),
@@ -115,7 +116,7 @@ keyed! {
             choice(&[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]),
         /// Whether it goes on while the person speaks or laughs.
         speaking: bool = false => Bool(),
-        /// Largest sideways angle between the face and the line of sight.
+        /// Largest sideways angle between the face and the line from it to the sensor.
         turned_deg: f32 = 30.0 => number(1.0, 90.0, "degrees"),
         /// Key that it presses; empty = none.
         key: String = String::new() =>
@@ -147,11 +148,11 @@ fn is_topic_part(name: &str) -> bool {
     is_name(name) && !name.contains(['!', '+', '"', '\\'])
 }
 
-/// Gestures with built-in settings: name, sums, on, least on, off, rise and hold time in seconds, largest sideways angle in degrees.
+/// Gestures with built-in settings: name, sums, on, on_min, off, rise and hold time in seconds, largest sideways angle in degrees.
 /// Reasons for the values: the gaze stays on its target when the head turns; a mouth seen from the side looks pursed; many real smiles
 /// raise the upper lip (AU10) and hardly move the corners, but a wrinkled nose (AU9) raises it too, and pursed lips (AU18) move the
-/// corners; in speech the jaw moves; yawns, laughter and drowsy lids rise slowly; the lids follow eyes that look down. The least levels are
-/// just above what speech, glances and the other gestures reached for the hold time.
+/// corners; in speech the jaw moves; yawns, laughter and drowsy lids rise slowly; the lids follow eyes that look down. The values of
+/// `on_min` are just above what speech, glances and the other gestures reached for the hold time.
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, [f32; 6]); 10] = [
     ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", [0.13, 0.1, 0.08, 0.25, 0.5, 40.0]),
@@ -409,8 +410,8 @@ impl Activation {
         }
     }
 
-    /// Whether the share [`SUDDEN`] of the present value came within `rise_s` (or from one frame to the next), since it was last below
-    /// the share [`BEGUN`]. `None` while it still rises.
+    /// Whether the share [`SUDDEN`] of the rise came within `rise_s` (or from one frame to the next), after the value was last below
+    /// the share [`BEGUN`] of the rise. `None` while the value still rises.
     fn came_fast(&self, times: &Times, rise_s: f32) -> Option<bool> {
         let (at, now) = (times.recent()?, *self.past.recent()?);
         // Times may go back further than this gesture's values.
@@ -424,7 +425,7 @@ impl Activation {
         }
         let base = past.clone().fold(now, |base, (_, sum)| base.min(sum));
         if now - base < BEGUN * now {
-            // It was there before.
+            // The expression was there before these frames.
             return Some(false);
         }
         let rises = base + BEGUN * (now - base)..BLINK * now;
@@ -480,12 +481,13 @@ struct Watched {
     activations: [Activation; USERS],
     /// State sent last: of each user, then of anybody.
     last_sent: [bool; USERS + 1],
-    /// Levels of the configuration, and those before the last change.
+    /// Levels of the configuration.
     configured: Levels,
+    /// Levels before the last change, for undoing it.
     before: Option<Levels>,
     /// Activations in each of the last hours.
     counts: [u16; HOURS],
-    /// Facts as of now, and as sent last.
+    /// The present facts, and those sent last.
     facts: [SetUpFacts; 2],
 }
 
@@ -499,7 +501,7 @@ impl Watched {
         (self.gesture.hold_s, self.gesture.rise_s) = (levels.hold_s, levels.rise_s);
     }
 
-    /// The name and expression, and what was configured: a saved change is valid only with these.
+    /// Writes the configured levels, the name and the expression: saved levels are valid only while these are the same.
     fn write_identity(&self, text: &mut String) -> core::fmt::Result {
         use core::fmt::Write as _;
         let Gesture { name, of, .. } = &self.gesture;
@@ -523,8 +525,9 @@ pub struct Gestures {
     at: Timestamp,
     /// The gesture that is being set up, and the slot of the person.
     lesson: Option<(usize, Option<usize>, Lesson)>,
-    /// Seconds of the last hours in which anybody was tracked, and the number of the present hour.
+    /// Time for which anybody was tracked in each of the last hours, seconds.
     tracked_s: [f32; HOURS],
+    /// Number of the present hour of capture time.
     hour: u64,
     /// Whether levels were changed since [`Self::take_change`].
     is_changed: bool,
@@ -615,7 +618,7 @@ impl Gestures {
         }
     }
 
-    /// Counts the time since the last frame, if it was at most a second, and forgets what is older than a day.
+    /// Adds the time since the last frame to the tracked time, if it is less than a second, and clears the hours older than a day.
     fn pass_time(&mut self, at: Timestamp, is_tracked: bool) {
         let hour = at.as_us() / 3_600_000_000;
         let passed = hour.saturating_sub(self.hour).min(HOURS as u64);
@@ -631,7 +634,7 @@ impl Gestures {
         }
     }
 
-    /// Ends a set-up that is complete or in vain.
+    /// Ends a set-up that is complete, or that waited too long for a repetition.
     fn end_lesson(&mut self) {
         let Some((index, slot, mut lesson)) = self.lesson.take() else {
             return;
@@ -677,12 +680,12 @@ impl Gestures {
             let sum = |terms: &Vec<_>| terms.iter().map(|(unit, sign)| sign * weight(unit)).sum();
             let least = watched.sums.iter().map(sum).fold(f32::MAX, f32::min);
             let counts = is_tracked && is_theirs && is_facing;
-            // Below any level.
+            // Otherwise the value is below any level.
             let sum = if counts { least } else { f32::MIN };
             let may_start = !is_turning && (gesture.speaking || !is_speaking);
             let taught = self.lesson.as_mut().filter(|(of, ..)| *of == index);
             if let Some((_, of, lesson)) = taught {
-                // While it is set up it switches nothing.
+                // During its set-up a gesture switches nothing.
                 let past = core::mem::take(&mut watched.activations[slot].past);
                 watched.activations[slot] = Activation {
                     past,
@@ -701,7 +704,7 @@ impl Gestures {
         }
     }
 
-    /// Range of the angle of a user's face within the last [`TURN_S`], degrees.
+    /// Range of the sideways angle of a user's face within the last [`TURN_S`], degrees.
     fn turned_deg(&self, slot: usize) -> f32 {
         let (times, angles) = (&self.times[slot], &self.angles[slot]);
         let Some(at) = times.recent() else { return 0.0 };
@@ -757,7 +760,8 @@ impl Gestures {
         self.speech = Default::default();
     }
 
-    /// Calls `each` with the facts that changed since the last call, and every `REPEAT_S` with all. Time that passes is no change.
+    /// Calls `each` with the facts that changed since the last call, and every `REPEAT_S` with all. A longer tracked time alone is not
+    /// a change.
     pub fn for_each_set_up(&mut self, mut each: impl FnMut(&SetUp<'_>)) {
         if !ENABLED {
             return;
@@ -776,7 +780,7 @@ impl Gestures {
         }
     }
 
-    /// Executes a command that changes a gesture; others, and unknown gestures, are ignored.
+    /// Executes a command that changes a gesture; other commands, and those for unknown gestures, are ignored.
     pub fn execute(&mut self, command: Command) {
         let (_, index, number) = command.parts();
         if !ENABLED || index >= self.all.len() || !command.is_of_gesture() {
@@ -858,8 +862,8 @@ impl Gestures {
         Ok(())
     }
 
-    /// Takes the levels that [`Self::write_levels`] wrote, except of gestures whose configuration is another since, which counts more.
-    /// Returns how many lines were unreadable.
+    /// Restores the levels that [`Self::write_levels`] wrote, except those of gestures whose configuration has changed since.
+    /// Returns the number of unreadable lines.
     pub fn read_levels(&mut self, text: &str) -> usize {
         let mut own = String::new();
         let mut unreadable = 0;
@@ -875,7 +879,7 @@ impl Gestures {
             };
             for watched in &mut self.all {
                 own.clear();
-                // A string takes everything.
+                // Writing to a string does not fail.
                 let _ = watched.write_identity(&mut own);
                 if own == identity && (0.0..on).contains(&off) && hold_s.min(rise_s) >= 0.0 {
                     watched.set(Levels {
@@ -953,7 +957,7 @@ mod tests {
      {
         let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
         let mut changes = Vec::new();
-        // 1.1 and 0.7 are its levels, 0.2 s and 0.3 s its times.
+        // Its levels are 1.1 and 0.7, its hold time is 0.2 s and its pause 0.3 s.
         for ms in (0..2000).step_by(20) {
             let sum = match ms {
                 100..400 | 420..600 | 700..1400 => 1.2,
@@ -969,7 +973,7 @@ mod tests {
                 assert_eq!(reports[0].gestures, u32::from(is_on));
             }
         }
-        // Held since 420 ms it was too soon: off until 600; held since 700, long enough after.
+        // The smile from 420 to 600 ms is shorter than the hold time and within the pause; that from 700 ms counts.
         assert_eq!(
             changes,
             [(300, true), (400, false), (900, true), (1500, false)]
@@ -1011,7 +1015,7 @@ mod tests {
             }
             let on = [("smile".to_owned(), None, true)];
             assert_eq!(switches(&mut gestures), on, "{end}");
-            // Missed for a frame, it stays.
+            // If the face is missed for a frame, the gesture stays on.
             gestures.observe(&mut [Report {
                 state: TrackingState::Held,
                 ..user(1, 233, &faces)
@@ -1081,7 +1085,7 @@ mod tests {
         let mut on = Vec::new();
         for frame in 0..300_u64 {
             let s = frame as f32 / 30.0;
-            // Syllables, four a second, and a smile from the third second on; then silence.
+            // Four syllables a second until 6 s, then silence; a smile from 3 s on.
             let opening = if s < 6.0 {
                 0.15 + 0.12 * (s * 8.0 * core::f32::consts::PI).sin()
             } else {
@@ -1133,7 +1137,7 @@ mod tests {
         let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
         let mut on = Vec::new();
         for frame in 0..90_u64 {
-            // 40° a second from one second to the next, smiling.
+            // The head turns by 40° between 1 and 2 s; the smile begins at 1.1 s.
             let s = frame as f32 / 30.0;
             let yaw = (40.0 * (s - 1.0).clamp(0.0, 1.0) - 20.0).to_radians();
             let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
@@ -1229,7 +1233,7 @@ mod tests {
         let mut gestures = Gestures::new(&[smile(Person::Any)], &UNITS);
         let before = gestures.levels(0);
         gestures.execute(Command::Teach(0, true));
-        // Of the person who is not shown it counts nothing.
+        // Expressions of a person who is not shown do not count.
         let ms = five_smiles(&mut gestures, 0, 1, 0.9);
         let told = facts(&mut gestures);
         assert_eq!((told.state, told.seen), (SetUpState::Act, 0));
@@ -1245,7 +1249,7 @@ mod tests {
         assert!((0.6..0.65).contains(&told.levels.on), "{told:?}");
         assert!(told.can_undo && gestures.take_change());
 
-        // Smiles of a third less, which the old level missed.
+        // Weaker smiles: their sum of 1.0 is below the old level of 1.1.
         five_smiles(&mut gestures, ms, 0, 0.5);
         let told = facts(&mut gestures);
         assert!(told.count == 0 && told.tracked_s > 30);

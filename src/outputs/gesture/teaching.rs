@@ -1,9 +1,9 @@
 //! Finds level and hold time of a gesture for one person: they rest for [`REST_S`], then make the expression five times.
 //!
-//! A repetition is a rise clearly above the person's rest and a return, at least [`LEAST_S`] long. Of each it keeps, for a series of
-//! levels, the longest time for which the value stayed there. From these times follows the highest level that was kept for the hold
-//! time. The new level is the configured one, moved to between [`LOW`] and [`HIGH`] of the way from rest to the second lowest of the five, but
-//! not below `on_min` of the gesture, which speech and glances reach.
+//! A repetition is a rise clearly above the person's rest and a return, at least [`LEAST_S`] long. For each repetition and for a series
+//! of levels, the longest time at or above the level is stored. These times give the highest level that a repetition kept for the hold
+//! time. The new level is the configured one, limited to between [`LOW`] and [`HIGH`] of the way from rest to the second lowest of these
+//! five levels, but not below the gesture's `on_min`: speech and glances reach almost as far.
 //!
 //! Values of a gesture's expression, seconds of capture time. Memory: fixed, about 5 kB. Degenerate: without a repetition for
 //! [`PATIENCE_S`] nothing is found.
@@ -14,34 +14,38 @@ use mien_stages::base::time::Timestamp;
 pub const REPETITIONS: usize = 5;
 /// Time at rest, seconds.
 const REST_S: f32 = 3.0;
-/// Most values at rest that are kept: 60 a second.
+/// Most values at rest that are stored: enough for [`REST_S`] at 60 Hz.
 const RESTS: usize = 256;
 /// Least height of a repetition above rest, as a share of the configured level.
 const RISE: f32 = 0.35;
-/// Least height as a share of the highest one: less is another movement, such as a twitch between repetitions.
+/// Least height as a share of the highest repetition: a lower one is another movement, such as a twitch.
 const LIKE: f32 = 0.4;
-/// Least and greatest time of a repetition at half of its height, seconds. Blinks are shorter; what lasts longer was no rest before.
+/// Least time of a repetition at half of its height, seconds. Blinks are shorter.
 const LEAST_S: f32 = 0.3;
+/// Greatest time of a repetition, seconds. If it lasts longer, the value before it was not the person's rest, and rest begins again.
 const MOST_S: f32 = 8.0;
-/// Longest wait for the next repetition, seconds.
+/// Longest wait for a repetition, seconds.
 const PATIENCE_S: f64 = 60.0;
 /// A pause between frames that ends a repetition, seconds.
 const GAP_S: f32 = 0.5;
-/// Lowest new level between rest (0) and the level that was kept (1). Below it, spontaneous expressions switch more often.
+/// Lowest new level, between rest (0) and the level that was kept (1). With a lower one, spontaneous expressions switch more often.
 const LOW: f32 = 0.25;
-/// Highest one. Expressions at 60 % of full reach it: their weights can be as low as 40 % of the full ones.
+/// Highest new level, likewise. Expressions at 60 % of full reach it, although their weights can be as low as 40 % of the full ones.
 pub(super) const HIGH: f32 = 0.34;
-/// Highest ones of gazes to the side, and up or down, which are proportional to the angle: everyday glances reach three quarters of a
-/// full one, and two fifths.
+/// Highest new levels of gazes to the side, and of gazes up or down. Their weights are proportional to the angle; everyday glances reach
+/// three quarters of a full gaze to the side, and two fifths of one up or down.
 pub(super) const HIGH_OF_GAZE: [f32; 2] = [0.78, 0.48];
-/// A smaller change of the configured level, as a share of it, is within the noise of repetitions and not made.
+/// Least change of the configured level, as a share of it: a smaller one is within the noise of repetitions and is not made.
 const LEAST_CHANGE: f32 = 0.05;
-/// Hold time as a share of the time for which an expression was kept, and its least, seconds.
+/// Longest hold time, as a share of the time for which the expression was kept.
 const HOLD: f32 = 0.7;
+/// Least hold time that is found, seconds.
 const HOLD_MIN_S: f32 = 0.15;
-/// The levels at which times are kept: the lowest as a share of the configured level, and the ratio of neighbours (16 an octave).
+/// Number of levels for which times are stored.
 const STEPS: usize = 112;
+/// The lowest of them, as a share of the configured level.
 const LOWEST: f32 = 0.25;
+/// Ratio of neighbouring levels: 16 in a factor of two.
 const STEP: f32 = 1.044_273_8;
 
 /// State of a set-up by five repetitions.
@@ -86,11 +90,11 @@ pub struct Levels {
     pub off: f32,
     /// Time for which `on` must be kept, seconds.
     pub hold_s: f32,
-    /// Time within which half of the expression must come, seconds; 0 = any.
+    /// Time within which 45 % of the expression's rise must come, seconds; 0 = any.
     pub rise_s: f32,
 }
 
-/// The numbers, separated by blanks.
+/// The four numbers, separated by spaces.
 impl core::fmt::Display for Levels {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let Self {
@@ -116,7 +120,7 @@ pub(super) enum Awaits {
     Aborted,
 }
 
-/// The longest time at or above each level, and the present one, of which −1 is below.
+/// For each level the time since the value came to it (−1: the value is below) and the longest such time, seconds.
 #[derive(Clone, Copy)]
 struct Times {
     now: [f32; STEPS],
@@ -129,7 +133,7 @@ impl Times {
         longest: [0.0; STEPS],
     };
 
-    /// The value, `s` seconds after the last.
+    /// Takes a value, `s` seconds after the previous one; `level` is the lowest level.
     fn add(&mut self, mut level: f32, value: f32, s: f32) {
         for (now, longest) in self.now.iter_mut().zip(&mut self.longest) {
             *now = match value >= level {
@@ -145,27 +149,31 @@ impl Times {
 
 /// A set-up in progress.
 pub(super) struct Lesson {
-    /// The levels of the configuration, and the least for `on`.
+    /// The levels of the configuration.
     configured: Levels,
+    /// The least new `on`.
     on_min: f32,
     /// [`HIGH`] or [`HIGH_OF_GAZE`].
     high: f32,
     rests: heapless::Vec<f32, RESTS>,
     rested_s: f32,
-    /// Value at rest, and the value above which a repetition begins.
+    /// Value at rest.
     rest: f32,
+    /// Value at which a repetition begins.
     start: f32,
-    /// The repetition in progress: its times, and its peak.
+    /// Times of the repetition in progress.
     times: Times,
+    /// Its greatest value; `None` between repetitions.
     peak: Option<f32>,
-    /// Whether it came within `rise_s`, as soon as that is known.
+    /// Whether it rose within `rise_s`; `None` until that is known.
     came_fast: Option<bool>,
-    /// Number of repetitions that did not.
+    /// Number of repetitions that rose more slowly.
     slow: usize,
     /// Times of the repetitions.
     seen: heapless::Vec<[f32; STEPS], REPETITIONS>,
-    /// Last frame, and the end of the last repetition.
+    /// Time of the last frame.
     last: Option<Timestamp>,
+    /// Start of the wait for a repetition: the first frame, then the end of the last repetition.
     since: Option<Timestamp>,
 }
 
@@ -203,7 +211,7 @@ impl Lesson {
         }
     }
 
-    /// The value of a frame, and whether it came within `rise_s`.
+    /// Takes the value of a frame, and whether the value rose within `rise_s`.
     pub(super) fn observe(&mut self, value: f32, came_fast: Option<bool>, at: Timestamp) {
         let s = self.last.replace(at);
         let s = s.map_or(0.0, |last| at.seconds_since(last) as f32);
@@ -221,11 +229,11 @@ impl Lesson {
         }
     }
 
-    /// Takes the median of the values as rest; if most of the upper tenth is not near it, rest begins anew.
+    /// Takes the median of the values as rest; if the 90th percentile is far above it, rest begins again.
     fn end_rest(&mut self) {
         self.rests.sort_unstable_by(f32::total_cmp);
         let of = |share: f32| self.rests[(share * (self.rests.len() - 1) as f32) as usize];
-        // Below 0 the opposite is shown, which is no part of the way.
+        // A value below 0 shows the opposite expression, which does not count as rest.
         let (rest, high) = (of(0.5).max(0.0), of(0.9));
         let least = RISE * self.configured.on;
         if high - rest > least {
@@ -254,7 +262,7 @@ impl Lesson {
         }
     }
 
-    /// Keeps the repetition, if it was one.
+    /// Stores the repetition in progress if it is high enough, and drops earlier ones that are too low beside it.
     fn end_act(&mut self, at: Timestamp) {
         let height = |times: &[f32; STEPS]| self.kept(times, LEAST_S) - self.rest;
         let new = height(&self.times.longest);
@@ -276,13 +284,13 @@ impl Lesson {
         })
     }
 
-    /// Longest time at or above a level, by the next higher one of the series.
+    /// Longest time at or above a level, taken from the next higher level of the series.
     fn time_at(&self, times: &[f32; STEPS], level: f32) -> f32 {
         let mut levels = self.levels().zip(times);
         levels.find(|(at, _)| *at >= level).map_or(0.0, |(_, s)| *s)
     }
 
-    /// Highest level kept for a time; the rest if none was.
+    /// Highest level kept for `s` seconds; the value at rest if none was.
     fn kept(&self, times: &[f32; STEPS], s: f32) -> f32 {
         let kept = self
             .levels()
@@ -291,7 +299,7 @@ impl Lesson {
         kept.last().map_or(self.rest, |(level, _)| level)
     }
 
-    /// Second lowest of a quality of all repetitions, so that one may fail.
+    /// Second lowest value of a quality of the repetitions, so that one of them may fail.
     fn second(&self, quality: impl Fn(&[f32; STEPS]) -> f32) -> f32 {
         let all = self.seen.iter().map(quality);
         let mut all: heapless::Vec<f32, REPETITIONS> = all.collect();
@@ -299,7 +307,7 @@ impl Lesson {
         all.get(1).copied().unwrap_or_default()
     }
 
-    /// The levels for this person, or why those of `now` stay: they are the same, or no level catches most repetitions.
+    /// The levels for this person, or why those of `now` stay: they are the same, or the new ones do not catch most repetitions.
     pub(super) fn found(&self, now: Levels) -> Result<Levels, SetUpState> {
         let Levels {
             on,
@@ -307,7 +315,7 @@ impl Lesson {
             hold_s,
             rise_s,
         } = self.configured;
-        // One may be slow.
+        // One slow repetition does not remove the limit.
         let rise_s = if self.slow > 1 { 0.0 } else { rise_s };
         let lasted = self.second(|times| {
             let half = 0.5 * (self.rest + self.kept(times, LEAST_S));
@@ -324,7 +332,7 @@ impl Lesson {
         };
         let new = Levels {
             on: level,
-            // The same share of the way down to rest.
+            // The same share of the way from rest to `on` as configured.
             off: self.rest.min(level) + (level - self.rest).max(0.0) * off / on,
             hold_s,
             rise_s,
@@ -333,7 +341,7 @@ impl Lesson {
         let caught = self.seen.iter().filter(catches).count();
         match new {
             _ if caught < REPETITIONS / 2 + 1 => Err(SetUpState::Weak),
-            // A rest above the lower level would leave it on.
+            // With a rest above the lower level the gesture would stay on.
             _ if Levels {
                 off: now.off,
                 ..new
@@ -390,9 +398,9 @@ mod tests {
         for (heights, rest, expected) in [
             ([0.9, 1.0, 0.92, 0.95, 0.94], 0.0, 0.34 * 0.92),
             ([0.9, 1.0, 0.5, 0.95, 0.94], 0.0, 0.34 * 0.9),
-            // Only so strong that speech and glances would reach the share: the least level.
+            // So weak that speech and glances would reach 34 %: the least level.
             ([0.6, 0.6, 0.6, 0.6, 0.6], 0.0, 0.3),
-            // Somebody whose eye is never quite open.
+            // A person whose eye is never fully open.
             ([0.9, 0.9, 0.9, 0.9, 0.9], 0.3, 0.3 + 0.34 * 0.6),
         ] {
             let (mut lesson, at) = taught(WINK, rest, &heights.map(|height| (height, 1.0)));
@@ -443,7 +451,7 @@ mod tests {
         };
         let (lesson, _) = taught(present, 0.0, &[(0.9, 1.0); 5]);
         assert_eq!(lesson.found(present), Err(SetUpState::Kept));
-        // Found before at a lower level, it rises to the configured one.
+        // A lower level that was found before rises to the configured one.
         let low = Levels { on: 0.2, ..present };
         assert_eq!(lesson.found(low).map(|found| found.on), Ok(0.3));
     }
@@ -453,7 +461,7 @@ mod tests {
         let blinks = [(1.0, 0.2), (0.9, 1.0)].repeat(4);
         let (mut lesson, at) = taught(WINK, 0.0, &blinks);
         assert_eq!(lesson.awaits(at), Awaits::Acts(4));
-        // A twitch before the first repetition counts until that comes.
+        // A twitch before the first repetition counts until that repetition comes.
         let twitches = [(0.3, 0.6), (0.9, 1.0), (0.3, 0.6), (0.95, 1.0)];
         let (mut lesson, at) = taught(WINK, 0.0, &twitches);
         assert_eq!(lesson.awaits(at), Awaits::Acts(2));
@@ -465,7 +473,7 @@ mod tests {
         assert_eq!(lesson.awaits(at), Awaits::Acts(0));
         let later = Timestamp::from_us(at.as_us() + 61_000_000);
         assert_eq!(lesson.awaits(later), Awaits::Aborted);
-        // Clear, but so small that glances reach as far.
+        // Clear repetitions, but so weak that glances reach as far.
         let (lesson, _) = taught(WINK, 0.0, &[(0.27, 1.0); 5]);
         assert_eq!(lesson.found(WINK), Err(SetUpState::Weak));
     }
@@ -474,7 +482,7 @@ mod tests {
     fn an_expression_that_began_during_the_rest_is_not_taken_for_one() {
         let acts = [&[(0.9, 1.0)][..], &[(0.9, 12.0)], &[(0.9, 1.0); 4]].concat();
         let (mut lesson, at) = taught(WINK, 0.0, &acts);
-        // After twelve seconds without a return it rests again.
+        // A repetition of twelve seconds is too long, so rest begins again.
         assert_ne!(lesson.awaits(at), Awaits::Nothing);
     }
 }

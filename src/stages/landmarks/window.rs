@@ -1,10 +1,10 @@
 //! The head window: the face resampled upright and at a fixed scale from the whole colour image.
 //!
-//! The depth pose gives the pixel of the head's origin ([`Camera::colour_pixel`]) and the 2×3 Jacobian of colour pixels there (by
-//! central differences). The Jacobian gives the axes of a virtual camera that looks straight at the head; the window is that camera's image, rotated upright, and a homography (from four points of the plane through the
-//! head's origin) maps it to the colour image, so a head at the edge of the image appears as in the middle. Pixels,
-//! metres, radians. One bilinear look-up per window pixel, 34 k in all. Degenerate: a Jacobian without rank (head at the
-//! camera) gives no placement. Outside the image its border is repeated.
+//! The head's pose gives the pixel of its origin ([`Camera::colour_pixel`]) and the 2×3 Jacobian of colour pixels there, by central
+//! differences. The Jacobian gives the axes of a virtual camera that looks straight at the head. The window is that camera's image, rotated
+//! upright; a homography from four points of the plane through the head's origin maps it to the colour image, so a head at the edge of
+//! the image looks as in the middle. Units: pixels, metres, radians. Cost: one bilinear look-up per window pixel, at most 34
+//! thousand. Degenerate: a rank-deficient Jacobian (head at the camera) gives no placement. Outside the image its border is repeated.
 
 use core::ops::Range;
 

@@ -1,9 +1,9 @@
 //! State shared by the two methods: the last measured poses of a head, the prediction from them, their filter, and the fusion
 //! of depth and image.
 //!
-//! Under a fringe or beside long hair the depth pose drifts slowly and confidently, while the 68 points stay on the face. The
-//! face has a fixed pose within its head ([`super::FaceInHead`]), so each frame's points imply a
-//! head pose. The two are weighted by their certainty: depth by the normal matrix of its alignment, the image by standard
+//! Under a fringe or beside long hair the depth pose drifts slowly, although its alignment reports high certainty, while the 68 landmarks
+//! stay on the face. The face has a fixed pose within its head ([`super::FaceInHead`]), so each frame's landmarks imply a
+//! head pose. The two poses are weighted by their certainty: depth by the normal matrix of its alignment, the image by standard
 //! deviations about and across the line of sight. Small differences are ignored, because depth is accurate to a fraction of a
 //! degree on a bare head; pitch has more tolerance, because light and a moving mouth affect the image's estimate of it.
 //!
@@ -23,11 +23,11 @@ use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;
 
-/// Longest time since the last pose for a prediction, and of the extrapolation of its speed, seconds.
+/// Longest time since the last pose for which a pose is predicted, and for which its speed is extrapolated, seconds.
 const COAST_S: f64 = 0.2;
-/// Longest gap of a slow camera, frames: one frame, which may come late.
+/// Longest gap between poses of a slow camera, frames: the next frame, which may come half a frame late.
 const GAP_FRAMES: f64 = 1.5;
-/// Longest frame time that counts, seconds: after a longer one the head may be anywhere.
+/// Longest frame time that lengthens the gap, seconds: after a longer one the head may be anywhere.
 const FRAME_MAX_S: f64 = 0.6;
 /// Largest motion of a head between two frames, metres.
 pub(super) const STEP_M: f32 = 0.1;
@@ -46,13 +46,13 @@ pub(super) struct Trail {
     /// Measured pose before the last, unfiltered; `None` if the speed is unknown.
     pub(super) earlier: Measured,
     filter: PoseFilter,
-    /// The three above before an unconfirmed pose.
+    /// The three fields above as they were before a pose that is not proven yet.
     before: Option<(Measured, Measured, PoseFilter)>,
     /// The filter before the last pose, to repeat it with the fused pose.
     unfiltered: PoseFilter,
     /// Information of the last pose's alignment.
     information: Information,
-    /// Time from the frame before to this one, seconds.
+    /// Time from the previous frame to this one, seconds.
     pub(super) frame_s: f64,
 }
 
@@ -74,7 +74,7 @@ impl Trail {
         self.longest_gap_s(COAST_S)
     }
 
-    /// `usual_s`, or of a slow camera the time of [`GAP_FRAMES`], seconds.
+    /// Longest gap between poses, seconds: `usual_s`, or with a slow camera the longer time of [`GAP_FRAMES`].
     pub(super) fn longest_gap_s(&self, usual_s: f64) -> f64 {
         usual_s.max(GAP_FRAMES * self.frame_s.min(FRAME_MAX_S))
     }
@@ -154,7 +154,7 @@ impl Trail {
         if dt <= 0.0 {
             return Some(last.inverse());
         }
-        // Rotate about the head's origin, not the camera's. 0.9: damping of the speed.
+        // The rotation is about the head's origin, not the camera's. The factor 0.9 damps the speed.
         let ratio = (since.min(COAST_S) / dt).min(2.0) as f32 * 0.9;
         let turn = (last.rotation * earlier.rotation.inverse()).scaled_axis() * ratio;
         let shift = (last.translation.vector - earlier.translation.vector) * ratio;
@@ -240,7 +240,7 @@ pub(super) trait Tracker: Send {
     fn follow(&mut self, _: &HeadCloud, _: &Trail, _: Timestamp) -> Option<Found> {
         None
     }
-    /// Finds the head anywhere in the cloud; each of `searches` pays for half of a search.
+    /// Finds the head anywhere in the cloud. `searches` counts the halves of a search that may still run.
     fn find(
         &mut self,
         cloud: &HeadCloud,
@@ -276,7 +276,7 @@ mod tests {
         trail.last = Some((pose(0.01, 0.1), time(40)));
         let expected = trail.predicted(time(60), &still).unwrap();
         assert!((expected * pose(0.01, 0.1)).translation.vector.norm() < 1e-6);
-        // 0.01 m and 0.1 rad in 40 ms; nine tenths of that speed is believed, for twice the time at most.
+        // The speed is 0.01 m and 0.1 rad in 40 ms; nine tenths of it are extrapolated, over at most 80 ms.
         trail.earlier = Some((pose(0.0, 0.0), time(0)));
         for (ms, steps) in [(60, 0.45), (80, 0.9), (120, 1.8), (200, 1.8)] {
             let apart = trail.predicted(time(ms), &still).unwrap()

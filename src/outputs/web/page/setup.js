@@ -1,35 +1,36 @@
-// Set-up of gestures, as both pages show it: a button to make an expression five times, what was found, a button to undo, how often the
-// gesture went on, its level and hold time, and the lines for the configuration. All are buttons and fields in the order of the
-// page, for a keyboard; for one switch that sends Enter or Space the focus goes from button to button by itself. No imports: pages that
-// are one file have this text in their script.
+// Set-up of gestures on the box's page and in the preview: for each gesture a button to make the expression five times, a button to undo,
+// fields for level and hold time, and the number of activations; below, the lines for the configuration. The keyboard reaches all controls
+// in the order of the page; for one switch that sends Enter or Space the focus moves from button to button by itself. This file has no
+// imports, because pages that consist of one file contain its text in their script.
 
 const FIVE = 5;
 const STEP_MS = 1500;
 
-// What a set-up says in each of its states.
+// The message for the state of a set-up.
 function told({ state, seen, on, hold_s }) {
   switch (state) {
     case "rest": return "Look at the sensor with a relaxed face.";
     case "act": return `Make the expression for about a second, then relax: ${seen} of ${FIVE}.`;
-    case "found": return `Done: found level ${on.toFixed(2)}, hold ${hold_s.toFixed(2)} s.`;
+    case "found": return `Done: level ${on.toFixed(2)}, hold time ${hold_s.toFixed(2)} s.`;
     case "kept": return "Done: the present level already suits this person.";
     case "weak": return "Nothing was changed: speech and glances reach as far as these expressions. Make them more strongly, or choose another gesture.";
-    case "failed": return "Nothing was changed: within a minute no expression was seen that clearly rises and returns. Sit 0.5 to 1 m from the sensor, face it, and make the expression for about a second.";
+    case "failed": return "Nothing was changed: for a minute no expression was seen that clearly rises and returns. Sit 0.5 to 1 m from the sensor, face it, and make the expression for about a second.";
     default: return "";
   }
 }
 
+// How often the gesture went on; the rate is per hour in which a face was tracked.
 function often({ count, tracked_s }) {
   const hours = tracked_s / 3600;
   return `${count} activations in the last 24 hours` + (hours >= 0.1 ? `, ${(count / hours).toFixed(1)} per hour with a face` : "");
 }
 
 export class SetUps {
-  // `send` takes the words of a command: what, the index of the gesture, a number or nothing. `hear` is called at each repetition.
+  // `send` takes the parts of a command: its name, the index of the gesture, and a number for some. `hear` is called at each repetition.
   constructor(parent, send, hear) {
     [this.parent, this.send, this.hear, this.rows] = [parent, send, hear, new Map()];
-    this.make("p", parent, "Press the button beside a gesture and follow the words. The person who is shown makes the expression five times.").className = "about";
-    const label = this.make("label", parent, " One switch: step from button to button");
+    this.make("p", parent, "Press the button beside a gesture and follow the instructions. The person who is shown makes the expression five times.").className = "about";
+    const label = this.make("label", parent, " One switch: the focus moves from button to button by itself");
     const scan = document.createElement("input");
     scan.type = "checkbox";
     scan.checked = location.hash === "#switch";
@@ -66,7 +67,7 @@ export class SetUps {
     one.undo = this.make("button", row, "Undo");
     one.undo.ariaLabel = `Undo the last change of ${name}`;
     one.undo.addEventListener("click", () => this.send("undo", index));
-    [one.level, one.hold] = [this.field(row, "level", "level", index), this.field(row, "hold, s", "hold", index)];
+    [one.level, one.hold] = [this.field(row, "level", "level", index), this.field(row, "hold time, s", "hold", index)];
     one.said = this.make("p", row);
     one.said.role = "status";
     one.often = this.make("p", row);
@@ -74,7 +75,7 @@ export class SetUps {
     return one;
   }
 
-  // The facts of a gesture, as the box sends them.
+  // Shows the facts of a gesture, as the box sends them.
   take(name, facts) {
     this.parent.hidden = false;
     if (!this.rows.has(name)) this.rows.set(name, this.row(name, facts));
@@ -95,7 +96,7 @@ export class SetUps {
     text(this.lines, all.map((row) => `[[gesture]]\nname = "${row.name}"\non = ${row.on}\noff = ${row.off}\nhold_s = ${row.hold_s}\n`).join("") || "No level was changed.");
   }
 
-  // Moves the focus to the next button, unless a set-up is running: then its button, which stops it, keeps the focus.
+  // Moves the focus to the next button; while a set-up runs, to its Stop button.
   step() {
     const buttons = [...this.list.querySelectorAll("button:not(:disabled)")];
     const running = buttons.find(({ ariaPressed }) => ariaPressed === "true");
