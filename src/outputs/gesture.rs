@@ -272,7 +272,10 @@ pub struct SetUpFacts {
 impl core::fmt::Display for SetUpFacts {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let Levels {
-            on, off, hold_s, ..
+            on,
+            off,
+            hold_s,
+            rise_s,
         } = self.levels;
         let Self {
             index,
@@ -289,7 +292,7 @@ impl core::fmt::Display for SetUpFacts {
         )?;
         write!(
             f,
-            ",\"off\":{off:.3},\"hold_s\":{hold_s:.2},\"can_undo\":{can_undo}"
+            ",\"off\":{off:.3},\"hold_s\":{hold_s:.2},\"rise_s\":{rise_s:.2},\"can_undo\":{can_undo}"
         )?;
         write!(f, ",\"count\":{count},\"tracked_s\":{tracked_s}")
     }
@@ -297,14 +300,17 @@ impl core::fmt::Display for SetUpFacts {
 
 impl SetUpFacts {
     /// The arguments of the OSC message.
-    pub fn to_osc(&self) -> [Argument<'static>; 9] {
+    pub fn to_osc(&self) -> [Argument<'static>; 10] {
         use Argument::{Bool, Float, Int};
         let Levels {
-            on, off, hold_s, ..
+            on,
+            off,
+            hold_s,
+            rise_s,
         } = self.levels;
         let [state, seen] = [self.state as usize, self.seen].map(|n| Int(n as i32));
         let [count, tracked_s] = [self.count, self.tracked_s].map(|n| Int(n as i32));
-        let [on, off, hold_s] = [on, off, hold_s].map(Float);
+        let [on, off, hold_s, rise_s] = [on, off, hold_s, rise_s].map(Float);
         let index = Int(self.index as i32);
         [
             index,
@@ -313,6 +319,7 @@ impl SetUpFacts {
             on,
             off,
             hold_s,
+            rise_s,
             Bool(self.can_undo),
             count,
             tracked_s,
@@ -330,6 +337,7 @@ impl SetUpFacts {
             Float(on),
             Float(off),
             Float(hold_s),
+            Float(rise_s),
             Int(can_undo),
             Int(count),
             Int(tracked_s),
@@ -337,7 +345,7 @@ impl SetUpFacts {
         else {
             return None;
         };
-        let is_finite = on.is_finite() && off.is_finite() && hold_s.is_finite();
+        let is_finite = [on, off, hold_s, rise_s].into_iter().all(f32::is_finite);
         let [state, seen, index] = [state, seen, index].map(usize::try_from);
         Some(Self {
             index: index.ok().filter(|&index| index < GESTURES && is_finite)?,
@@ -347,7 +355,7 @@ impl SetUpFacts {
                 on,
                 off,
                 hold_s,
-                rise_s: 0.0,
+                rise_s,
             },
             can_undo: can_undo != 0,
             count: count.try_into().ok()?,

@@ -285,13 +285,13 @@ mod tests {
             (0, Int(16)),
             (1, Int(7)),
             (3, Float(f32::NAN)),
-            (7, Int(-1)),
+            (8, Int(-1)),
         ] {
             let mut arguments = facts.to_osc();
             arguments[k] = wrong;
             take(&arguments);
         }
-        take(&facts.to_osc()[..8]);
+        take(&facts.to_osc()[..9]);
         assert_eq!(*recorder.set_ups.borrow(), [("smile".to_owned(), facts)]);
         assert_eq!(recorder.counts.get(), [1, 5]);
     }

@@ -93,7 +93,7 @@ export class SetUps {
     text(one.said, told(facts));
     text(one.often, often(facts));
     const all = [...this.rows.values()].filter((row) => row.can_undo);
-    text(this.lines, all.map((row) => `[[gesture]]\nname = "${row.name}"\non = ${row.on}\noff = ${row.off}\nhold_s = ${row.hold_s}\n`).join("") || "No level was changed.");
+    text(this.lines, all.map((row) => `[[gesture]]\nname = "${row.name}"\non = ${row.on}\noff = ${row.off}\nhold_s = ${row.hold_s}\nrise_s = ${row.rise_s}\n`).join("") || "No level was changed.");
   }
 
   // Moves the focus to the next button; while a set-up runs, to its Stop button.
