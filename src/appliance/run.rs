@@ -204,6 +204,7 @@ impl<'r> Session<'r> {
         if let Some(levels) = &self.levels {
             levels.load(&mut gestures);
         }
+        gestures.continue_from(&self.gestures);
         self.gestures = gestures;
         Ok(true)
     }
@@ -331,6 +332,7 @@ impl<'r> Session<'r> {
         if let Some(levels) = self.levels.as_mut().filter(|levels| levels.is_due()) {
             levels.save(&mut self.gestures);
         }
+        self.status.count_activations(self.gestures.activations());
         self.status.write(tallies(&self.outputs));
         let now = Instant::now();
         self.manager.feed_watchdog(now);

@@ -28,8 +28,6 @@ use mien_stages::face_model::scheme::VISIBLE_REGIONS;
 const PERIOD: Duration = Duration::from_secs(1);
 /// Frames whose latency is kept.
 const LATENCIES: usize = 1024;
-/// Hours whose activations are counted one by one: a day.
-const HOURS: usize = 24;
 /// Capacity for the kinds of outputs, including the CSV.
 const OUTPUTS: usize = 12;
 /// Initial capacity of a file's text, bytes.
@@ -47,9 +45,8 @@ defaults! {
         frames: u64 = 0,
         time_us: u64 = 0,
         lost: u64 = 0,
-        /// Number of activations of each gesture, summed over all people.
-        activations: [u64; GESTURES] = [0; GESTURES],
-        day: Day = Day::default(),
+        /// Activations of each gesture since the start, and in the last 24 hours.
+        activations: [[u64; 2]; GESTURES] = [[0; 2]; GESTURES],
         /// Whether the sensor delivers frames.
         sensor: bool = false,
         latencies: Latencies = Latencies::default(),
@@ -93,20 +90,17 @@ impl Status {
         Self { ranges, ..self }
     }
 
+    /// Takes the activations of each gesture since the start, and in the last 24 hours.
+    pub(crate) fn count_activations(&mut self, counts: impl Iterator<Item = [u64; 2]>) {
+        let own = self.activations.iter_mut();
+        own.zip(counts).for_each(|(own, counts)| *own = counts);
+    }
+
     /// Continues the figures from before a reload; `outputs` are the final tallies of the replaced outputs.
     pub fn continue_from(&mut self, before: Self, outputs: impl Iterator<Item = Tally>) {
         (self.start, self.frames, self.lost) = (before.start, before.frames, before.lost);
         (self.time_us, self.sensor) = (before.time_us, before.sensor);
         (self.latencies, self.users) = (before.latencies, before.users);
-        self.day.hour = before.day.hour;
-        for (k, name) in before.gestures.iter().enumerate().take(GESTURES) {
-            let place = self.gestures.iter().position(|own| own == name);
-            if let Some(place) = place.filter(|&place| place < GESTURES) {
-                self.activations[place] = before.activations[k];
-                let hours = self.day.counts.iter_mut().zip(&before.day.counts);
-                hours.for_each(|(own, before)| own[place] = before[k]);
-            }
-        }
         // One sum per name over all reloads.
         let mut sums = before.replaced;
         for tally in outputs {
@@ -142,15 +136,6 @@ impl Status {
         let before = self.users[slot].as_ref();
         let was_lost = before.is_none_or(|user| user.state == TrackingState::Lost);
         self.lost += u64::from(report.state == TrackingState::Lost && !was_lost);
-        if ENABLED {
-            let new = report.gestures & !before.map_or(0, |user| user.gestures);
-            let this_hour = self.day.enter(self.start.elapsed().as_secs() / 3600);
-            let counts = self.activations.iter_mut().zip(this_hour);
-            for (bit, (count, in_hour)) in counts.enumerate() {
-                *count += u64::from(new >> bit & 1);
-                *in_hour += new >> bit & 1;
-            }
-        }
         self.users[slot] = (report.state != TrackingState::Absent).then(|| User {
             state: report.state,
             confidence: report.confidence,
@@ -208,14 +193,11 @@ impl Status {
         )?;
         writeln!(text, "  \"tracking_lost\": {},", self.lost)?;
         if ENABLED && !self.gestures.is_empty() {
-            for (key, counts) in [
-                ("activations", self.activations),
-                ("activations_24h", self.day.sums()),
-            ] {
+            for (which, key) in ["activations", "activations_24h"].into_iter().enumerate() {
                 write!(text, "  \"{key}\": {{")?;
-                for (k, (name, count)) in self.gestures.iter().zip(counts).enumerate() {
+                for (k, (name, counts)) in self.gestures.iter().zip(self.activations).enumerate() {
                     let comma = if k > 0 { ", " } else { "" };
-                    write!(text, "{comma}{}: {count}", Quoted(name))?;
+                    write!(text, "{comma}{}: {}", Quoted(name), counts[which])?;
                 }
                 text.push_str("},\n");
             }
@@ -327,7 +309,7 @@ impl Status {
                 text,
                 "# HELP {name} Number of activations of a gesture, summed over all people.\n# TYPE {name} counter"
             )?;
-            for (gesture, count) in self.gestures.iter().zip(self.activations) {
+            for (gesture, [count, _]) in self.gestures.iter().zip(self.activations) {
                 writeln!(text, "{name}{{gesture=\"{gesture}\"}} {count}")?;
             }
         }
@@ -359,30 +341,6 @@ fn value_of_output(metric: &str, tally: &Tally) -> u64 {
         "mien_output_errors_total" => tally.dropped,
         "mien_output_refused_total" => tally.commands[1],
         _ => tally.connected.into(),
-    }
-}
-
-defaults! {
-    /// Ring of the activations of each gesture in each of the last hours, which begin with the program's start.
-    struct Day {
-        counts: [[u32; GESTURES]; HOURS] = [[0; GESTURES]; HOURS],
-        /// Number of the present hour.
-        hour: u64 = 0,
-    }
-}
-
-impl Day {
-    /// Drops what is a day old at this hour; returns the counts of the hour.
-    fn enter(&mut self, hour: u64) -> &mut [u32; GESTURES] {
-        while self.hour < hour {
-            self.hour += 1;
-            self.counts[self.hour as usize % HOURS] = [0; GESTURES];
-        }
-        &mut self.counts[self.hour as usize % HOURS]
-    }
-
-    fn sums(&self) -> [u64; GESTURES] {
-        core::array::from_fn(|k| self.counts.iter().map(|counts| u64::from(counts[k])).sum())
     }
 }
 
@@ -624,35 +582,18 @@ mod tests {
             json.contains("\"gestures\": [\"smile\", \"brows\"], \"units\": {}"),
             "{json}"
         );
-        // Counted once, and on across a reload that moves them.
-        status.observe(&report, None);
-        let mut after = Status::new("", "", &[], &["brows", "smile"]);
-        after.continue_from(status, std::iter::empty());
-        after.observe(&Report::default(), None);
-        let next = Report {
-            gestures: 0b10,
-            ..report
-        };
-        after.observe(&next, None);
+        status.count_activations([[2, 1], [0, 0], [1, 1]].into_iter());
         let (mut json, mut metrics) = (String::new(), String::new());
-        after.json(std::iter::empty(), &mut json).unwrap();
-        let counts = "\"activations\": {\"brows\": 1, \"smile\": 2}";
-        assert!(json.contains(counts), "{json}");
-        after.prometheus(std::iter::empty(), &mut metrics).unwrap();
+        status.json(std::iter::empty(), &mut json).unwrap();
+        for counts in [
+            "\"activations\": {\"smile\": 2, \"kiss\": 0, \"brows\": 1}",
+            "\"activations_24h\": {\"smile\": 1, \"kiss\": 0, \"brows\": 1}",
+        ] {
+            assert!(json.contains(counts), "{json}");
+        }
+        status.prometheus(std::iter::empty(), &mut metrics).unwrap();
         let sample = "\nmien_gesture_activations_total{gesture=\"smile\"} 2\n";
         assert!(metrics.contains(sample), "{metrics}");
-        // The day's count loses them after 24 hours.
-        let mut of_day = |hour| {
-            after.day.enter(hour);
-            json.clear();
-            after.json(std::iter::empty(), &mut json).unwrap();
-            json.contains("\"activations_24h\": {\"brows\": 1, \"smile\": 2}")
-        };
-        assert_eq!([0, 23, 24].map(&mut of_day), [true, true, false]);
-        assert!(
-            json.contains("\"activations_24h\": {\"brows\": 0, \"smile\": 0}")
-                && json.contains(counts)
-        );
     }
 
     #[test]

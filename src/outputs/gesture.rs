@@ -2,59 +2,39 @@
 //!
 //! A gesture evaluates a sum of units, or the smallest of several sums. It goes on when the value has been at the upper level for
 //! the hold time, and off below the lower level. It does not go on while the head turns or is turned away, before the face is tracked,
-//! before the pause is over, during speech or laughter that moves the mouth, or if less than [`SUDDEN`] of the rise came within `rise_s`:
+//! before the pause is over, during speech or laughter that moves the mouth, or if less than 45 % of the rise came within `rise_s`:
 //! yawns, laughter and the lids of a drowsy person rise more slowly than deliberate expressions. Every on is followed by an off, also
 //! when the head turns away, the face is lost, the person leaves, the source stops, the configuration changes or the run ends.
-//!
-//! Speech and laughter are detected from the mouth's opening: at least [`REVERSALS`] reversals within [`SPEECH_S`], each of at least
-//! [`REVERSAL`] and at least a [`SHARE`] of the opening, the last one less than [`QUIET_S`] ago.
 //!
 //! [`teaching`] finds levels for a person. Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 1.8 kB for each gesture,
 //! and 8 kB, of which 4 kB are for a set-up.
 
+mod activation;
+mod definition;
+mod facts;
+mod last_day;
+mod speech;
 pub mod teaching;
 
 use super::command::Command;
 use super::every::Every;
-use super::osc::packet::Argument;
 use super::report::{Report, unit_range};
-use super::view::{is_name, is_unit};
+use activation::{Activation, PAST, Times};
+pub use definition::{Gesture, LEVELS, PRESETS, Person, Press};
+pub use facts::{SetUp, SetUpFacts};
 use heapless::HistoryBuf;
+use last_day::LastDay;
 use mien_stages::base::capacity::{GESTURES, USERS};
 use mien_stages::base::geometry::{Vector, face_normal};
 use mien_stages::base::prelude::*;
-use mien_stages::base::settings::keyed;
 use mien_stages::base::time::Timestamp;
 use mien_stages::users::TrackingState;
+use speech::Speech;
 pub use teaching::SetUpState;
-use teaching::{Awaits, HIGH, HIGH_OF_GAZE, Lesson, Levels};
+use teaching::{Awaits, Lesson, Levels};
 
 /// Whether this build has gestures.
 pub const ENABLED: bool = cfg!(any(test, feature = "wires"));
-/// Reversals of the mouth's opening that count as speech.
-const REVERSALS: usize = 3;
-/// Smallest reversal, weight.
-const REVERSAL: f32 = 0.15;
-/// Smallest reversal as a share of the opening.
-const SHARE: f32 = 0.2;
-/// Time within which the reversals must occur, seconds.
-const SPEECH_S: f64 = 1.2;
-/// Speech ends this long after the last reversal, seconds.
-const QUIET_S: f64 = 0.4;
-/// Least and greatest upper level.
-pub const LEVELS: [f32; 2] = [0.01, 8.0];
-/// Number of past frames in which a rise and a turn are measured: two seconds at 30 Hz.
-const PAST: usize = 64;
-/// Share of the rise, from the lowest value of these frames to the present one, that must come within `rise_s`.
-const SUDDEN: f32 = 0.45;
-/// Share of the rise at which its measurement begins; and the least rise, as a share of the present value.
-const BEGUN: f32 = 0.3;
-/// The measurement begins again after a value of this multiple of the present one, such as a blink during a yawn.
-const BLINK: f32 = 1.5;
-/// A rise is over when the value was at least this share of the present one [`SETTLED_S`] ago.
-const SETTLED: f32 = 0.8;
-/// Age of the earlier value for [`SETTLED`], seconds.
-const SETTLED_S: f32 = 0.2;
 /// Turn of the head to the side within [`TURN_S`], degrees, above which no gesture goes on. Turns up and down do not count, because
 /// opening the mouth changes the measured pitch.
 const TURN_DEG: f32 = 8.0;
@@ -62,169 +42,11 @@ const TURN_DEG: f32 = 8.0;
 const TURN_S: f32 = 0.3;
 /// Greatest hold time, seconds.
 const HOLD_MAX_S: f32 = 60.0;
-/// Number of hours, with the present one, over which activations and tracked time are counted.
-const HOURS: usize = 24;
 /// Interval at which every state is repeated for receivers that missed a change, seconds.
 const REPEAT_S: f64 = 2.0;
 
-/// Whose expression counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Person {
-    /// The person that single-person outputs show.
-    #[default]
-    Shown,
-    /// Anybody: the gesture is on while at least one person makes it.
-    Any,
-    /// Each person separately.
-    Each,
-}
-
-/// How a key is pressed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Press {
-    /// Down and up again at once, because a key held down repeats.
-    #[default]
-    Tap,
-    /// Down while the gesture is on.
-    Hold,
-}
-
-keyed! {
-    /// One gesture.
-    pub struct Gesture {
-        /// Name of the gesture.
-        name: String = String::new() => Text("at most 24 letters, digits and signs such as _ or -", is_topic_part),
-        /// Expression that switches it.
-        of: String = String::new() => Text(
-            "a sum of units, such as \"AU12L + AU12R - AU26\", or sums joined by &, of which the smallest counts",
-            is_sum
-        ),
-        /// Level of that expression at which it goes on.
-        on: f32 = 0.7 => number(LEVELS[0], LEVELS[1], ""),
-        /// Lowest level that the set-up by five repetitions may find, unless on is lower: speech and glances reach almost as far.
-        on_min: f32 = 0.35 => number(0.0, LEVELS[1], ""),
-        /// Level below which it goes off.
-        off: f32 = 0.4 => number(0.0, 8.0, ""),
-        /// How long the level must be kept before it goes on.
-        hold_s: f32 = 0.2 => seconds(),
-        /// Time within which 45 % of the expression's rise must come; 0 = any.
-        rise_s: f32 = 0.0 => seconds(),
-        /// Shortest time from going off to going on again.
-        pause_s: f32 = 0.3 => seconds(),
-        /// Whose expression counts: that of the person in single-person outputs, anybody's, or each person's separately.
-        person: Person = Person::default() =>
-            choice(&[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]),
-        /// Whether it goes on while the person speaks or laughs.
-        speaking: bool = false => Bool(),
-        /// Largest sideways angle between the face and the line from it to the sensor.
-        turned_deg: f32 = 30.0 => number(1.0, 90.0, "degrees"),
-        /// Key that it presses; empty = none.
-        key: String = String::new() =>
-            Text("a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", is_key),
-        /// Whether the key is tapped once, or held down while the gesture is on.
-        press: Press = Press::default() => choice(&[("tap", Press::Tap), ("hold", Press::Hold)]),
-    }
-}
-
-/// Longest sum, bytes; enough for every unit once.
-const SUM_MAX: usize = 512;
-
-/// Whether a text is a sum of units, or several joined by `&`.
-fn is_sum(text: &str) -> bool {
-    text.len() <= SUM_MAX && Gesture::sums(text).flatten().all(|(_, unit)| is_unit(unit))
-}
-
-/// Whether the key exists; a build without key output accepts any name.
-fn is_key(name: &str) -> bool {
-    #[cfg(feature = "wires")]
-    let is_known = super::key_codes::is_key;
-    #[cfg(not(feature = "wires"))]
-    let is_known = is_name;
-    name.is_empty() || is_known(name)
-}
-
-/// Whether the text is valid as a gesture's name, which is part of topics, addresses and column names.
-fn is_topic_part(name: &str) -> bool {
-    is_name(name) && !name.contains(['!', '+', '"', '\\'])
-}
-
-/// Gestures with built-in settings: name, sums, on, on_min, off, rise and hold time in seconds, largest sideways angle in degrees.
-/// Reasons for the values: the gaze stays on its target when the head turns; a mouth seen from the side looks pursed; many real smiles
-/// raise the upper lip (AU10) and hardly move the corners, but a wrinkled nose (AU9) raises it too, and pursed lips (AU18) move the
-/// corners; in speech the jaw moves; yawns, laughter and drowsy lids rise slowly; the lids follow eyes that look down. The values of
-/// `on_min` are just above what speech, glances and the other gestures reached for the hold time.
-#[rustfmt::skip]
-pub const PRESETS: [(&str, &str, [f32; 6]); 10] = [
-    ("smile", "AU12L + AU12R + AU10L + AU10R - AU9L - AU9R - AU18 - AU26", [0.13, 0.1, 0.08, 0.25, 0.5, 40.0]),
-    ("brows", "AU1L + AU1R + AU2L + AU2R", [1.3, 0.9, 0.9, 0.0, 0.15, 40.0]),
-    ("mouth_open", "AU26", [0.32, 0.28, 0.2, 0.25, 0.7, 40.0]),
-    ("wink_left", "AU43L - AU43R", [0.7, 0.32, 0.35, 0.0, 0.2, 30.0]),
-    ("wink_right", "AU43R - AU43L", [0.7, 0.32, 0.35, 0.0, 0.2, 30.0]),
-    ("blink_long", "AU43L & AU43R", [0.4, 0.3, 0.25, 0.15, 0.5, 40.0]),
-    ("look_left", "AU61", [0.7, 0.6, 0.45, 0.0, 0.9, 12.0]),
-    ("look_right", "AU62", [0.7, 0.6, 0.45, 0.0, 0.9, 12.0]),
-    ("look_up", "AU63", [0.6, 0.36, 0.36, 0.0, 0.4, 12.0]),
-    ("kiss", "AU18", [0.6, 0.3, 0.4, 0.0, 0.2, 30.0]),
-];
 /// Largest angle up or down at which a face makes gestures, degrees.
 const PITCH_MAX_DEG: f32 = 30.0;
-
-impl Gesture {
-    /// The preset of this name; for any other name a gesture without a sum.
-    pub fn named(name: &str) -> Self {
-        let mut gesture = Self {
-            name: name.into(),
-            ..Self::default()
-        };
-        let preset = PRESETS.iter().find(|preset| preset.0 == name);
-        if let Some(&(_, sum, [on, on_min, off, rise_s, hold_s, turned_deg])) = preset {
-            gesture.of = sum.into();
-            (gesture.on, gesture.off, gesture.turned_deg) = (on, off, turned_deg);
-            (gesture.rise_s, gesture.hold_s, gesture.on_min) = (rise_s, hold_s, on_min);
-        }
-        gesture
-    }
-
-    /// Its levels.
-    pub fn levels(&self) -> Levels {
-        Levels {
-            on: self.on,
-            off: self.off,
-            hold_s: self.hold_s,
-            rise_s: self.rise_s,
-        }
-    }
-
-    fn lesson(&self, configured: Levels) -> Lesson {
-        let mut units = Self::sums(&self.of).flatten().map(|(_, unit)| unit);
-        let high = units.find_map(|unit| match unit {
-            "AU61" | "AU62" => Some(HIGH_OF_GAZE[0]),
-            "AU63" | "AU64" => Some(HIGH_OF_GAZE[1]),
-            _ => None,
-        });
-        let high = high.unwrap_or(HIGH);
-        Lesson::new(configured, self.on_min, high)
-    }
-
-    /// Sign and unit of each term, for each sum; unit names are not checked.
-    pub fn sums(text: &str) -> impl Iterator<Item = impl Iterator<Item = (f32, &str)>> {
-        text.split('&').map(Self::terms)
-    }
-
-    /// Index among `units` and sign of each term, for each sum; units that are not measured are omitted.
-    pub fn indexed(&self, units: &[&str]) -> Vec<Vec<(usize, f32)>> {
-        let index = |(sign, unit)| Some((units.iter().position(|name| *name == unit)?, sign));
-        let sums = Self::sums(&self.of).map(|terms| terms.filter_map(index).collect());
-        sums.collect()
-    }
-
-    fn terms(sum: &str) -> impl Iterator<Item = (f32, &str)> {
-        let signs = sum.matches(['+', '-']);
-        let signs = signs.map(|sign| if sign == "-" { -1.0 } else { 1.0 });
-        let signs = core::iter::once(1.0).chain(signs);
-        signs.zip(sum.split(['+', '-']).map(str::trim))
-    }
-}
 
 /// Message to outputs: a gesture went on or off, or its state is repeated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -249,238 +71,6 @@ impl core::fmt::Display for Switch<'_> {
     }
 }
 
-/// Levels of a gesture, how it is being set up, and how often it went on.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SetUpFacts {
-    /// Index among the gestures.
-    pub index: usize,
-    /// State of the set-up.
-    pub state: SetUpState,
-    /// Repetitions seen.
-    pub seen: usize,
-    /// The present levels.
-    pub levels: Levels,
-    /// Whether there is a change that can be undone.
-    pub can_undo: bool,
-    /// Activations in the last 24 hours.
-    pub count: u32,
-    /// Time for which anybody was tracked in the last 24 hours, seconds.
-    pub tracked_s: u32,
-}
-
-/// Fields of a JSON object.
-impl core::fmt::Display for SetUpFacts {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Levels {
-            on,
-            off,
-            hold_s,
-            rise_s,
-        } = self.levels;
-        let Self {
-            index,
-            seen,
-            can_undo,
-            count,
-            tracked_s,
-            ..
-        } = self;
-        let state = self.state.name();
-        write!(
-            f,
-            "\"index\":{index},\"state\":\"{state}\",\"seen\":{seen},\"on\":{on:.3}"
-        )?;
-        write!(
-            f,
-            ",\"off\":{off:.3},\"hold_s\":{hold_s:.2},\"rise_s\":{rise_s:.2},\"can_undo\":{can_undo}"
-        )?;
-        write!(f, ",\"count\":{count},\"tracked_s\":{tracked_s}")
-    }
-}
-
-impl SetUpFacts {
-    /// The arguments of the OSC message.
-    pub fn to_osc(&self) -> [Argument<'static>; 10] {
-        use Argument::{Bool, Float, Int};
-        let Levels {
-            on,
-            off,
-            hold_s,
-            rise_s,
-        } = self.levels;
-        let [state, seen] = [self.state as usize, self.seen].map(|n| Int(n as i32));
-        let [count, tracked_s] = [self.count, self.tracked_s].map(|n| Int(n as i32));
-        let [on, off, hold_s, rise_s] = [on, off, hold_s, rise_s].map(Float);
-        let index = Int(self.index as i32);
-        [
-            index,
-            state,
-            seen,
-            on,
-            off,
-            hold_s,
-            rise_s,
-            Bool(self.can_undo),
-            count,
-            tracked_s,
-        ]
-    }
-
-    /// From the arguments of an OSC message; `None` if they are not those of [`Self::to_osc`].
-    #[cfg(feature = "studio")]
-    pub fn from_osc(arguments: &[Argument<'_>]) -> Option<Self> {
-        use Argument::{Float, Int};
-        let &[
-            Int(index),
-            Int(state),
-            Int(seen),
-            Float(on),
-            Float(off),
-            Float(hold_s),
-            Float(rise_s),
-            Int(can_undo),
-            Int(count),
-            Int(tracked_s),
-        ] = arguments
-        else {
-            return None;
-        };
-        let is_finite = [on, off, hold_s, rise_s].into_iter().all(f32::is_finite);
-        let [state, seen, index] = [state, seen, index].map(usize::try_from);
-        Some(Self {
-            index: index.ok().filter(|&index| index < GESTURES && is_finite)?,
-            state: *SetUpState::ALL.get(state.ok()?)?,
-            seen: seen.ok()?,
-            levels: Levels {
-                on,
-                off,
-                hold_s,
-                rise_s,
-            },
-            can_undo: can_undo != 0,
-            count: count.try_into().ok()?,
-            tracked_s: tracked_s.try_into().ok()?,
-        })
-    }
-}
-
-/// Message to outputs: the facts of a gesture changed, or are repeated.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SetUp<'a> {
-    /// Name of the gesture.
-    pub name: &'a str,
-    /// Its facts.
-    pub facts: SetUpFacts,
-}
-
-/// Times of the last frames.
-type Times = HistoryBuf<Timestamp, PAST>;
-
-/// One person's state of one gesture.
-#[derive(Default)]
-struct Activation {
-    is_on: bool,
-    /// Start of the time at the upper level.
-    since: Option<Timestamp>,
-    /// When it last went off.
-    off_at: Option<Timestamp>,
-    /// Values of the last frames.
-    past: HistoryBuf<f32, PAST>,
-    /// Whether the value rose too slowly since it was last below the upper level.
-    is_slow: bool,
-}
-
-impl Activation {
-    /// Takes the value of a frame, the last one of `times`.
-    fn observe(&mut self, gesture: &Gesture, sum: f32, may_start: bool, times: &Times) {
-        let Some(&at) = times.recent() else { return };
-        self.past.write(sum.max(0.0));
-        if self.is_on {
-            if sum < gesture.off {
-                (self.is_on, self.since, self.off_at) = (false, None, Some(at));
-            }
-        } else if sum < gesture.on {
-            (self.since, self.is_slow) = (None, false);
-        } else if may_start && !self.is_slow {
-            let since = *self.since.get_or_insert(at);
-            let rested = |off| at.seconds_since(off) as f32 >= gesture.pause_s;
-            if at.seconds_since(since) as f32 >= gesture.hold_s && self.off_at.is_none_or(rested) {
-                let came_fast = match gesture.rise_s {
-                    0.0 => Some(true),
-                    rise_s => self.came_fast(times, rise_s),
-                };
-                if let Some(came_fast) = came_fast {
-                    (self.is_on, self.is_slow) = (came_fast, !came_fast);
-                }
-            }
-        } else {
-            self.since = None;
-        }
-    }
-
-    /// Whether the share [`SUDDEN`] of the rise came within `rise_s` (or from one frame to the next), after the value was last below
-    /// the share [`BEGUN`] of the rise. `None` while the value still rises.
-    fn came_fast(&self, times: &Times, rise_s: f32) -> Option<bool> {
-        let (at, now) = (times.recent()?, *self.past.recent()?);
-        // Times may go back further than this gesture's values.
-        let times = times.oldest_ordered().skip(times.len() - self.past.len());
-        let past = times.zip(self.past.oldest_ordered().copied());
-        let earlier = past
-            .clone()
-            .filter(|(then, _)| at.seconds_since(**then) as f32 >= SETTLED_S);
-        if earlier.last()?.1 < SETTLED * now {
-            return None;
-        }
-        let base = past.clone().fold(now, |base, (_, sum)| base.min(sum));
-        if now - base < BEGUN * now {
-            // The expression was there before these frames.
-            return Some(false);
-        }
-        let rises = base + BEGUN * (now - base)..BLINK * now;
-        let begun = past.clone().enumerate();
-        let begun = begun.filter(|(_, (_, sum))| !rises.contains(sum));
-        let rise = past.clone().skip(begun.last().map_or(0, |(k, _)| k));
-        Some(rise.clone().enumerate().any(|(k, (later, high))| {
-            rise.clone().take(k).enumerate().any(|(j, (earlier, low))| {
-                let is_near = j + 1 == k || later.seconds_since(*earlier) as f32 <= rise_s;
-                is_near && high.min(now) - low >= SUDDEN * (now - base)
-            })
-        }))
-    }
-}
-
-/// Speech detector of one person.
-#[derive(Clone, Copy, Default)]
-struct Speech {
-    /// Extreme of the mouth's opening since the last reversal; `None` before the first frame.
-    extreme: Option<f32>,
-    /// Whether the mouth opens since then.
-    is_opening: bool,
-    /// Times of the last reversals, newest first.
-    turns: [Option<Timestamp>; REVERSALS],
-}
-
-impl Speech {
-    /// Takes the mouth's opening; returns whether the person speaks.
-    fn update(&mut self, opening: f32, at: Timestamp) -> bool {
-        let extreme = self.extreme.unwrap_or(opening);
-        let direction = if self.is_opening { 1.0 } else { -1.0 };
-        let back = direction * (extreme - opening);
-        // Noise grows with the opening.
-        let least = REVERSAL.max(SHARE * opening.max(extreme));
-        if back > least {
-            self.is_opening = !self.is_opening;
-            self.turns.rotate_right(1);
-            self.turns[0] = Some(at);
-        }
-        let is_between = (0.0..=least).contains(&back);
-        self.extreme = Some(if is_between { extreme } else { opening });
-        let within =
-            |turn: usize, s| self.turns[turn].is_some_and(|turn| at.seconds_since(turn) < s);
-        within(REVERSALS - 1, SPEECH_S) && within(0, QUIET_S)
-    }
-}
-
 /// A gesture and its state for every user.
 struct Watched {
     gesture: Gesture,
@@ -493,8 +83,9 @@ struct Watched {
     configured: Levels,
     /// Levels before the last change, for undoing it.
     before: Option<Levels>,
-    /// Activations in each of the last hours.
-    counts: [u16; HOURS],
+    /// Activations since the start, and in the last day.
+    total: u64,
+    day: LastDay,
     /// The present facts, and those sent last.
     facts: [SetUpFacts; 2],
 }
@@ -533,10 +124,8 @@ pub struct Gestures {
     at: Timestamp,
     /// The gesture that is being set up, and the slot of the person.
     lesson: Option<(usize, Option<usize>, Lesson)>,
-    /// Time for which anybody was tracked in each of the last hours, seconds.
-    tracked_s: [f32; HOURS],
-    /// Number of the present hour of capture time.
-    hour: u64,
+    /// Time for which anybody was tracked, microseconds.
+    tracked_us: LastDay,
     /// Whether levels were changed since [`Self::take_change`].
     is_changed: bool,
 }
@@ -553,7 +142,8 @@ impl Gestures {
             activations: Default::default(),
             last_sent: Default::default(),
             before: None,
-            counts: Default::default(),
+            total: 0,
+            day: LastDay::default(),
             facts: Default::default(),
         };
         let limit = if ENABLED { GESTURES } else { 0 };
@@ -567,8 +157,7 @@ impl Gestures {
             facts_repetition: Every::default(),
             at: Timestamp::default(),
             lesson: None,
-            tracked_s: Default::default(),
-            hour: 0,
+            tracked_us: LastDay::default(),
             is_changed: false,
         }
     }
@@ -618,27 +207,35 @@ impl Gestures {
                     _ => (SetUpState::Rest, facts.seen),
                 };
             }
-            let counts = watched.counts.iter().copied().map(u32::from);
-            facts.count = counts.sum();
-            facts.tracked_s = self.tracked_s.iter().sum::<f32>() as u32;
+            facts.count = watched.day.sum() as u32;
+            facts.tracked_s = (self.tracked_us.sum() / 1_000_000) as u32;
             (facts.index, facts.levels) = (index, watched.gesture.levels());
             watched.facts[0].can_undo = watched.can_undo();
         }
     }
 
-    /// Adds the time since the last frame to the tracked time, if it is less than a second, and clears the hours older than a day.
+    /// Adds the time since the last frame to the tracked time, if it is less than a second.
     fn pass_time(&mut self, at: Timestamp, is_tracked: bool) {
-        let hour = at.as_us() / 3_600_000_000;
-        let passed = hour.saturating_sub(self.hour).min(HOURS as u64);
-        for ago in 0..passed {
-            let old = ((hour - ago) % HOURS as u64) as usize;
-            self.tracked_s[old] = 0.0;
-            self.all.iter_mut().for_each(|one| one.counts[old] = 0);
-        }
-        self.hour = hour;
-        let s = at.seconds_since(self.at) as f32;
-        if is_tracked && (0.0..1.0).contains(&s) {
-            self.tracked_s[(hour % HOURS as u64) as usize] += s;
+        let us = at.as_us().saturating_sub(self.at.as_us());
+        let counts = is_tracked && us < 1_000_000;
+        self.tracked_us.add(if counts { us } else { 0 }, at);
+        self.all.iter_mut().for_each(|one| one.day.add(0, at));
+    }
+
+    /// Activations of each gesture since the start, and in the last 24 hours.
+    pub fn activations(&self) -> impl Iterator<Item = [u64; 2]> {
+        self.all.iter().map(|one| [one.total, one.day.sum()])
+    }
+
+    /// Continues the counts of those before, for gestures of the same name.
+    pub fn continue_from(&mut self, before: &Self) {
+        self.tracked_us = before.tracked_us;
+        self.at = before.at;
+        for one in &mut self.all {
+            let mut all = before.all.iter();
+            if let Some(same) = all.find(|other| other.gesture.name == one.gesture.name) {
+                (one.total, one.day) = (same.total, same.day);
+            }
         }
     }
 
@@ -694,13 +291,8 @@ impl Gestures {
             let taught = self.lesson.as_mut().filter(|(of, ..)| *of == index);
             if let Some((_, of, lesson)) = taught {
                 // During its set-up a gesture switches nothing.
-                let past = core::mem::take(&mut watched.activations[slot].past);
-                watched.activations[slot] = Activation {
-                    past,
-                    ..Activation::default()
-                };
                 let state = &mut watched.activations[slot];
-                state.past.write(sum.max(0.0));
+                state.rest(sum);
                 if counts && may_start && !report.other_is_shown {
                     let is_theirs = *of.get_or_insert(slot) == slot;
                     let came_fast = state.came_fast(&self.times[slot], watched.configured.rise_s);
@@ -742,8 +334,8 @@ impl Gestures {
                 };
                 let is_new = core::mem::replace(last_sent, is_on) != is_on;
                 if is_new && is_on {
-                    let hour = (self.hour % HOURS as u64) as usize;
-                    watched.counts[hour] = watched.counts[hour].saturating_add(1);
+                    watched.total += 1;
+                    watched.day.add(1, self.at);
                 }
                 if is_new || repeat {
                     each(&Switch {
@@ -1224,6 +816,7 @@ mod tests {
                     ..rest
                 },
             ]);
+            gestures.for_each_switch(|_| ());
             ms += 33;
         }
         ms
@@ -1250,9 +843,11 @@ mod tests {
 
         gestures.execute(Command::Teach(0, true));
         let ms = five_smiles(&mut gestures, ms, 0, 0.9);
-        assert_eq!(switches(&mut gestures), []);
         let told = facts(&mut gestures);
-        assert_eq!((told.state, told.seen), (SetUpState::Found, 5));
+        assert_eq!(
+            (told.state, told.seen, told.count),
+            (SetUpState::Found, 5, 0)
+        );
         // 34 % of the way from 0.04 to 1.8, in steps of 4 %.
         assert!((0.6..0.65).contains(&told.levels.on), "{told:?}");
         assert!(told.can_undo && gestures.take_change());
@@ -1260,7 +855,7 @@ mod tests {
         // Weaker smiles: their sum of 1.0 is below the old level of 1.1.
         five_smiles(&mut gestures, ms, 0, 0.5);
         let told = facts(&mut gestures);
-        assert!(told.count == 0 && told.tracked_s > 30);
+        assert!(told.count == 5 && told.tracked_s > 30, "{told:?}");
         gestures.execute(Command::Undo(0));
         let told = facts(&mut gestures);
         assert!(told.levels == before && !told.can_undo);
@@ -1310,6 +905,12 @@ mod tests {
         }
         let told = facts(&mut gestures);
         assert_eq!((told.count, told.tracked_s), (24, 33));
+        // A configuration that is read again, with the gesture in another place.
+        let all = [Gesture::named("kiss"), smile(Person::Shown)];
+        let mut after = Gestures::new(&all, &UNITS);
+        after.continue_from(&gestures);
+        let counts: Vec<[u64; 2]> = after.activations().collect();
+        assert_eq!(counts, [[0, 0], [30, 24]]);
     }
 
     #[test]

@@ -492,7 +492,7 @@ async function setUp(page, name) {
     await page.keyboard.press("Enter");
   }
   const [teach, undo, level] = [".setup button", ".setup button + button", ".setup input"];
-  const runs = (on) => until(page, (on) => document.querySelector(".setup button").ariaPressed === String(on), on);
+  const runs = (on) => until(page, (on) => Boolean(document.querySelector(".setup button").dataset.runs) === on, on);
   const isDisabled = (off) => until(page, (off) => document.querySelector(".setup button + button").disabled === off, off);
   const said = () => page.textContent(".setup p[role=status]");
   check(`${name}: a set-up is reached by Tab`, await tabTo(page, teach));

@@ -5,7 +5,7 @@
 //! time. The new level is the configured one, limited to between [`LOW`] and [`HIGH`] of the way from rest to the second lowest of these
 //! five levels, but not below the gesture's `on_min`: speech and glances reach almost as far.
 //!
-//! Values of a gesture's expression, seconds of capture time. Memory: fixed, about 5 kB. Degenerate: without a repetition for
+//! Values of a gesture's expression, seconds of capture time. Memory: fixed, about 4.5 kB. Degenerate: without a repetition for
 //! [`PATIENCE_S`] nothing is found.
 
 use mien_stages::base::time::Timestamp;

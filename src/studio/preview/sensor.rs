@@ -90,7 +90,7 @@ pub fn follow(
         let now = frame.at.as_us() as f64 * 1e-6;
         let mut reports = pipeline.reports();
         gestures.observe(&mut reports);
-        // The states of a recording would be ahead of what is shown.
+        // The pictures of a recording are shown later than its frames are tracked.
         if live {
             gestures.for_each_switch(|one| hub.gesture(&one.gesture.name, one.user, one.is_on));
             gestures.for_each_set_up(|one| hub.set_up(one.name, &one.facts));

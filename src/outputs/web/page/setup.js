@@ -26,7 +26,7 @@ function often({ count, tracked_s }) {
 }
 
 export class SetUps {
-  // `send` takes the parts of a command: its name, the index of the gesture, and a number for some. `hear` is called at each repetition.
+  // `send` sends a command: its name, the index of the gesture and, for some commands, a number. `hear` is called when a repetition was seen.
   constructor(parent, send, hear) {
     [this.parent, this.send, this.hear, this.rows] = [parent, send, hear, new Map()];
     this.make("p", parent, "Press the button beside a gesture and follow the instructions. The person who is shown makes the expression five times.").className = "about";
@@ -60,14 +60,16 @@ export class SetUps {
   row(name, { index }) {
     const row = this.make("div", this.list);
     row.className = "setup";
-    this.make("h3", row, name.replaceAll("_", " "));
-    const one = { name, state: "none", seen: 0 };
+    const plain = name.replaceAll("_", " ");
+    this.make("h3", row, plain);
+    const one = { name, plain, state: "none", seen: 0 };
     one.teach = this.make("button", row);
-    one.teach.addEventListener("click", () => this.send("teach", index, one.teach.ariaPressed === "true" ? 0 : 1));
+    one.teach.addEventListener("click", () => this.send("teach", index, one.teach.dataset.runs ? 0 : 1));
     one.undo = this.make("button", row, "Undo");
-    one.undo.ariaLabel = `Undo the last change of ${name}`;
+    one.undo.ariaLabel = `Undo the last change of ${plain}`;
     one.undo.addEventListener("click", () => this.send("undo", index));
     [one.level, one.hold] = [this.field(row, "level", "level", index), this.field(row, "hold time, s", "hold", index)];
+    [one.level.ariaLabel, one.hold.ariaLabel] = [`level of ${plain}`, `hold time of ${plain}, seconds`];
     one.said = this.make("p", row);
     one.said.role = "status";
     one.often = this.make("p", row);
@@ -84,8 +86,9 @@ export class SetUps {
     const runs = ["rest", "act"].includes(facts.state);
     if (runs && facts.seen > one.seen) this.hear();
     Object.assign(one, facts);
-    one.teach.ariaPressed = String(runs);
+    one.teach.dataset.runs = runs ? 1 : "";
     text(one.teach, runs ? "Stop" : "Make it five times");
+    one.teach.ariaLabel = `${one.teach.textContent}: ${one.plain}`;
     one.undo.disabled = !facts.can_undo;
     for (const [field, value] of [[one.level, facts.on], [one.hold, facts.hold_s]]) {
       if (document.activeElement !== field) field.value = value.toFixed(2);
@@ -99,7 +102,7 @@ export class SetUps {
   // Moves the focus to the next button; while a set-up runs, to its Stop button.
   step() {
     const buttons = [...this.list.querySelectorAll("button:not(:disabled)")];
-    const running = buttons.find(({ ariaPressed }) => ariaPressed === "true");
+    const running = buttons.find(({ dataset }) => dataset.runs);
     (running ?? buttons[(buttons.indexOf(document.activeElement) + 1) % buttons.length])?.focus();
   }
 }
