@@ -22,7 +22,7 @@ use mien_outputs::gesture::{ENABLED, Gestures};
 use mien_outputs::table;
 use mien_outputs::{Output, OutputError, Report, Tally};
 use mien_sensors::Frame;
-use mien_sensors::sensor::Sensor;
+use mien_sensors::sensor::{Activity, Sensor};
 use mien_sensors::turned::upright;
 use mien_stages::base::time::Timestamp;
 use mien_stages::face_model::FaceModel;
@@ -286,8 +286,15 @@ impl<'r> Session<'r> {
             live.update(&reports, self.pipeline.expression(0).unit_names());
         }
         let state = self.pipeline.report().state;
+        let activity = if reports.iter().any(|report| report.gestures != 0) {
+            Activity::Gesture
+        } else if state.has_face() {
+            Activity::Tracking
+        } else {
+            Activity::Searching
+        };
         drop(reports);
-        self.source.show_tracking(state.has_face());
+        self.source.show(activity);
         self.save_people();
         self.handle_commands_and_status(format_args!("{}", state.name()));
         self.frames_left -= 1;

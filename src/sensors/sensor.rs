@@ -83,8 +83,20 @@ pub trait Sensor: Send {
     /// Continues a recording from the frame of this number.
     fn seek(&mut self, _number: usize) {}
 
-    /// Shows on the device whether a face is tracked, if it can.
-    fn show_tracking(&self, _tracking: bool) {}
+    /// Shows on the device's LED what the run does, if it has one.
+    fn show(&self, _activity: Activity) {}
+}
+
+/// What a run does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Activity {
+    /// It looks for a face.
+    #[default]
+    Searching,
+    /// It tracks a face.
+    Tracking,
+    /// It tracks a face that makes a gesture.
+    Gesture,
 }
 
 /// A device that is plugged in.

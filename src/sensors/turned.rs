@@ -5,7 +5,7 @@
 
 use crate::kinect::frame::FrameSink;
 use crate::kinect::registration::Registration;
-use crate::sensor::{Sensor, SensorError, SensorState};
+use crate::sensor::{Activity, Sensor, SensorError, SensorState};
 use mien_stages::base::prelude::*;
 use mien_stages::camera::Camera;
 use mien_stages::turn::{Turn, TurnedImage};
@@ -106,8 +106,8 @@ impl Sensor for Turned {
         self.sensor.seek(number);
     }
 
-    fn show_tracking(&self, tracking: bool) {
-        self.sensor.show_tracking(tracking);
+    fn show(&self, activity: Activity) {
+        self.sensor.show(activity);
     }
 }
 

@@ -13,6 +13,7 @@ use mien_sensors::kinect::pairing::{Paired, RawPair};
 use mien_sensors::kinect::picture_clock::PictureClock;
 use mien_sensors::kinect::picture_clock::timestamp_from_ticks;
 use mien_sensors::kinect::registration::Registration;
+use mien_sensors::sensor::Activity;
 use mien_simulator::simulated::Simulated;
 use mien_simulator::virtual_head::{HeadAsset, Scene, Simulator};
 use mien_simulator::virtual_kinect::VirtualKinect;
@@ -99,28 +100,30 @@ fn exposure_is_held_while_a_face_is_tracked_if_asked() {
         kinect.start().unwrap();
         let automatic = |kinect: &Kinect<VirtualKinect<_>>| kinect.source.camera.automatic & BOTH;
         assert_eq!(automatic(&kinect), BOTH);
-        kinect.show_tracking(true);
+        kinect.show(Activity::Tracking);
         assert_eq!(automatic(&kinect), if freeze_exposure { 0 } else { BOTH });
-        kinect.show_tracking(false);
+        kinect.show(Activity::Searching);
         assert_eq!(automatic(&kinect), BOTH);
     }
 }
 
 #[test]
 fn light_and_tilt_of_both_kinds_of_motor() {
-    for (model, [red, searching, tracking]) in [
-        (Model::Xbox1414, [2, 4, 1]),
-        (Model::Xbox1473, [4, 2, 3]),
-        (Model::Windows1517, [4, 2, 3]),
+    for (model, [red, searching, tracking, gesture]) in [
+        (Model::Xbox1414, [2, 4, 1, 3]),
+        (Model::Xbox1473, [4, 2, 3, 1]),
+        (Model::Windows1517, [4, 2, 3, 1]),
     ] {
         let mut kinect = Kinect::open(virtual_kinect(model), Settings::default()).unwrap();
         kinect.set_light(Light::Red).unwrap();
         assert_eq!(kinect.source.camera.light, red);
-        // Searching blinks, tracking is steady.
-        kinect.show_tracking(false);
+        // Searching blinks, tracking is steady, and a gesture changes the colour or, on later models, darkens it.
+        kinect.show(Activity::Searching);
         assert_eq!(kinect.source.camera.light, searching);
-        kinect.show_tracking(true);
+        kinect.show(Activity::Tracking);
         assert_eq!(kinect.source.camera.light, tracking);
+        kinect.show(Activity::Gesture);
+        assert_eq!(kinect.source.camera.light, gesture);
         kinect.tilt(-12.0).unwrap();
         assert_eq!(kinect.source.camera.tilt_deg, -12.0);
         kinect.tilt(80.0).unwrap();

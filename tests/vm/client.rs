@@ -14,6 +14,7 @@ use mien_sensors::kinect::frame::KinectFrame;
 use mien_sensors::kinect::live::LiveKinect;
 use mien_sensors::kinect::registration::Registration;
 use mien_sensors::kinect::usb_devices;
+use mien_sensors::sensor::Activity;
 use mien_stages::base::capacity::{PIXELS, WIDTH};
 
 #[path = "../common/drivers_table.rs"]
@@ -89,7 +90,11 @@ fn main() -> ExitCode {
         mixed += u64::from(depth != colour);
         backwards += u64::from(last.is_some_and(|last| depth <= last));
         last = Some(depth);
-        live.show_tracking(delivered > 5);
+        live.show(if delivered > 5 {
+            Activity::Tracking
+        } else {
+            Activity::Searching
+        });
     }
     let status = live.status();
     if let Some((model, serial)) = &status.sensor {

@@ -11,6 +11,7 @@
 //! 1.5 MB, allocated at opening.
 
 use crate::Frame;
+use crate::sensor::Activity;
 use core::time::Duration;
 use mien_stages::base::settings::keyed;
 
@@ -360,13 +361,14 @@ impl<S: PacketSource> Kinect<S> {
         self.switch_on()
     }
 
-    /// Shows on the LED whether a face is tracked, and locks or frees exposure if the settings say so.
-    pub fn show_tracking(&mut self, tracking: bool) {
-        let light = if tracking {
-            Light::Green
-        } else {
-            Light::BlinkGreen
+    /// Shows on the LED what the run does, and locks or frees exposure if the settings say so.
+    pub fn show(&mut self, activity: Activity) {
+        let light = match activity {
+            Activity::Searching => Light::BlinkGreen,
+            Activity::Tracking => Light::Green,
+            Activity::Gesture => Light::Yellow,
         };
+        let tracking = activity != Activity::Searching;
         if let Err(problem) = self.set_light(light) {
             tracing::debug!("LED: {problem}");
         }

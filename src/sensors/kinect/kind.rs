@@ -9,7 +9,7 @@ use super::recording::Recording;
 use super::registration::Registration;
 use super::usb_devices::{self, Listed};
 use crate::sensor::{
-    Found, Missing, Opened, Sensor, SensorError, SensorKind, SensorState, Settings,
+    Activity, Found, Missing, Opened, Sensor, SensorError, SensorKind, SensorState, Settings,
 };
 use mien_stages::base::prelude::*;
 use mien_stages::camera::Camera;
@@ -86,8 +86,8 @@ impl Sensor for LiveKinect {
         self.acceleration
     }
 
-    fn show_tracking(&self, tracking: bool) {
-        LiveKinect::show_tracking(self, tracking);
+    fn show(&self, activity: Activity) {
+        LiveKinect::show(self, activity);
     }
 }
 

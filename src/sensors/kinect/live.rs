@@ -19,6 +19,7 @@ use super::registration::Registration;
 use super::stream::Tally;
 use super::usb::UsbKinect;
 use crate::live::{Live, Shared, Worker};
+use crate::sensor::Activity;
 use mien_stages::base::capacity::WAITING_FRAMES as RING;
 use mien_stages::base::defaults;
 use mien_stages::camera::Camera;
@@ -49,7 +50,7 @@ defaults! {
         status: Status = Status::default(),
         registration: Registration = Registration::default(),
         acceleration: Option<[i16; 3]> = None,
-        tracking: bool = false,
+        activity: Activity = Activity::Searching,
         stop: bool = false,
     }
 }
@@ -168,9 +169,9 @@ impl LiveKinect {
         self.worker.shared.lock().status.clone()
     }
 
-    /// Shows on the LED whether a face is tracked, and locks or frees exposure if the settings say so. Cheap to call every frame.
-    pub fn show_tracking(&self, tracking: bool) {
-        self.worker.shared.lock().tracking = tracking;
+    /// Shows on the LED what the run does, and locks or frees exposure if the settings say so. Cheap to call every frame.
+    pub fn show(&self, activity: Activity) {
+        self.worker.shared.lock().activity = activity;
     }
 }
 
@@ -242,10 +243,10 @@ fn deliver<S: PacketSource>(
             inner.status.health = kinect.health();
             inner.status.waiting_for = None;
         }
-        let tracking = inner.tracking;
+        let activity = inner.activity;
         drop(inner);
-        if shown.replace(tracking) != Some(tracking) {
-            kinect.show_tracking(tracking);
+        if shown.replace(activity) != Some(activity) {
+            kinect.show(activity);
         }
     }
 }

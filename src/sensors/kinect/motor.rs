@@ -18,6 +18,8 @@ pub enum Light {
     Green,
     /// Red: a fault.
     Red,
+    /// Yellow, on later models dark: a gesture is on.
+    Yellow,
     /// Blinking green: looking for a face.
     BlinkGreen,
 }
@@ -43,6 +45,7 @@ impl Light {
             Self::Off => (0, 1),
             Self::Green => (1, 3),
             Self::Red => (2, 4),
+            Self::Yellow => (3, 1),
             Self::BlinkGreen => (4, 2),
         }
     }
