@@ -19,7 +19,7 @@ pub mod teaching;
 use super::command::Command;
 use super::every::Every;
 use super::report::{Report, unit_range};
-use activation::{Activation, PAST, Times};
+use activation::{Activation, PAST, Times, Value};
 pub use definition::{Gesture, LEVELS, PRESETS, Person, Press};
 pub use facts::{SetUp, SetUpFacts};
 use heapless::HistoryBuf;
@@ -103,8 +103,14 @@ impl Watched {
     /// Writes the configured levels, the name and the expression: saved levels are valid only while these are the same.
     fn write_identity(&self, text: &mut String) -> core::fmt::Result {
         use core::fmt::Write as _;
-        let Gesture { name, of, .. } = &self.gesture;
-        write!(text, "configured {} {name} = {of}", self.configured)
+        write!(
+            text,
+            "configured {} {} =",
+            self.configured, self.gesture.name
+        )?;
+        // An expression may have several lines.
+        let mut words = self.gesture.of.split_whitespace();
+        words.try_for_each(|word| write!(text, " {word}"))
     }
 }
 
@@ -174,6 +180,7 @@ impl Gestures {
             // The source changed; earlier times are meaningless.
             if report.at < self.at {
                 self.release();
+                self.abort_lesson();
             }
             self.at = report.at;
             if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
@@ -227,7 +234,8 @@ impl Gestures {
         self.all.iter().map(|one| [one.total, one.day.sum()])
     }
 
-    /// Continues the counts of those before, for gestures of the same name.
+    /// Continues the counts of those before, for gestures of the same name, and their levels, if the configured ones and the expression
+    /// are the same.
     pub fn continue_from(&mut self, before: &Self) {
         self.tracked_us = before.tracked_us;
         self.at = before.at;
@@ -235,6 +243,10 @@ impl Gestures {
             let mut all = before.all.iter();
             if let Some(same) = all.find(|other| other.gesture.name == one.gesture.name) {
                 (one.total, one.day) = (same.total, same.day);
+                if one.gesture.of == same.gesture.of && one.configured == same.configured {
+                    one.before = same.before;
+                    one.set(same.gesture.levels());
+                }
             }
         }
     }
@@ -247,20 +259,22 @@ impl Gestures {
         let now = self.all[index].gesture.levels();
         let state = match lesson.awaits(self.at) {
             Awaits::Aborted => SetUpState::Failed,
-            Awaits::Nothing => match lesson.found(now) {
-                Ok(found) => {
-                    self.change(index, found);
-                    SetUpState::Found
+            Awaits::Nothing => {
+                self.all[index].facts[0].seen = teaching::REPETITIONS;
+                match lesson.found(now) {
+                    Ok(found) => {
+                        self.change(index, found);
+                        SetUpState::Found
+                    }
+                    Err(state) => state,
                 }
-                Err(state) => state,
-            },
+            }
             _ => {
                 self.lesson = Some((index, slot, lesson));
                 return;
             }
         };
-        let facts = &mut self.all[index].facts[0];
-        (facts.state, facts.seen) = (state, teaching::REPETITIONS);
+        self.all[index].facts[0].state = state;
     }
 
     fn follow(&mut self, slot: usize, report: &Report<'_>) {
@@ -284,23 +298,24 @@ impl Gestures {
             let is_facing = sideways <= gesture.turned_deg && up <= PITCH_MAX_DEG;
             let sum = |terms: &Vec<_>| terms.iter().map(|(unit, sign)| sign * weight(unit)).sum();
             let least = watched.sums.iter().map(sum).fold(f32::MAX, f32::min);
-            let counts = is_tracked && is_theirs && is_facing;
-            // Otherwise the value is below any level.
-            let sum = if counts { least } else { f32::MIN };
-            let may_start = !is_turning && (gesture.speaking || !is_speaking);
+            let now = Value {
+                value: (!report.weights.is_empty()).then_some(least),
+                counts: is_tracked && is_theirs && is_facing,
+                may_start: !is_turning && (gesture.speaking || !is_speaking),
+            };
             let taught = self.lesson.as_mut().filter(|(of, ..)| *of == index);
             if let Some((_, of, lesson)) = taught {
                 // During its set-up a gesture switches nothing.
                 let state = &mut watched.activations[slot];
-                state.rest(sum);
-                if counts && may_start && !report.other_is_shown {
+                state.rest(now.value);
+                if now.counts && now.may_start && !report.other_is_shown {
                     let is_theirs = *of.get_or_insert(slot) == slot;
                     let came_fast = state.came_fast(&self.times[slot], watched.configured.rise_s);
-                    is_theirs.then(|| lesson.observe(sum, came_fast, report.at));
+                    is_theirs.then(|| lesson.observe(least, came_fast, report.at));
                 }
                 continue;
             }
-            watched.activations[slot].observe(gesture, sum, may_start, &self.times[slot]);
+            watched.activations[slot].observe(gesture, now, &self.times[slot]);
         }
     }
 
@@ -402,12 +417,13 @@ impl Gestures {
             Command::Teach(_, true) => {
                 watched.facts[0].seen = 0;
                 let lesson = watched.gesture.lesson(watched.configured);
-                let stopped = self.lesson.replace((index, None, lesson));
-                self.stop_lesson(stopped.map(|(of, ..)| of).filter(|of| *of != index));
+                self.abort_lesson();
+                self.lesson = Some((index, None, lesson));
             }
-            Command::Teach(_, false) => {
-                let stopped = self.lesson.take_if(|(of, ..)| *of == index);
-                self.stop_lesson(stopped.map(|(of, ..)| of));
+            Command::Teach(_, false)
+                if self.lesson.as_ref().is_some_and(|(of, ..)| *of == index) =>
+            {
+                self.abort_lesson();
             }
             Command::Undo(_) if watched.can_undo() => {
                 let levels = watched.before.take().unwrap_or(watched.configured);
@@ -419,17 +435,20 @@ impl Gestures {
         }
     }
 
-    fn stop_lesson(&mut self, index: Option<usize>) {
-        if let Some(index) = index {
+    fn abort_lesson(&mut self) {
+        if let Some((index, ..)) = self.lesson.take() {
             self.all[index].facts[0].state = SetUpState::None;
         }
     }
 
     fn change(&mut self, index: usize, levels: Levels) {
         let watched = &mut self.all[index];
-        watched.before = Some(watched.gesture.levels());
-        watched.set(levels);
-        self.is_changed = true;
+        let now = watched.gesture.levels();
+        if levels != now {
+            watched.before = Some(now);
+            watched.set(levels);
+            self.is_changed = true;
+        }
     }
 
     /// The present levels of a gesture.
@@ -717,8 +736,14 @@ mod tests {
                 rise_s: 0.0,
                 ..Gesture::named(name)
             };
+            let dwell = Gesture {
+                name: "dwell".into(),
+                hold_s: 3.0,
+                ..Gesture::named(name)
+            };
             let made_within = |seconds: f32| {
-                let mut gestures = Gestures::new(&[Gesture::named(name), any.clone()], &units);
+                let all = [Gesture::named(name), any.clone(), dwell.clone()];
+                let mut gestures = Gestures::new(&all, &units);
                 let mut on = Vec::new();
                 for frame in 0..150_u64 {
                     let height = ((frame as f32 / 30.0 - 1.0) / seconds).clamp(0.0, 1.0);
@@ -727,9 +752,90 @@ mod tests {
                 }
                 on
             };
-            assert_eq!(made_within(0.25), [name, "any"]);
+            assert_eq!(made_within(0.25), [name, "any", "dwell"]);
             assert_eq!(made_within(1.6), ["any"], "{name}");
         }
+    }
+
+    #[test]
+    fn an_expression_that_came_unseen_or_slowly_elsewhere_does_not_switch() {
+        let pose = |yaw: f32| {
+            let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
+            Rigid::from_parts(Vector::new(0.0, 0.0, 0.8).into(), turn)
+        };
+        let (aside, ahead) = (pose(0.9), pose(0.0));
+        for case in ["fast", "new", "hidden", "turned"] {
+            let mut gestures = Gestures::new(&[Gesture::named("smile")], &["AU12L", "AU12R"]);
+            let mut on = 0;
+            for frame in 0..150_u64 {
+                // The smile rises from 1 s on; from 3 s on the face is seen well.
+                let s = frame as f32 / 30.0;
+                let is_seen = s > 3.0;
+                let rise_s = if case == "fast" { 0.2 } else { 1.6 };
+                let begins = if case == "fast" { 3.5 } else { 1.0 };
+                let smiles = 0.9 * ((s - begins) / rise_s).clamp(0.0, 1.0);
+                let weights = [smiles; 2];
+                let mut now = Report {
+                    sensor_from_face: Some(&ahead),
+                    ..user(0, frame * 1000 / 30, &weights)
+                };
+                match case {
+                    "new" if !is_seen => now.state = TrackingState::Warming,
+                    "hidden" if !is_seen => (now.state, now.weights) = (TrackingState::Posed, &[]),
+                    "turned" if !is_seen => now.sensor_from_face = Some(&aside),
+                    _ => {}
+                }
+                gestures.observe(&mut [now]);
+                on += switches(&mut gestures).len();
+            }
+            assert_eq!(on, usize::from(case == "fast"), "{case}");
+        }
+    }
+
+    #[test]
+    fn a_reload_keeps_levels_and_undo_if_the_gesture_is_the_same() {
+        let mut gestures = Gestures::new(&[Gesture::named("brows"), smile(Person::Shown)], &UNITS);
+        gestures.execute(Command::Level(1, 50));
+        gestures.execute(Command::Level(1, 40));
+        // The same level again is no change that could be undone.
+        gestures.execute(Command::Level(1, 40));
+        let mut after = Gestures::new(&[smile(Person::Shown)], &UNITS);
+        after.continue_from(&gestures);
+        assert_eq!(after.levels(0).on, 0.4);
+        after.execute(Command::Undo(0));
+        assert_eq!(after.levels(0).on, 0.5);
+        let changed = Gesture {
+            on: 1.0,
+            ..smile(Person::Shown)
+        };
+        let mut after = Gestures::new(&[changed], &UNITS);
+        after.continue_from(&gestures);
+        assert_eq!(after.levels(0).on, 1.0);
+    }
+
+    #[test]
+    fn levels_of_an_expression_of_several_lines_are_read_back() {
+        let lines = Gesture {
+            of: "AU12L +\n  AU12R".into(),
+            ..smile(Person::Shown)
+        };
+        let mut gestures = Gestures::new(std::slice::from_ref(&lines), &UNITS);
+        gestures.execute(Command::Level(0, 50));
+        let mut text = String::new();
+        gestures.write_levels(&mut text).unwrap();
+        let mut after = Gestures::new(&[lines], &UNITS);
+        assert_eq!(after.read_levels(&text), 0);
+        assert_eq!(after.levels(0).on, 0.5);
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_ends_a_set_up() {
+        let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
+        gestures.execute(Command::Teach(0, true));
+        five_smiles(&mut gestures, 60_000, 0, 0.0);
+        assert_eq!(facts(&mut gestures).state, SetUpState::Act);
+        five_smiles(&mut gestures, 0, 0, 0.9);
+        assert_eq!(facts(&mut gestures).state, SetUpState::None);
     }
 
     #[test]
@@ -824,8 +930,10 @@ mod tests {
 
     fn facts(gestures: &mut Gestures) -> SetUpFacts {
         let mut last = SetUpFacts::default();
-        gestures.at = Timestamp::from_us(gestures.at.as_us() + 2_000_000);
+        let at = gestures.at;
+        gestures.at = Timestamp::from_us(at.as_us() + 2_000_000);
         gestures.for_each_set_up(|set_up| last = set_up.facts);
+        gestures.at = at;
         last
     }
 

@@ -12,7 +12,7 @@
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, capture time in seconds | every second, even with nobody |
 //! | `/mien/gesture/<name>`, per person `/mien/gesture/<name>/<u>` | 1 or 0 | on change and every 2 s, a datagram each |
-//! | `/mien/setup/<name>` | index, state, repetitions, `on`, `off`, `hold_s`, can be undone, activations, seconds with a face | the same, with `levels` |
+//! | `/mien/setup/<name>` | index, state, repetitions, `on`, `off`, `hold_s`, `rise_s`, can be undone, activations, seconds with a face | the same, with `levels` |
 //! | `/face/<u>/range/<unit>` | low, rest, high of the range from which its weight is computed; readiness 0…1 | every 5 s with a face, if enabled |
 //!
 //! The latency is the time from the frame's arrival in this machine to its being sent. Units have the names set in the

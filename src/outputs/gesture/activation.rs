@@ -20,6 +20,17 @@ const SETTLED_S: f32 = 0.2;
 /// Times of the last frames.
 pub(super) type Times = HistoryBuf<Timestamp, PAST>;
 
+/// A gesture's value in a frame.
+#[derive(Clone, Copy)]
+pub(super) struct Value {
+    /// The value; `None` for a face that is hidden or lost.
+    pub(super) value: Option<f32>,
+    /// Whether the gesture may be on: the right person is tracked and faces the sensor.
+    pub(super) counts: bool,
+    /// Whether it may go on: nobody speaks, and the head does not turn.
+    pub(super) may_start: bool,
+}
+
 /// One person's state of one gesture.
 #[derive(Default)]
 pub(super) struct Activation {
@@ -28,47 +39,53 @@ pub(super) struct Activation {
     since: Option<Timestamp>,
     /// When it last went off.
     off_at: Option<Timestamp>,
-    /// Values of the last frames.
+    /// Values of the last frames since the face was last hidden; at most as many as there are times.
     past: HistoryBuf<f32, PAST>,
-    /// Whether the value rose too slowly since it was last below the upper level.
-    is_slow: bool,
+    /// Whether the value rose within `rise_s`; `None` until that is known, and below the upper level.
+    is_fast: Option<bool>,
 }
 
 impl Activation {
     /// Takes the value of a frame in which nothing may switch.
-    pub(super) fn rest(&mut self, sum: f32) {
+    pub(super) fn rest(&mut self, value: Option<f32>) {
         let past = core::mem::take(&mut self.past);
         *self = Self {
             past,
             ..Self::default()
         };
-        self.past.write(sum.max(0.0));
+        self.store(value);
+    }
+
+    fn store(&mut self, value: Option<f32>) {
+        match value {
+            Some(value) => self.past.write(value.max(0.0)),
+            None => self.past.clear(),
+        }
     }
 
     /// Takes the value of a frame, the last one of `times`.
-    pub(super) fn observe(&mut self, gesture: &Gesture, sum: f32, may_start: bool, times: &Times) {
+    pub(super) fn observe(&mut self, gesture: &Gesture, now: Value, times: &Times) {
         let Some(&at) = times.recent() else { return };
-        self.past.write(sum.max(0.0));
+        self.store(now.value);
+        let value = now.value.unwrap_or(f32::MIN);
+        if value < gesture.on {
+            self.is_fast = None;
+        }
         if self.is_on {
-            if sum < gesture.off {
+            if !now.counts || value < gesture.off {
                 (self.is_on, self.since, self.off_at) = (false, None, Some(at));
             }
-        } else if sum < gesture.on {
-            (self.since, self.is_slow) = (None, false);
-        } else if may_start && !self.is_slow {
-            let since = *self.since.get_or_insert(at);
-            let rested = |off| at.seconds_since(off) as f32 >= gesture.pause_s;
-            if at.seconds_since(since) as f32 >= gesture.hold_s && self.off_at.is_none_or(rested) {
-                let came_fast = match gesture.rise_s {
-                    0.0 => Some(true),
-                    rise_s => self.came_fast(times, rise_s),
-                };
-                if let Some(came_fast) = came_fast {
-                    (self.is_on, self.is_slow) = (came_fast, !came_fast);
-                }
-            }
-        } else {
+        } else if value < gesture.on || !now.counts || !now.may_start {
             self.since = None;
+        } else {
+            let since = *self.since.get_or_insert(at);
+            if gesture.rise_s > 0.0 && self.is_fast.is_none() {
+                self.is_fast = self.came_fast(times, gesture.rise_s);
+            }
+            let is_fast = gesture.rise_s == 0.0 || self.is_fast == Some(true);
+            let rested = |off| at.seconds_since(off) as f32 >= gesture.pause_s;
+            let is_held = at.seconds_since(since) as f32 >= gesture.hold_s;
+            self.is_on = is_fast && is_held && self.off_at.is_none_or(rested);
         }
     }
 
@@ -76,8 +93,9 @@ impl Activation {
     /// the share [`BEGUN`] of the rise. `None` while the value still rises.
     pub(super) fn came_fast(&self, times: &Times, rise_s: f32) -> Option<bool> {
         let (at, now) = (times.recent()?, *self.past.recent()?);
-        // Times may go back further than this gesture's values.
-        let times = times.oldest_ordered().skip(times.len() - self.past.len());
+        let times = times
+            .oldest_ordered()
+            .skip(times.len().saturating_sub(self.past.len()));
         let past = times.zip(self.past.oldest_ordered().copied());
         let earlier = past
             .clone()

@@ -53,14 +53,14 @@ impl core::fmt::Display for SetUpFacts {
 impl SetUpFacts {
     /// The arguments of the OSC message.
     pub fn to_osc(&self) -> [Argument<'static>; 10] {
-        use Argument::{Bool, Float, Int};
+        use Argument::{Float, Int};
         let [index, state, seen] =
             [self.index, self.state as usize, self.seen].map(|n| Int(n as i32));
         let [count, tracked_s] = [self.count, self.tracked_s].map(|n| Int(n as i32));
         let levels = &self.levels;
         let [on, off] = [levels.on, levels.off].map(Float);
         let [hold_s, rise_s] = [levels.hold_s, levels.rise_s].map(Float);
-        let can_undo = Bool(self.can_undo);
+        let can_undo = Int(self.can_undo.into());
         [
             index, state, seen, on, off, hold_s, rise_s, can_undo, count, tracked_s,
         ]

@@ -167,10 +167,8 @@ pub(super) struct Lesson {
     peak: Option<f32>,
     /// Whether it rose within `rise_s`; `None` until that is known.
     came_fast: Option<bool>,
-    /// Number of repetitions that rose more slowly.
-    slow: usize,
-    /// Times of the repetitions.
-    seen: heapless::Vec<[f32; STEPS], REPETITIONS>,
+    /// Repetitions: times at the levels, and whether it rose more slowly than `rise_s`.
+    seen: heapless::Vec<([f32; STEPS], bool), REPETITIONS>,
     /// Time of the last frame.
     last: Option<Timestamp>,
     /// Start of the wait for a repetition: the first frame, then the end of the last repetition.
@@ -190,7 +188,6 @@ impl Lesson {
             times: Times::NONE,
             peak: None,
             came_fast: None,
-            slow: 0,
             seen: heapless::Vec::new(),
             last: None,
             since: None,
@@ -266,15 +263,19 @@ impl Lesson {
     fn end_act(&mut self, at: Timestamp) {
         let height = |times: &[f32; STEPS]| self.kept(times, LEAST_S) - self.rest;
         let new = height(&self.times.longest);
-        if new <= 0.0 || self.seen.iter().any(|other| new < LIKE * height(other)) {
+        if new <= 0.0
+            || self
+                .seen
+                .iter()
+                .any(|(other, _)| new < LIKE * height(other))
+        {
             return;
         }
-        let is_like = |other: &[f32; STEPS]| height(other) >= LIKE * new;
-        let like: heapless::Vec<_, REPETITIONS> =
-            self.seen.iter().copied().filter(is_like).collect();
+        let like = |(other, _): &&_| height(other) >= LIKE * new;
+        let like: heapless::Vec<_, REPETITIONS> = self.seen.iter().filter(like).copied().collect();
         self.seen = like;
-        let _ = self.seen.push(self.times.longest);
-        self.slow += usize::from(self.came_fast == Some(false));
+        let is_slow = self.came_fast == Some(false);
+        let _ = self.seen.push((self.times.longest, is_slow));
         self.since = Some(at);
     }
 
@@ -301,7 +302,7 @@ impl Lesson {
 
     /// Second lowest value of a quality of the repetitions, so that one of them may fail.
     fn second(&self, quality: impl Fn(&[f32; STEPS]) -> f32) -> f32 {
-        let all = self.seen.iter().map(quality);
+        let all = self.seen.iter().map(|(times, _)| quality(times));
         let mut all: heapless::Vec<f32, REPETITIONS> = all.collect();
         all.sort_unstable_by(f32::total_cmp);
         all.get(1).copied().unwrap_or_default()
@@ -316,7 +317,8 @@ impl Lesson {
             rise_s,
         } = self.configured;
         // One slow repetition does not remove the limit.
-        let rise_s = if self.slow > 1 { 0.0 } else { rise_s };
+        let slow = self.seen.iter().filter(|(_, is_slow)| *is_slow).count();
+        let rise_s = if slow > 1 { 0.0 } else { rise_s };
         let lasted = self.second(|times| {
             let half = 0.5 * (self.rest + self.kept(times, LEAST_S));
             self.time_at(times, half)
@@ -337,7 +339,7 @@ impl Lesson {
             hold_s,
             rise_s,
         };
-        let catches = |times: &&_| self.time_at(times, new.on) >= new.hold_s;
+        let catches = |(times, _): &&_| self.time_at(times, new.on) >= new.hold_s;
         let caught = self.seen.iter().filter(catches).count();
         match new {
             _ if caught < REPETITIONS / 2 + 1 => Err(SetUpState::Weak),
@@ -368,6 +370,16 @@ mod tests {
 
     /// A rest of four seconds, then acts of a height and a duration, each with a second of rest after it; 30 frames a second.
     fn taught(configured: Levels, rest: f32, acts: &[(f32, f32)]) -> (Lesson, Timestamp) {
+        played(configured, rest, acts, |_| Some(true))
+    }
+
+    /// Likewise; `came_fast` of a value.
+    fn played(
+        configured: Levels,
+        rest: f32,
+        acts: &[(f32, f32)],
+        came_fast: impl Fn(f32) -> Option<bool>,
+    ) -> (Lesson, Timestamp) {
         let mut lesson = Lesson::new(configured, 0.3, HIGH);
         let mut frame = 0;
         let mut play = |value: f32, s: f32| {
@@ -376,7 +388,7 @@ mod tests {
                 let noise = 0.01 * (frame % 3) as f32;
                 lesson.observe(
                     value + noise,
-                    Some(true),
+                    came_fast(value),
                     Timestamp::from_us(frame * 33_333),
                 );
             }
@@ -440,6 +452,22 @@ mod tests {
         };
         assert_eq!(hold(1.2), 0.7);
         assert!((0.25..0.3).contains(&hold(0.4)), "{}", hold(0.4));
+    }
+
+    #[test]
+    fn slow_twitches_before_the_repetitions_do_not_remove_the_limit_of_the_rise() {
+        let limited = Levels {
+            rise_s: 0.25,
+            ..WINK
+        };
+        for (heights, expected) in [
+            (vec![0.3, 0.3, 0.9, 0.9, 0.9, 0.9, 0.9], 0.25),
+            (vec![0.8, 0.8, 0.9, 0.9, 0.9], 0.0),
+        ] {
+            let acts: Vec<_> = heights.iter().map(|&height| (height, 1.0)).collect();
+            let (lesson, _) = played(limited, 0.0, &acts, |value| Some(value > 0.85));
+            assert_eq!(lesson.found(limited).unwrap().rise_s, expected);
+        }
     }
 
     #[test]

@@ -61,7 +61,16 @@ pub fn follow(
     let units = pipeline.unit_names().into_iter().map(str::to_owned);
     hub.schema(&units.collect::<Vec<_>>());
     loop {
-        match source.next_frame(&mut frame) {
+        let next = source.next_frame(&mut frame);
+        while let Ok(command) = commands.try_recv() {
+            pipeline.execute(command);
+            gestures.execute(command);
+        }
+        if !matches!(next, Ok(true)) {
+            gestures.release();
+            gestures.for_each_switch(|one| hub.gesture(&one.gesture.name, one.user, one.is_on));
+        }
+        match next {
             Ok(true) => {}
             Ok(false) => return,
             Err(problem) => {
@@ -77,10 +86,6 @@ pub fn follow(
         if source.camera() != pipeline.camera() {
             pipeline.set_camera(source.camera());
             camera = Arc::new(source.camera().clone());
-        }
-        while let Ok(command) = commands.try_recv() {
-            pipeline.execute(command);
-            gestures.execute(command);
         }
         pipeline.follow(&frame);
         if live {

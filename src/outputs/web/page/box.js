@@ -68,9 +68,12 @@ function lamp(gesture, index) {
     canvas.setPointerCapture(event.pointerId);
     const on = one.most * (1 - event.offsetY / canvas.clientHeight);
     const level = Math.min(Math.max(on, 0.05), one.most);
-    [one.off, one.on] = [one.off * level / one.on, level];
+    [one.off, one.on, one.is_dragged] = [one.off * level / one.on, level, true];
   };
-  canvas.onpointerup = () => order(`level/${index}/${Math.round(100 * one.on)}`, "");
+  canvas.onpointerup = () => {
+    one.is_dragged = false;
+    order(`level/${index}/${Math.round(100 * one.on)}`, "");
+  };
   return one;
 }
 
@@ -107,7 +110,7 @@ function show(news) {
     const one = lamps[facts.index];
     if (!one) continue;
     setUps.take(one.name, facts);
-    [one.on, one.off] = [facts.on, facts.off];
+    if (!one.is_dragged) [one.on, one.off] = [facts.on, facts.off];
   }
   showGestures(seen);
   cards.forEach((one, slot) => { one.article.hidden = !seen.some((user) => user.slot === slot); });
@@ -123,9 +126,11 @@ function show(news) {
 }
 
 async function start() {
+  let text;
   try {
-    box = await (await fetch("box.json")).json();
+    text = await (await fetch("box.json")).text();
   } catch { return void setTimeout(start, 2000); }
+  box = JSON.parse(text);
   document.title = at("name").textContent = box.name;
   at("sends").textContent = box.sends ? `Sends ${box.sends}` : "Sends nothing yet: enable an output in the configuration.";
   for (let slot = 0; slot < box.slots; slot += 1) {
@@ -134,7 +139,12 @@ async function start() {
   }
   at("gestures").hidden = box.gestures.length === 0;
   lamps.push(...box.gestures.map(lamp));
-  new EventSource("events").onmessage = ({ data }) => show(JSON.parse(data));
+  const events = new EventSource("events");
+  events.onmessage = ({ data }) => show(JSON.parse(data));
+  // The box may have read another configuration, with other gestures, before it is connected again.
+  events.onopen = async () => {
+    if (await (await fetch("box.json")).text() !== text) location.reload();
+  };
   setInterval(() => {
     if (Date.now() - heard > 3000) {
       tell(4, "no reply");

@@ -10,13 +10,18 @@ const STEP_MS = 1500;
 function told({ state, seen, on, hold_s }) {
   switch (state) {
     case "rest": return "Look at the sensor with a relaxed face.";
-    case "act": return `Make the expression for about a second, then relax: ${seen} of ${FIVE}.`;
+    case "act": return `Make the expression for about ${duration(hold_s)}, then relax: ${seen} of ${FIVE}.`;
     case "found": return `Done: level ${on.toFixed(2)}, hold time ${hold_s.toFixed(2)} s.`;
     case "kept": return "Done: the present level already suits this person.";
     case "weak": return "Nothing was changed: speech and glances reach as far as these expressions. Make them more strongly, or choose another gesture.";
-    case "failed": return "Nothing was changed: for a minute no expression was seen that clearly rises and returns. Sit 0.5 to 1 m from the sensor, face it, and make the expression for about a second.";
+    case "failed": return "Nothing was changed: for a minute no expression was seen that clearly rises and returns. Sit 0.5 to 1 m from the sensor, face it, and make the expression clearly.";
     default: return "";
   }
+}
+
+// How long an expression is to be kept: longer than the hold time, which the set-up shortens for somebody who cannot keep it.
+function duration(hold_s) {
+  return hold_s <= 0.7 ? "a second" : `${Math.ceil(1.5 * hold_s)} seconds`;
 }
 
 // How often the gesture went on; the rate is per hour in which a face was tracked.
@@ -49,26 +54,26 @@ export class SetUps {
     return made;
   }
 
-  field(parent, text, what, index) {
+  field(parent, text, what, one) {
     const label = this.make("label", parent, `${text} `);
     const field = label.appendChild(document.createElement("input"));
     Object.assign(field, { type: "number", min: 0, step: 0.01 });
-    field.addEventListener("change", () => field.value && this.send(what, index, Math.round(100 * field.value)));
+    field.addEventListener("change", () => field.value && this.send(what, one.index, Math.round(100 * field.value)));
     return field;
   }
 
-  row(name, { index }) {
+  row(name) {
     const row = this.make("div", this.list);
     row.className = "setup";
     const plain = name.replaceAll("_", " ");
     this.make("h3", row, plain);
     const one = { name, plain, state: "none", seen: 0 };
     one.teach = this.make("button", row);
-    one.teach.addEventListener("click", () => this.send("teach", index, one.teach.dataset.runs ? 0 : 1));
+    one.teach.addEventListener("click", () => this.send("teach", one.index, one.teach.dataset.runs ? 0 : 1));
     one.undo = this.make("button", row, "Undo");
     one.undo.ariaLabel = `Undo the last change of ${plain}`;
-    one.undo.addEventListener("click", () => this.send("undo", index));
-    [one.level, one.hold] = [this.field(row, "level", "level", index), this.field(row, "hold time, s", "hold", index)];
+    one.undo.addEventListener("click", () => this.send("undo", one.index));
+    [one.level, one.hold] = [this.field(row, "level", "level", one), this.field(row, "hold time, s", "hold", one)];
     [one.level.ariaLabel, one.hold.ariaLabel] = [`level of ${plain}`, `hold time of ${plain}, seconds`];
     one.said = this.make("p", row);
     one.said.role = "status";
@@ -80,11 +85,11 @@ export class SetUps {
   // Shows the facts of a gesture, as the box sends them.
   take(name, facts) {
     this.parent.hidden = false;
-    if (!this.rows.has(name)) this.rows.set(name, this.row(name, facts));
+    if (!this.rows.has(name)) this.rows.set(name, this.row(name));
     const one = this.rows.get(name);
     const text = (element, words) => { if (element.textContent !== words) element.textContent = words; };
     const runs = ["rest", "act"].includes(facts.state);
-    if (runs && facts.seen > one.seen) this.hear();
+    if (facts.seen > one.seen && facts.state !== "failed") this.hear();
     Object.assign(one, facts);
     one.teach.dataset.runs = runs ? 1 : "";
     text(one.teach, runs ? "Stop" : "Make it five times");
