@@ -300,6 +300,7 @@ impl People {
         heads: &[HeadCloud],
         free: &[usize],
     ) {
+        (self.candidate_sure_frames, self.candidate_score) = (0, 0.0);
         let present = (0..USERS).filter(|&slot| self.followers[slot].person.state.is_present());
         let present = present.count();
         if present >= self.settings.most as usize {

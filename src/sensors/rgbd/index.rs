@@ -71,7 +71,7 @@ pub(super) fn misread_times(text: &str) -> Option<String> {
         .into_iter()
         .find(|(_, second)| spacing / second >= 1e-3 && spacing >= PERIOD_MAX_S)?;
     Some(format!(
-        "expected seconds, found times {spacing} apart, which look like {unit}; divide them by {second}"
+        "expected seconds, found times {spacing:.1} apart, which look like {unit}; divide them by {second}"
     ))
 }
 

@@ -73,8 +73,12 @@ use regions::RegionSet;
 use robust_estimator::RobustEstimator;
 use settings::LEAST_CONFIDENCE;
 
-/// Longest duration of one frame, seconds.
+/// Longest time between two frames that filters and differences span, seconds.
 const LONGEST_FRAME_S: f64 = 0.1;
+/// Longest frame time of a slow camera, seconds.
+const SLOW_FRAME_MAX_S: f64 = 0.6;
+/// Most by which a frame of such a camera may take longer than the one before.
+const JITTER: f64 = 1.5;
 /// Duration assumed for the first frame, seconds.
 const USUAL_FRAME_S: f64 = 1.0 / 30.0;
 /// Loss after which the person may have changed, seconds.
@@ -88,6 +92,8 @@ pub struct Expression {
     scale: EyeDistance,
     estimator: Estimators,
     last_at: Option<Timestamp>,
+    /// Time between the last two frames, at most [`SLOW_FRAME_MAX_S`].
+    frame_s: f64,
     present_s: f64,
     resets: u64,
     weights: Weights,
@@ -134,6 +140,7 @@ impl Expression {
                 Method::Paper => Estimators::Paper(PaperEstimator::new(&settings, units)),
             },
             last_at: None,
+            frame_s: USUAL_FRAME_S,
             present_s: 0.0,
             resets: 0,
             weights: Weights {
@@ -236,7 +243,10 @@ impl Expression {
             .last_at
             .map_or(USUAL_FRAME_S, |last| at.seconds_since(last));
         self.last_at = Some(at);
-        let dt = since.clamp(0.0, LONGEST_FRAME_S);
+        // Of a loss only the time of one frame counts; a slow camera has long frames in succession.
+        let longest = (JITTER * self.frame_s).clamp(LONGEST_FRAME_S, SLOW_FRAME_MAX_S);
+        let dt = since.clamp(0.0, longest);
+        self.frame_s = since.clamp(0.0, SLOW_FRAME_MAX_S);
         if since > LONGEST_FRAME_S {
             self.estimator.interrupt(since > LONG_LOSS_S);
         }

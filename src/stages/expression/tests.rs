@@ -146,6 +146,18 @@ fn a_still_face_is_neutral_from_the_first_frame_and_warms_up() {
 }
 
 #[test]
+fn a_slow_camera_warms_up_in_the_same_time() {
+    let warming_s = |frame_us: u64| {
+        let mut expression = Expression::new(Settings::default(), Units::shipped());
+        let mut times = (0..).map(|n| Timestamp::from_us(n * frame_us));
+        let warm = times.find(|at| !expression.observe(&grin(0.0), &facing(), *at).warming);
+        warm.expect("it ends").as_us() as f64 * 1e-6
+    };
+    let [usual, slow] = [33_333, 333_333].map(warming_s);
+    assert!((usual - slow).abs() < 0.7, "{usual} and {slow} s");
+}
+
+#[test]
 fn frozen_and_doubtful_frames_teach_nothing() {
     let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     let before = expression.ranges();

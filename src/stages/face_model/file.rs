@@ -47,7 +47,7 @@ impl FaceModel {
     /// # Errors
     /// If it is not a model, of another version, damaged or inconsistent.
     pub fn read(bytes: &[u8]) -> Result<Self, ModelError> {
-        let (sections, id) = checked(bytes)?;
+        let (sections, id) = checked(bytes, VERSION)?;
         parse(sections, id, |_| None)
     }
 
@@ -69,7 +69,10 @@ fn u32_at(bytes: &[u8], at: usize) -> u32 {
 }
 
 /// Sections and checksum of a file, after checking magic, version, length and checksum.
-fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
+///
+/// # Errors
+/// If one of them is wrong.
+pub fn checked(bytes: &[u8], expected: u32) -> Result<(&[u8], u32), ModelError> {
     if !bytes.starts_with(&MAGIC) {
         let found = bytes[..bytes.len().min(MAGIC.len())].to_vec();
         return Err(ModelError::NotAModel(found));
@@ -79,8 +82,8 @@ fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
         return Err(length((HEADER + CHECKSUM) as u64));
     }
     let version = u32_at(bytes, MAGIC.len());
-    if version != VERSION {
-        return Err(ModelError::Version(VERSION, version));
+    if version != expected {
+        return Err(ModelError::Version(expected, version));
     }
     let stated = u64::from(u32_at(bytes, 12)) | u64::from(u32_at(bytes, 16)) << 32;
     if stated != bytes.len() as u64 {

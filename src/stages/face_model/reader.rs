@@ -64,7 +64,7 @@ impl<'a> Reader<'a> {
         self.floats_within(count, LARGEST, "finite numbers within a million")
     }
 
-    /// The same, of 16 bits: see [`short`].
+    /// The same, of 16 bits: see [`Short`].
     pub(crate) fn shorts(&mut self, count: usize) -> Result<Vec<Short>, ModelError> {
         let bytes = self.take(count.saturating_mul(2))?.as_chunks().0.iter();
         let values: Vec<Short> = bytes

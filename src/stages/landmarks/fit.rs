@@ -5,7 +5,7 @@
 //! are averaged slowly: the size of the face relative to the mean, so that it adds no jitter, and the pose of the face within
 //! the head seen by depth (rotation and shift), from which the next fit starts.
 //! Shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see [`super::cascade`].
-//! Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (60 kB per person; 0.8 MB of
+//! Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (60 kB per person; 0.7 MB of
 //! [`Scratch`] is lent to each fit). Degenerate: a head outside the image, or a low-confidence result, gives `None`.
 
 mod in_image;
@@ -299,7 +299,8 @@ impl LandmarkFitter {
         {
             (visibility, (fit, confidence, _)) = found;
         }
-        if confidence.face < least || visibility.hides_face() {
+        let is_sure = confidence.face >= least;
+        if !is_sure || visibility.hides_face() {
             return None;
         }
         self.visibility = visibility;

@@ -53,7 +53,7 @@ impl Region {
             let high = values.fold(f32::MIN, f32::max) + margin;
             let most = WINDOW - LEAST_REGION;
             let first = (low.max(0.0) as usize / 2 * 2).min(most);
-            let end = (high.max(0.0) as usize + 2) / 2 * 2;
+            let end = (high.clamp(0.0, WINDOW as f32) as usize + 2) / 2 * 2;
             first..end.clamp(first + LEAST_REGION, WINDOW)
         };
         Self {

@@ -25,10 +25,10 @@ use crate::segment::HeadCloud;
 
 /// Longest time since the last pose for which a pose is predicted, and for which its speed is extrapolated, seconds.
 const COAST_S: f64 = 0.2;
-/// Longest gap between poses of a slow camera, frames: the next frame, which may come half a frame late.
-const GAP_FRAMES: f64 = 1.5;
-/// Longest frame time that lengthens the gap, seconds: after a longer one the head may be anywhere.
-const FRAME_MAX_S: f64 = 0.6;
+/// Longest gap between poses of a slow camera, frames: one missed fit, after frames that are half a frame late.
+const GAP_FRAMES: f64 = 2.5;
+/// Longest such gap, seconds: after a longer one the head may be anywhere.
+const GAP_MAX_S: f64 = 0.9;
 /// Largest motion of a head between two frames, metres.
 pub(super) const STEP_M: f32 = 0.1;
 
@@ -76,7 +76,7 @@ impl Trail {
 
     /// Longest gap between poses, seconds: `usual_s`, or with a slow camera the longer time of [`GAP_FRAMES`].
     pub(super) fn longest_gap_s(&self, usual_s: f64) -> f64 {
-        usual_s.max(GAP_FRAMES * self.frame_s.min(FRAME_MAX_S))
+        usual_s.max((GAP_FRAMES * self.frame_s).min(GAP_MAX_S))
     }
 
     /// Stores a measured pose and returns it smoothed.

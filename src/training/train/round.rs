@@ -1,7 +1,7 @@
 //! A model of version 3, whose update matrices have 8 bits a weight, converted to the current format of two.
 //!
 //! Each stage is rounded on the features of training faces, where the rounded stages before it end; see
-//! [`super::cascade::rounded`]. Everything else stays the same.
+//! [`super::cascade::rounded`]. Priors and weights of the confidence are rounded to 16 and 8 bits; everything else stays the same.
 
 use nalgebra::DMatrix;
 
@@ -13,14 +13,14 @@ use super::ridge::centred;
 use super::schedule::training_starts;
 use mien_stages::base::capacity::LANDMARKS;
 use mien_stages::face_model::{
-    CascadeStage, ConfidenceModel, FACE_INPUTS, FEATURES, FaceModel, LANDMARK_INPUTS, PATCH, Short,
-    file,
+    CascadeStage, ConfidenceModel, FACE_INPUTS, FEATURES, FaceModel, LANDMARK_INPUTS,
+    MAX_PARAMETERS, PATCH, Short, VIEW_PARAMETERS, file,
 };
 use mien_workbench::atomic_write::write_out;
 use mien_workbench::fault::Fault;
 
-/// Length of header and checksum around the sections.
-const AROUND: [usize; 2] = [20, 4];
+/// The format that is read.
+const VERSION: u32 = 3;
 
 /// The bytes of one section, taken from the front.
 struct Bytes<'a>(&'a [u8]);
@@ -56,6 +56,11 @@ fn stages(bytes: &[u8]) -> Result<Vec<Stage>, Fault> {
     let count = bytes.number()?;
     let stage = |_| {
         let rows = bytes.number()?;
+        if !(VIEW_PARAMETERS..=MAX_PARAMETERS).contains(&rows) {
+            return Err(Fault::new(format!(
+                "expected {VIEW_PARAMETERS} to {MAX_PARAMETERS} rows of a stage, found {rows}; copy the model again"
+            )));
+        }
         let cell_px = bytes.floats(1)?[0];
         let mean = bytes.floats(FEATURES)?;
         let steps = bytes.take(rows * FEATURES)?;
@@ -105,15 +110,7 @@ pub(super) fn convert(
     say: &mut dyn FnMut(&str),
 ) -> Result<(), Fault> {
     let bytes = model_bytes(path)?;
-    if !bytes.starts_with(&file::MAGIC) || bytes.get(8) != Some(&3) {
-        let found = path.display();
-        return Err(Fault::new(format!(
-            "expected a face model of version 3 in {found}, found another file or version; only those need to be converted"
-        )));
-    }
-    let [before, after] = AROUND;
-    let inner = bytes.len().saturating_sub(after);
-    let mut rest = Bytes(bytes.get(before..inner).unwrap_or_default());
+    let mut rest = Bytes(file::checked(&bytes, VERSION)?.0);
     let mut sections = Vec::new();
     while !rest.0.is_empty() {
         let tag = rest.take(4)?;

@@ -7,6 +7,7 @@ use crate::data::{Set, only};
 use crate::golden::{cells, compare_with_golden, equals_golden, figures};
 use crate::train::render::Renderer;
 use mien_stages::base::capacity::LANDMARKS;
+use mien_stages::base::checksum::crc32;
 use mien_stages::face_model::{
     FEATURES, FaceModel, PATCH, PATCH_BYTES, SHIPPED, VIEW_PARAMETERS, file, weight_at,
 };
@@ -113,7 +114,7 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
 }
 
 /// A model of version 3 with one stage, whose weights are `steps`, and the confidence's weights `signs`.
-fn first_format(rows: usize, steps: &[i8], signs: &[f32]) -> Vec<u8> {
+fn version_3(rows: usize, steps: &[i8], signs: &[f32]) -> Vec<u8> {
     let floats = |value: f32, count: usize| value.to_le_bytes().repeat(count);
     let count = |count: usize| u32::try_from(count).expect("small").to_le_bytes();
     let weights = steps.iter().map(|step| step.cast_unsigned()).collect();
@@ -146,6 +147,9 @@ fn first_format(rows: usize, steps: &[i8], signs: &[f32]) -> Vec<u8> {
             });
     let mut bytes = file::framed(sections);
     bytes[8] = 3;
+    let body = bytes.len() - 4;
+    let checksum = crc32(&bytes[..body]);
+    bytes[body..].copy_from_slice(&checksum.to_le_bytes());
     bytes
 }
 
@@ -164,7 +168,7 @@ fn a_model_of_eight_bits_a_weight_is_converted_and_a_short_one_refused() {
         .map(|_| random.i8(-127..))
         .collect();
     let signs: Vec<f32> = (0..FEATURES).map(|_| random.f32() - 0.5).collect();
-    let bytes = first_format(VIEW_PARAMETERS, &steps, &signs);
+    let bytes = version_3(VIEW_PARAMETERS, &steps, &signs);
     std::fs::write(&old, &bytes).unwrap();
     let args = TrainArgs {
         round: Some(old.clone()),
@@ -192,9 +196,17 @@ fn a_model_of_eight_bits_a_weight_is_converted_and_a_short_one_refused() {
     let found = model.confidence.weights.iter().enumerate();
     let found = found.map(|(k, w)| f32::from(*w) * model.confidence.scales[k / PATCH]);
     assert!(found.zip(&signs).all(|(a, b)| (a - b).abs() < 0.003));
-    for bad in [&bytes[..bytes.len() / 2], SHIPPED, b"a picture"] {
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2] ^= 1;
+    for (bad, expected) in [
+        (&bytes[..bytes.len() / 2], "bytes, found"),
+        (&damaged, "checksum"),
+        (SHIPPED, "version 3"),
+        (b"a picture", "MIENFACE"),
+        (&version_3(1, &steps[..FEATURES], &signs), "rows of a stage"),
+    ] {
         std::fs::write(&old, bad).unwrap();
         let refused = run(&args, &mut |_| ()).unwrap_err().to_string();
-        assert!(refused.contains("a face model of version 3"), "{refused}");
+        assert!(refused.contains(expected), "{refused}");
     }
 }
