@@ -17,6 +17,9 @@ const SETTLED: f32 = 0.8;
 /// Age of the earlier value for [`SETTLED`], seconds.
 const SETTLED_S: f32 = 0.2;
 
+/// The rise is judged at the end of the hold time, or of a long one after this time, seconds: later it would have left [`PAST`].
+const JUDGED_S: f32 = 0.7;
+
 /// Times of the last frames.
 pub(super) type Times = HistoryBuf<Timestamp, PAST>;
 
@@ -79,12 +82,14 @@ impl Activation {
             self.since = None;
         } else {
             let since = *self.since.get_or_insert(at);
-            if gesture.rise_s > 0.0 && self.is_fast.is_none() {
+            let held_s = at.seconds_since(since) as f32;
+            let is_due = held_s >= gesture.hold_s.min(JUDGED_S);
+            if gesture.rise_s > 0.0 && is_due && self.is_fast.is_none() {
                 self.is_fast = self.came_fast(times, gesture.rise_s);
             }
             let is_fast = gesture.rise_s == 0.0 || self.is_fast == Some(true);
             let rested = |off| at.seconds_since(off) as f32 >= gesture.pause_s;
-            let is_held = at.seconds_since(since) as f32 >= gesture.hold_s;
+            let is_held = held_s >= gesture.hold_s;
             self.is_on = is_fast && is_held && self.off_at.is_none_or(rested);
         }
     }
