@@ -110,9 +110,18 @@ pub fn gather_at_pose(
     let block = (area / HEAD_POINTS as f32).sqrt().ceil().max(1.0) as usize;
     let head_from_sensor = sensor_from_head.inverse();
     let mut rect: Option<PixelRect> = None;
+    let (range, same) = (near..end, same as u16);
     for top in rows.step_by(block) {
-        for left in columns.clone().step_by(block) {
-            let sum = block_sums(depth, (left, top), block, near..end, same as u16);
+        for across in 0..columns.len().div_ceil(block) {
+            let left = columns.start + across * block;
+            let size = [block.min(WIDTH - left), block.min(HEIGHT - top)];
+            // Compiled for the usual sizes.
+            let sum = match size {
+                [1, 1] => block_sums(depth, (left, top), [1, 1], &range, same),
+                [2, 2] => block_sums(depth, (left, top), [2, 2], &range, same),
+                [3, 3] => block_sums(depth, (left, top), [3, 3], &range, same),
+                _ => block_sums(depth, (left, top), size, &range, same),
+            };
             let Some(point) = sum.point(camera, block) else {
                 continue;
             };
@@ -154,38 +163,44 @@ fn extent(camera: &Camera, sensor_from_head: &SensorFromHead, scale: f32) -> Opt
     Some([low, high])
 }
 
-/// Sums over the readings of a square block that lie in `range` and within `same` raw steps of its middle one.
+/// Sums over the readings of a block of this width and height that lie in `range` and within `same` raw steps of its middle one.
+#[inline(always)]
 fn block_sums(
     depth: &[u16; PIXELS],
     (left, top): (usize, usize),
-    block: usize,
-    range: core::ops::Range<u16>,
+    [width, height]: [usize; 2],
+    range: &core::ops::Range<u16>,
     same: u16,
 ) -> Block {
-    let mut sum = Block::default();
-    let (right, bottom) = ((left + block).min(WIDTH), (top + block).min(HEIGHT));
-    let line = |row: usize| &depth[row * WIDTH + left..row * WIDTH + right];
-    let mut seed = depth[(top + bottom) / 2 * WIDTH + (left + right) / 2];
+    let pixels = &depth[top * WIDTH + left..][..(height - 1) * WIDTH + width];
+    let line = |row: usize| &pixels[row * WIDTH..][..width];
+    let mut seed = line(height / 2)[width / 2];
     if !range.contains(&seed) {
         seed = NO_DEPTH;
-        for row in top..bottom {
-            for &raw in line(row).iter().filter(|raw| range.contains(raw)) {
-                seed = seed.min(raw);
+        for row in 0..height {
+            for &raw in line(row) {
+                seed = seed.min(if range.contains(&raw) { raw } else { NO_DEPTH });
             }
         }
         if seed == NO_DEPTH {
-            return sum;
+            return Block::default();
         }
     }
     let least = seed.saturating_sub(same).max(range.start);
     let most = seed.saturating_add(same).min(range.end - 1);
-    for row in top..bottom {
-        for (col, &raw) in (left..).zip(line(row)) {
-            if least <= raw && raw <= most {
-                sum.add(raw, col, row);
-            }
+    let mut sum = Block::default();
+    for row in 0..height {
+        for (col, &raw) in line(row).iter().enumerate() {
+            // Not a branch, which would be mispredicted at outlines.
+            let counts = u32::from(least <= raw && raw <= most);
+            sum.raws += counts * u32::from(raw);
+            sum.cols += counts * col as u32;
+            sum.rows += counts * row as u32;
+            sum.count += counts;
         }
     }
+    sum.cols += sum.count * left as u32;
+    sum.rows += sum.count * top as u32;
     sum
 }
 
@@ -281,13 +296,13 @@ mod tests {
         for row in 40..44 {
             depth[row * WIDTH + 102..row * WIDTH + 104].fill(500);
         }
-        let sum = block_sums(&depth, (100, 40), 4, 400..700, 20);
+        let sum = block_sums(&depth, (100, 40), [4, 4], &(400..700), 20);
         assert_eq!((sum.count, sum.raws), (8, 8 * 500));
         let (cols, rows) = (4 * (102 + 103), 2 * (40 + 41 + 42 + 43));
         assert_eq!((sum.cols, sum.rows), (cols, rows));
         // In place of a middle out of range the nearest one within counts.
         depth[42 * WIDTH + 102] = 300;
-        let sum = block_sums(&depth, (100, 40), 4, 400..700, 20);
+        let sum = block_sums(&depth, (100, 40), [4, 4], &(400..700), 20);
         assert_eq!((sum.count, sum.raws), (7, 7 * 500));
     }
 }
