@@ -544,6 +544,18 @@ async function box(browser) {
   await page.waitForFunction(() => /frozen/.test(document.querySelector("article.card .badge").textContent), null, { timeout: 20000 }).catch(() => null);
   check("freezing shows on the box's page, in the words of the other", /frozen/.test(await page.textContent("article.card .badge")) && (await page.locator("button", { hasText: "Resume" }).count()) === 1);
   check("the box's page complains of nothing", !complaints(page).length, complaints(page).slice(0, 3).join(" | "));
+  // With another gesture before it, the first one has another number.
+  const before = fs.readFileSync(config, "utf8");
+  const names = () => page.waitForFunction((count) => document.querySelectorAll(".setup").length === count && document.querySelector(".setup h3").textContent, count, { timeout: 20000 });
+  let count = 2;
+  fs.writeFileSync(config, before.replace("[[gesture]]", "[[gesture]]\nname = \"brows\"\n[[gesture]]"));
+  child.kill("SIGHUP");
+  const more = await names().then((found) => found.jsonValue()).catch(() => "none");
+  count = 1;
+  fs.writeFileSync(config, before);
+  child.kill("SIGHUP");
+  const again = await names().then((found) => found.jsonValue()).catch(() => "none");
+  check("an open page shows the gestures of a configuration that is read again", more === "brows" && again === "smile", `${more}, ${again}`);
   await page.close();
   const shown = await preview(["--osc", String(osc), "--box", `127.0.0.1:${commands}`]);
   const other = await open(browser, shown.url);
