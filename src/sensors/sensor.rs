@@ -83,11 +83,11 @@ pub trait Sensor: Send {
     /// Continues a recording from the frame of this number.
     fn seek(&mut self, _number: usize) {}
 
-    /// Shows on the device's LED what the run does, if it has one.
+    /// Shows the activity on the device's LED, if it has one.
     fn show(&self, _activity: Activity) {}
 }
 
-/// What a run does.
+/// Activity of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Activity {
     /// It looks for a face.

@@ -117,7 +117,7 @@ fn light_and_tilt_of_both_kinds_of_motor() {
         let mut kinect = Kinect::open(virtual_kinect(model), Settings::default()).unwrap();
         kinect.set_light(Light::Red).unwrap();
         assert_eq!(kinect.source.camera.light, red);
-        // Searching blinks, tracking is steady, and a gesture changes the colour or, on later models, darkens it.
+        // Searching blinks, tracking is steady, and a gesture turns the LED yellow or, on later models, off.
         kinect.show(Activity::Searching);
         assert_eq!(kinect.source.camera.light, searching);
         kinect.show(Activity::Tracking);

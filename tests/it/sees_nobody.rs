@@ -60,7 +60,7 @@ fn portraits_upside_down_are_no_faces() {
     frame.has_colour = true;
     let mut faces = Vec::new();
     let portraits = read_folder(&portraits).expect("the portraits");
-    // Three of these are accepted without the check that a face which also fits when turned by half is none.
+    // Without the check that rejects a face whose fit also succeeds after a half turn, three of these are accepted.
     let is_shown = |person: &str| person.contains("_13");
     for entry in portraits.iter().filter(|entry| is_shown(&entry.person)) {
         let size = load_grey(&entry.path, 1.0).expect("a picture").dimensions();

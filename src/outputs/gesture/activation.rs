@@ -17,20 +17,20 @@ const SETTLED: f32 = 0.8;
 /// Age of the earlier value for [`SETTLED`], seconds.
 const SETTLED_S: f32 = 0.2;
 
-/// The rise is judged at the end of the hold time, or of a long one after this time, seconds: later it would have left [`PAST`].
+/// Longest wait before the rise is judged, seconds; a shorter hold time is awaited to its end. Later, the rise may have left [`PAST`].
 const JUDGED_S: f32 = 0.7;
 
 /// Times of the last frames.
 pub(super) type Times = HistoryBuf<Timestamp, PAST>;
 
-/// A gesture's value in a frame.
+/// What a gesture observes in a frame.
 #[derive(Clone, Copy)]
-pub(super) struct Value {
-    /// The value; `None` for a face that is hidden or lost.
+pub(super) struct Observation {
+    /// Value of its expression; `None` if the face is hidden or lost.
     pub(super) value: Option<f32>,
     /// Whether the gesture may be on: the right person is tracked and faces the sensor.
     pub(super) counts: bool,
-    /// Whether it may go on: nobody speaks, and the head does not turn.
+    /// Whether it may switch on: the head does not turn, and the person does not speak or the gesture allows speech.
     pub(super) may_start: bool,
 }
 
@@ -67,7 +67,7 @@ impl Activation {
     }
 
     /// Takes the value of a frame, the last one of `times`.
-    pub(super) fn observe(&mut self, gesture: &Gesture, now: Value, times: &Times) {
+    pub(super) fn observe(&mut self, gesture: &Gesture, now: Observation, times: &Times) {
         let Some(&at) = times.recent() else { return };
         self.store(now.value);
         let value = now.value.unwrap_or(f32::MIN);

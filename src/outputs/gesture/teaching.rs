@@ -22,7 +22,8 @@ const RISE: f32 = 0.35;
 const LIKE: f32 = 0.4;
 /// Least time of a repetition at half of its height, seconds. Blinks are shorter.
 const LEAST_S: f32 = 0.3;
-/// Greatest time of a repetition, seconds. If it lasts longer, the value before it was not the person's rest, and rest begins again.
+/// Greatest time of a repetition, seconds, or twice the hold time. If it lasts longer, the value before it was not the person's rest,
+/// and rest begins again.
 const MOST_S: f32 = 8.0;
 /// Longest wait for a repetition, seconds.
 const PATIENCE_S: f64 = 60.0;
@@ -167,7 +168,7 @@ pub(super) struct Lesson {
     peak: Option<f32>,
     /// Whether it rose within `rise_s`; `None` until that is known.
     came_fast: Option<bool>,
-    /// Repetitions: times at the levels, and whether it rose more slowly than `rise_s`.
+    /// For each repetition: times at the levels, and whether it rose more slowly than `rise_s`.
     seen: heapless::Vec<([f32; STEPS], bool), REPETITIONS>,
     /// Time of the last frame.
     last: Option<Timestamp>,
@@ -254,7 +255,7 @@ impl Lesson {
         }
         self.peak = Some(peak);
         self.times.add(LOWEST * self.configured.on, value, s);
-        if self.times.longest[0] > MOST_S {
+        if self.times.longest[0] > MOST_S.max(2.0 * self.configured.hold_s) {
             (self.peak, self.rested_s) = (None, 0.0);
         }
     }
@@ -370,11 +371,11 @@ mod tests {
 
     /// A rest of four seconds, then acts of a height and a duration, each with a second of rest after it; 30 frames a second.
     fn taught(configured: Levels, rest: f32, acts: &[(f32, f32)]) -> (Lesson, Timestamp) {
-        played(configured, rest, acts, |_| Some(true))
+        taught_with_speed(configured, rest, acts, |_| Some(true))
     }
 
-    /// Likewise; `came_fast` of a value.
-    fn played(
+    /// As [`taught`], but `came_fast` is computed from each value.
+    fn taught_with_speed(
         configured: Levels,
         rest: f32,
         acts: &[(f32, f32)],
@@ -465,7 +466,7 @@ mod tests {
             (vec![0.8, 0.8, 0.9, 0.9, 0.9], 0.0),
         ] {
             let acts: Vec<_> = heights.iter().map(|&height| (height, 1.0)).collect();
-            let (lesson, _) = played(limited, 0.0, &acts, |value| Some(value > 0.85));
+            let (lesson, _) = taught_with_speed(limited, 0.0, &acts, |value| Some(value > 0.85));
             assert_eq!(lesson.found(limited).unwrap().rise_s, expected);
         }
     }

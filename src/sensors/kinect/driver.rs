@@ -361,7 +361,7 @@ impl<S: PacketSource> Kinect<S> {
         self.switch_on()
     }
 
-    /// Shows on the LED what the run does, and locks or frees exposure if the settings say so.
+    /// Shows the activity on the LED, and locks or frees exposure if the settings say so.
     pub fn show(&mut self, activity: Activity) {
         let light = match activity {
             Activity::Searching => Light::BlinkGreen,

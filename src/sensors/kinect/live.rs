@@ -169,7 +169,7 @@ impl LiveKinect {
         self.worker.shared.lock().status.clone()
     }
 
-    /// Shows on the LED what the run does, and locks or frees exposure if the settings say so. Cheap to call every frame.
+    /// Shows the activity on the LED, and locks or frees exposure if the settings say so. Cheap to call every frame.
     pub fn show(&self, activity: Activity) {
         self.worker.shared.lock().activity = activity;
     }

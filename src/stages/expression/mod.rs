@@ -73,11 +73,11 @@ use regions::RegionSet;
 use robust_estimator::RobustEstimator;
 use settings::LEAST_CONFIDENCE;
 
-/// Longest time between two frames that filters and differences span, seconds.
+/// Longest gap between two frames across which filters and differences continue, seconds.
 const LONGEST_FRAME_S: f64 = 0.1;
 /// Longest frame time of a slow camera, seconds.
 const SLOW_FRAME_MAX_S: f64 = 0.6;
-/// Most by which a frame of such a camera may take longer than the one before.
+/// Largest ratio of a slow camera's frame time to the one before.
 const JITTER: f64 = 1.5;
 /// Duration assumed for the first frame, seconds.
 const USUAL_FRAME_S: f64 = 1.0 / 30.0;
@@ -243,7 +243,7 @@ impl Expression {
             .last_at
             .map_or(USUAL_FRAME_S, |last| at.seconds_since(last));
         self.last_at = Some(at);
-        // Of a loss only the time of one frame counts; a slow camera has long frames in succession.
+        // After a loss at most 0.1 s counts, or one and a half of the previous frame time; so a slow camera's long frames count in full.
         let longest = (JITTER * self.frame_s).clamp(LONGEST_FRAME_S, SLOW_FRAME_MAX_S);
         let dt = since.clamp(0.0, longest);
         self.frame_s = since.clamp(0.0, SLOW_FRAME_MAX_S);

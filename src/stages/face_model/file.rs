@@ -72,7 +72,7 @@ fn u32_at(bytes: &[u8], at: usize) -> u32 {
 ///
 /// # Errors
 /// If one of them is wrong.
-pub fn checked(bytes: &[u8], expected: u32) -> Result<(&[u8], u32), ModelError> {
+pub fn checked(bytes: &[u8], expected_version: u32) -> Result<(&[u8], u32), ModelError> {
     if !bytes.starts_with(&MAGIC) {
         let found = bytes[..bytes.len().min(MAGIC.len())].to_vec();
         return Err(ModelError::NotAModel(found));
@@ -82,8 +82,8 @@ pub fn checked(bytes: &[u8], expected: u32) -> Result<(&[u8], u32), ModelError> 
         return Err(length((HEADER + CHECKSUM) as u64));
     }
     let version = u32_at(bytes, MAGIC.len());
-    if version != expected {
-        return Err(ModelError::Version(expected, version));
+    if version != expected_version {
+        return Err(ModelError::Version(expected_version, version));
     }
     let stated = u64::from(u32_at(bytes, 12)) | u64::from(u32_at(bytes, 16)) << 32;
     if stated != bytes.len() as u64 {

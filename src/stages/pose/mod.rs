@@ -174,8 +174,8 @@ impl PoseTracker {
         self.trail.frame_s = since_s;
     }
 
-    /// Longest time without the head after which it still counts as the same: `usual_s`, or of a slow camera the time from one
-    /// frame to the next, seconds.
+    /// Longest time without the head after which it still counts as the same, seconds: `usual_s`, or with a slow camera two and a half
+    /// frames, at most 0.9 s.
     pub fn longest_gap_s(&self, usual_s: f64) -> f64 {
         self.trail.longest_gap_s(usual_s)
     }

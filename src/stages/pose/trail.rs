@@ -25,7 +25,7 @@ use crate::segment::HeadCloud;
 
 /// Longest time since the last pose for which a pose is predicted, and for which its speed is extrapolated, seconds.
 const COAST_S: f64 = 0.2;
-/// Longest gap between poses of a slow camera, frames: one missed fit, after frames that are half a frame late.
+/// Longest gap between poses of a slow camera, frames: two frames for one missed fit, and half a frame for jitter.
 const GAP_FRAMES: f64 = 2.5;
 /// Longest such gap, seconds: after a longer one the head may be anywhere.
 const GAP_MAX_S: f64 = 0.9;

@@ -115,7 +115,7 @@ pub fn gather_at_pose(
         for across in 0..columns.len().div_ceil(block) {
             let left = columns.start + across * block;
             let size = [block.min(WIDTH - left), block.min(HEIGHT - top)];
-            // Compiled for the usual sizes.
+            // Constant sizes, so that the compiler unrolls the usual blocks.
             let sum = match size {
                 [1, 1] => block_sums(depth, (left, top), [1, 1], &range, same),
                 [2, 2] => block_sums(depth, (left, top), [2, 2], &range, same),

@@ -1,7 +1,8 @@
 //! A model of version 3, whose update matrices have 8 bits a weight, converted to the current format of two.
 //!
 //! Each stage is rounded on the features of training faces, where the rounded stages before it end; see
-//! [`super::cascade::rounded`]. Priors and weights of the confidence are rounded to 16 and 8 bits; everything else stays the same.
+//! [`super::cascade::rounded`]. The stages' priors are rounded to 16 bits and the weights of the
+//! confidence to 8; everything else stays the same.
 
 use nalgebra::DMatrix;
 
@@ -19,7 +20,7 @@ use mien_stages::face_model::{
 use mien_workbench::atomic_write::write_out;
 use mien_workbench::fault::Fault;
 
-/// The format that is read.
+/// Version of the models that are converted.
 const VERSION: u32 = 3;
 
 /// The bytes of one section, taken from the front.
@@ -58,7 +59,7 @@ fn stages(bytes: &[u8]) -> Result<Vec<Stage>, Fault> {
         let rows = bytes.number()?;
         if !(VIEW_PARAMETERS..=MAX_PARAMETERS).contains(&rows) {
             return Err(Fault::new(format!(
-                "expected {VIEW_PARAMETERS} to {MAX_PARAMETERS} rows of a stage, found {rows}; copy the model again"
+                "expected {VIEW_PARAMETERS} to {MAX_PARAMETERS} rows in a stage, found {rows}; copy the model again"
             )));
         }
         let cell_px = bytes.floats(1)?[0];

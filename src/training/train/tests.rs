@@ -203,7 +203,7 @@ fn a_model_of_eight_bits_a_weight_is_converted_and_a_short_one_refused() {
         (&damaged, "checksum"),
         (SHIPPED, "version 3"),
         (b"a picture", "MIENFACE"),
-        (&version_3(1, &steps[..FEATURES], &signs), "rows of a stage"),
+        (&version_3(1, &steps[..FEATURES], &signs), "rows in a stage"),
     ] {
         std::fs::write(&old, bad).unwrap();
         let refused = run(&args, &mut |_| ()).unwrap_err().to_string();

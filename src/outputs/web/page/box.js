@@ -141,7 +141,7 @@ async function start() {
   lamps.push(...box.gestures.map(lamp));
   const events = new EventSource("events");
   events.onmessage = ({ data }) => show(JSON.parse(data));
-  // The box may have read another configuration, with other gestures, before it is connected again.
+  // Before this connection the box may have read a configuration with other gestures.
   events.onopen = async () => {
     if (await (await fetch("box.json")).text() !== text) location.reload();
   };

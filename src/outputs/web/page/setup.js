@@ -19,7 +19,7 @@ function told({ state, seen, on, hold_s }) {
   }
 }
 
-// How long an expression is to be kept: longer than the hold time, which the set-up shortens for somebody who cannot keep it.
+// How long to hold the expression: longer than the hold time, which the set-up shortens if a person cannot hold it that long.
 function duration(hold_s) {
   return hold_s <= 0.7 ? "a second" : `${Math.ceil(1.5 * hold_s)} seconds`;
 }
