@@ -34,8 +34,8 @@ const LOW: f32 = 0.25;
 /// Highest new level, likewise. Expressions at 60 % of full reach it, although their weights can be as low as 40 % of the full ones.
 pub(super) const HIGH: f32 = 0.34;
 /// Highest new levels of gazes to the side, and of gazes up or down. Their weights are proportional to the angle; everyday glances reach
-/// three quarters of a full gaze to the side, and two fifths of one up or down.
-pub(super) const HIGH_OF_GAZE: [f32; 2] = [0.78, 0.48];
+/// three quarters of a full gaze to the side, and half of one up or down.
+pub(super) const HIGH_OF_GAZE: [f32; 2] = [0.78, 0.55];
 /// Least change of the configured level, as a share of it: a smaller one is within the noise of repetitions and is not made.
 const LEAST_CHANGE: f32 = 0.05;
 /// Longest hold time, as a share of the time for which the expression was kept.
