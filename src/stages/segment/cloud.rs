@@ -116,11 +116,12 @@ pub fn gather_at_pose(
             let left = columns.start + across * block;
             let size = [block.min(WIDTH - left), block.min(HEIGHT - top)];
             // Constant sizes, so that the compiler unrolls the usual blocks.
+            let sums = |size| block_sums(depth, (left, top), size, &range, same);
             let sum = match size {
-                [1, 1] => block_sums(depth, (left, top), [1, 1], &range, same),
-                [2, 2] => block_sums(depth, (left, top), [2, 2], &range, same),
-                [3, 3] => block_sums(depth, (left, top), [3, 3], &range, same),
-                _ => block_sums(depth, (left, top), size, &range, same),
+                [1, 1] => sums([1, 1]),
+                [2, 2] => sums([2, 2]),
+                [3, 3] => sums([3, 3]),
+                _ => sums(size),
             };
             let Some(point) = sum.point(camera, block) else {
                 continue;

@@ -102,17 +102,20 @@ pub fn follow(
         }
         for report in &reports {
             hub.sample(&sample(report, latency));
-            let slot = report.user.filter(|_| !report.ranges.is_empty());
-            if let Some(slot) = slot.filter(|_| now - ranges_sent_s >= RANGES_EVERY_S) {
-                let ranges = report.ranges.iter();
-                let ranges = ranges.map(|r| Some(([r.low, r.rest, r.high], Some(r.readiness))));
-                hub.ranges(slot, &ranges.collect::<Vec<_>>());
-            }
         }
         if now - ranges_sent_s >= RANGES_EVERY_S {
             ranges_sent_s = now;
+            reports.iter().for_each(|report| send_ranges(report, hub));
         }
         hub.count(1, 0);
+    }
+}
+
+fn send_ranges(report: &Report<'_>, hub: &Hub) {
+    if let Some(slot) = report.user.filter(|_| !report.ranges.is_empty()) {
+        let ranges = report.ranges.iter();
+        let ranges = ranges.map(|r| Some(([r.low, r.rest, r.high], Some(r.readiness))));
+        hub.ranges(slot, &ranges.collect::<Vec<_>>());
     }
 }
 

@@ -31,7 +31,7 @@ function often({ count, tracked_s }) {
 }
 
 export class SetUps {
-  // `send` sends a command: its name, the index of the gesture and, for some commands, a number. `hear` is called when a repetition was seen.
+  // `send(name, index, number)` sends a command for a gesture; some need no number. `hear()` is called for each repetition.
   constructor(parent, send, hear) {
     [this.parent, this.send, this.hear, this.rows] = [parent, send, hear, new Map()];
     this.make("p", parent, "Press the button beside a gesture and follow the instructions. The person who is shown makes the expression five times.").className = "about";
